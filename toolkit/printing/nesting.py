@@ -41,19 +41,25 @@ class _Mask:
     quarters: int
 
 
-def fits_in(size_mm: tuple[float, float], room: Rect) -> bool:
-    """Whether a box fits on a page, turned or not."""
-    sides = room.width, room.height
-    return min(size_mm) <= min(sides) and max(size_mm) <= max(sides)
+def fits(shape: "Polygon", room: Rect) -> bool:
+    """Whether a shape's box fits on a page, turned or not."""
+    sides, page = sorted(_count_cells(shape)), sorted((int(room.height / CELL_MM), int(room.width / CELL_MM)))
+    return sides[0] <= page[0] and sides[1] <= page[1]
+
+
+def _count_cells(shape: "Polygon") -> tuple[int, int]:
+    """Rows and columns of a shape's box."""
+    left, low, right, high = shape.bounds
+    return int(np.ceil((high - low) / CELL_MM)), int(np.ceil((right - left) / CELL_MM))
 
 
 def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
-    """Place shapes on pages, each turned by quarters; each must fit on a page by its box.
+    """Place shapes on pages, each turned by quarters; each `fits` on a page.
 
     Shapes are laid one after the other at the topmost free place, then the leftmost, of the first page that has one
     (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
     """
-    masks = [list(_draw_turns(shape, room)) for shape in shapes]
+    masks = [list(_draw_turns(shape)) for shape in shapes]
     boxes = np.array([np.subtract(shape.bounds[2:], shape.bounds[:2]) for shape in shapes])
     area = np.array([shape.area for shape in shapes])
     orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
@@ -61,20 +67,18 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     return min(found, key=lambda one: (len(one[0]), one[1]))[0]
 
 
-def _draw_turns(shape: "Polygon", room: Rect) -> Iterator[_Mask]:
-    """The shape in each quarter turn that fits the page."""
+def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
+    """The shape in each quarter turn."""
     import shapely
 
     fat = shape.buffer(TOUCHED_MM, quad_segs=4)
-    low_x, low_y, high_x, high_y = shape.bounds
-    columns, rows = (int(np.ceil((high - low) / CELL_MM)) for low, high in ((low_x, high_x), (low_y, high_y)))
+    low_x, low_y, _, _ = shape.bounds
+    rows, columns = _count_cells(shape)
     x, y = np.meshgrid(low_x + (np.arange(columns) + 0.5) * CELL_MM, low_y + (np.arange(rows) + 0.5) * CELL_MM)
     shapely.prepare(fat)
     cells = shapely.contains_xy(fat, x, y)
     for quarters in range(4):
         turned = np.rot90(cells, -quarters)  # rows run upwards, so that NumPy's turn is the other way round
-        if turned.shape[0] * CELL_MM > room.height + 1e-9 or turned.shape[1] * CELL_MM > room.width + 1e-9:
-            continue
         # the corner that is lowest and leftmost after the turn; the grid may reach beyond the shape's far sides
         right, top = low_x + columns * CELL_MM, low_y + rows * CELL_MM
         low = ((low_x, low_y), (-top, low_x), (-right, -top), (low_y, -right))[quarters]

@@ -18,7 +18,7 @@ from toolkit.printing.colour_strip import StripPlace, draw_strip, reserve_strip
 from toolkit.printing.cut_files import CutSheet, write_dxf, write_svg
 from toolkit.printing.document import HASH_DIGITS
 from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_frame, draw_page
-from toolkit.printing.nesting import Nested, fits_in, nest
+from toolkit.printing.nesting import Nested, fits, nest
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
@@ -34,7 +34,7 @@ CUT_LINE_MM = 0.25 / 72 * 25.4
 """A quarter of a point, as those machines' manuals ask."""
 ROOM_MM = 4.9
 """Paper round a piece's box: bleed, and letters outside it."""
-LEAST_ROOM_MM = 2.0
+LEAST_ROOM_MM = 2.2
 """Of a piece that nearly fills the page."""
 APART_MM = 0.5
 """Paper between pieces on a page is at least twice this, beyond their bleeds."""
@@ -130,9 +130,9 @@ class _Sheet:
 
     record: PieceRecord
     outline: "Polygon"
-    room_mm: float
+    room_mm: tuple[float, float]
     letters: tuple[_Label, ...]
-    number: Point
+    number: Point | None
     way: str
     way_deg: float
     footprint: "Polygon"
@@ -140,7 +140,8 @@ class _Sheet:
     @property
     def size_mm(self) -> tuple[float, float]:
         """Of its box with the paper round it."""
-        return self.record.width_mm + 2 * self.room_mm, self.record.height_mm + 2 * self.room_mm
+        (x, y), record = self.room_mm, self.record
+        return record.width_mm + 2 * x, record.height_mm + 2 * y
 
 
 def print_wrap(
@@ -282,7 +283,7 @@ def _lay_out(
     found = []
     for frame in frames:
         sheets = [_describe_piece(wrap, item, index, frame.content) for index in range(len(wrap.pieces))]
-        whole = [index for index, sheet in enumerate(sheets) if fits_in(sheet.size_mm, frame.content)]
+        whole = [index for index, sheet in enumerate(sheets) if fits(sheet.footprint, frame.content)]
         tiled = [
             (index, plan_sheet(frame.paper, frame.paper.orientation, *sheet.size_mm))
             for index, sheet in enumerate(sheets) if index not in whole
@@ -319,22 +320,26 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
 
 
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
-    record, outline = wrap.record.pieces[index], wrap.pieces[index].outline()
-    room_mm = next(
-        (
-            side for side in (ROOM_MM, LEAST_ROOM_MM)
-            if fits_in((record.width_mm + 2 * side, record.height_mm + 2 * side), room)
-        ), ROOM_MM,
-    )  # fmt: skip
+    """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
     way, way_deg = _find_way(wrap, item, index)
+    rooms = ((ROOM_MM, ROOM_MM), (LEAST_ROOM_MM, ROOM_MM), (ROOM_MM, LEAST_ROOM_MM), (LEAST_ROOM_MM, LEAST_ROOM_MM))
+    sheets = [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[:1]]
+    if not fits(sheets[0].footprint, room):
+        sheets += [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[1:]]
+    return next((sheet for sheet in sheets if fits(sheet.footprint, room)), sheets[0])
+
+
+def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str, way_deg: float) -> _Sheet:
+    """A piece with the words that find paper within `room_mm` beside and above it."""
+    record, outline = wrap.record.pieces[index], wrap.pieces[index].outline()
     finder = _PlaceFinder(record, outline, room_mm)
+    number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
     letters = []
     for seam in record.seams:
         text = seam.letter if seam.piece == record.number else f"{seam.letter}→{seam.piece}"
-        letters.append(
-            _Label(text, finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM)), seam.middle_mm)
-        )
-    number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
+        at = finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM))
+        if at is not None:
+            letters.append(_Label(text, at, seam.middle_mm))
     return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg, finder.footprint())
 
 
@@ -345,10 +350,10 @@ def _number_width(number: int, way: str) -> float:
 class _PlaceFinder:
     """Finds paper for words round a piece: off its bleed, off other words, and on its own part of the page."""
 
-    def __init__(self, record: PieceRecord, outline: "Polygon", room_mm: float) -> None:
+    def __init__(self, record: PieceRecord, outline: "Polygon", room_mm: tuple[float, float]) -> None:
         import shapely
 
-        self._width, self._height, self._room_mm = record.width_mm, record.height_mm, room_mm
+        self._size, self._room = np.array([record.width_mm, record.height_mm]), np.array(room_mm)
         self._bleed = outline.buffer(BLEED_MM + 0.2, quad_segs=4).simplify(0.1)
         shapely.prepare(self._bleed)
         self._words: list[Polygon] = []
@@ -367,8 +372,8 @@ class _PlaceFinder:
 
         half = np.array([width / 2 + 0.2, height / 2 + 0.1])
         low, high = places - half, places + half
-        spare = self._room_mm - 0.2
-        inside = (low >= -spare).all(axis=1) & (high <= [self._width + spare, self._height + spare]).all(axis=1)
+        spare = self._room - 0.2
+        inside = ((low >= -spare) & (high <= self._size + spare)).all(axis=1)
         places, low, high = places[inside], low[inside], high[inside]
         boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
         free = ~shapely.intersects(self._bleed, boxes)
@@ -380,27 +385,24 @@ class _PlaceFinder:
         self._words.append(boxes[first])
         return float(places[first, 0]), float(places[first, 1])
 
-    def beside(self, point: Point, width: float, height: float = LETTER_MM) -> Point:
-        """The middle of free paper nearest to a point of the edge; above the point where there is none."""
+    def beside(self, point: Point, width: float, height: float = LETTER_MM) -> Point | None:
+        """The middle of free paper nearest to a point of the edge; None where there is none."""
         away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
         places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
         order = np.argsort(away.reshape(-1), kind="stable")
-        return self._take_first(places[order], width, height) or (point[0], point[1] + BLEED_MM + height)
+        return self._take_first(places[order], width, height)
 
-    def anywhere(self, width: float, height: float) -> Point:
-        """The middle of the free paper nearest to the piece, those above and left first."""
+    def anywhere(self, width: float, height: float) -> Point | None:
+        """The middle of the free paper nearest to the piece, those above and left first; None where there is none."""
         import shapely
 
-        room = self._room_mm
-        x, y = np.meshgrid(
-            np.arange(-room + width / 2, self._width + room, 1.0),
-            np.arange(-room + height / 2 + 0.35, self._height + room, 1.0),
-        )
+        (left, low), (right, high) = -self._room, self._size + self._room
+        x, y = np.meshgrid(np.arange(left + width / 2 + 0.4, right, 1.0), np.arange(low + height / 2 + 0.3, high, 1.0))
         places = np.stack([x, y], axis=-1).reshape(-1, 2)
         away = shapely.distance(self._bleed, shapely.points(places))
-        order = np.argsort(away + 0.02 * (self._height - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
-        return self._take_first(places[order], width, height) or (self._width / 2, self._height + room - height)
+        order = np.argsort(away + 0.02 * (high - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
+        return self._take_first(places[order], width, height)
 
 
 def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
@@ -488,6 +490,8 @@ def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
             pdf.ink(SOFT, 0.1)
             pdf.line(x, y, *about)
         pdf.write(label.text, x, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=12, font=BOLD, align="centre")
+    if sheet.number is None:
+        return
     x, y = here.to_page(np.array(sheet.number)).tolist()
     _draw_number(pdf, x, y, sheet, sheet.way_deg + 90 * here.quarters, upright=here.quarters % 2 == 1)
 
@@ -510,7 +514,7 @@ def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: Patc
     """A piece that is larger than a page, for the tiles that it is joined from."""
 
     def draw(x: float, y: float) -> None:
-        here = PlacedPiece(sheet.record.number, 0, x + sheet.room_mm, y + sheet.room_mm)
+        here = PlacedPiece(sheet.record.number, 0, x + sheet.room_mm[0], y + sheet.room_mm[1])
         _draw_piece(pdf, wrap, index, sheet, here)
         pdf.grey(0)
 
