@@ -120,6 +120,7 @@ def test_settings_are_valid(page: str) -> None:
 QUICK: dict[str, Command] = {
     "init": [],
     "objects": [],
+    "wrap": ["--views", "8"],
     "print": [],
     "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
     "capture-sim": [],

@@ -165,8 +165,14 @@ def print_wrap(
         ToolkitError: no such wrap, it is of another mesh, a size is asked for, or a file cannot be written.
 
     Example:
+        >>> _ = trimesh.creation.cylinder(0.03, 0.09).export("can.glb")
         >>> space = tk.make_workspace(Path("space"))
-        >>> printed = tk.print_wrap(space, "coffeepot")  # doctest: +SKIP
+        >>> added = tk.add_object(space, Path("can.glb"), tk.ObjectRequest(class_name="can"))
+        >>> wrap = tk.plan_wrap(added.item, tk.WrapConfig(pieces=1, views=8))
+        >>> _ = tk.write_wrap(space.wraps_dir / "can", wrap)
+        >>> printed = tk.print_wrap(space, "can", wanted=tk.WrapSettings(cut="dxf"))
+        >>> printed.pages, len(printed.placed), len(printed.cut_files)
+        (2, 1, 1)
     """
     settings, wanted = settings or PrintSettings(), wanted or WrapSettings()
     _refuse_sizes(settings)
