@@ -20,6 +20,8 @@ from toolkit.boosters.transforms.placement import AffineRanges as AffineRanges
 from toolkit.rig.mount import mount_patch as mount_patch
 from toolkit.printing.print_patches import print_patch as print_patch
 from toolkit.printing.settings import PrintSettings as PrintSettings
+from toolkit.printing.settings import WrapSettings as WrapSettings
+from toolkit.printing.wraps import print_wrap as print_wrap
 from toolkit.rig.camera import Camera as Camera
 from toolkit.rig.requests import Pattern as Pattern
 from toolkit.rig.plan import plan_poses as plan_poses

@@ -140,6 +140,7 @@ SETS = {
     "--format": "the same two",
     "--schedule": "of the learning rate; a landing's may also rise first",
     "--optimiser": "a landing has no signs",
+    "--roll": "of a camera, a range of turns; of paper, its width",
     "--renderer": "a world may be shot in a simulator, a table top by Filament",
 }
 

@@ -120,6 +120,7 @@ def test_settings_are_valid(page: str) -> None:
 QUICK: dict[str, Command] = {
     "init": [],
     "objects": [],
+    "wrap": ["--views", "8"],
     "print": [],
     "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
     "capture-sim": [],
@@ -176,7 +177,11 @@ def is_quick(words: Command) -> bool:
         return False  # some of them are enough
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
-    return is_here and not any(one in word for word in words for one in NEEDS) and "racer" not in words
+    return (
+        is_here
+        and not any(one in word for word in words for one in NEEDS)
+        and ("racer" not in words or words[1] in ("wrap", "export"))
+    )
 
 
 @pytest.fixture

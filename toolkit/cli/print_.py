@@ -10,17 +10,18 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError
-from toolkit.printing.settings import PrintSettings, SheetSettings
+from toolkit.printing.settings import PrintSettings, SheetSettings, WrapSettings
 
 if TYPE_CHECKING:
     from toolkit.printing.print_boards import PrintedBoard
     from toolkit.printing.print_patches import PrintedPatch
+    from toolkit.printing.wraps import PrintedWrap
 
 AT_TRUE_SIZE = 'print at 100 % ("actual size"), measure both check bars (100 mm)'
 JOIN = "join the tiles as page 1 shows"
 
 
-@from_config(settings=PrintSettings, sheet=SheetSettings)
+@from_config(settings=PrintSettings, sheet=SheetSettings, cut=WrapSettings)
 def print_patches(
     *,
     classes: Annotated[
@@ -38,8 +39,12 @@ def print_patches(
         list[Path] | None,
         typer.Option("--patch-file", metavar="PNG", help="A patch file anywhere, with its record beside it."),
     ] = None,
+    wrap: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The pieces of a wrap, and how they are stuck on.")
+    ] = None,
     settings: PrintSettings,
     sheet: SheetSettings,
+    cut: WrapSettings,
     out: Annotated[
         Path | None,
         typer.Option(metavar="PATH", help="Folder, or a .pdf for one patch; default: print/, or print/PATCHES."),
@@ -49,11 +54,13 @@ def print_patches(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Make print-ready PDFs of patches, or of the board that the object stands on, at true size, with check bars."""
+    """Make print-ready PDFs of patches, a wrap, or the board that the object stands on, at true size."""
     from toolkit.core.workspace import open_workspace
     from toolkit.printing import print_patches as of_patches
 
     place = open_workspace(workspace).with_patches(patches)
+    if sheet.kind is not None and wrap is not None:
+        raise FieldError("printed alone: print the wrap by a call of its own", {sheet.kind.replace("-", "_"): True})
     if sheet.kind is not None:
         from toolkit.printing.print_boards import print_board
 
@@ -63,6 +70,16 @@ def print_patches(
             )
         _report_sheet(print_board(place, sheet, settings, out), as_json)
         return
+    if wrap is not None:
+        from toolkit.printing.wraps import print_wrap
+
+        if objects or classes or everything or files:
+            raise FieldError("printed alone: print patches by a call of their own", {"wrap": wrap})
+        _report_wrap(print_wrap(place, wrap, settings, cut, out), as_json)
+        return
+    if cut != WrapSettings():
+        name = "roll_mm" if cut.roll_mm is not None else "cut"
+        raise FieldError("goes with {wrap}: add that, or leave it out", {name: getattr(cut, name)})
     folder = out or place.print_dir
     printed = of_patches.print_for_objects(place, objects or [], folder, settings)
     failed: list[dict[str, str]] = []
@@ -114,3 +131,19 @@ def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
         stand = "lay it flat and stand the object on its middle, the front to the edge marked FRONT"
         then = [*([JOIN] if printed.tiles != (1, 1) else []), stand]
     say(f"next: {', '.join([AT_TRUE_SIZE, *then])}")
+
+
+def _report_wrap(printed: "PrintedWrap", as_json: bool) -> None:
+    from toolkit.printing.print_patches import shorten
+
+    if as_json:
+        show_json({"printed": [printed.as_json()], "failed": [], "notes": []})
+        return
+    say(printed.describe())
+    if printed.cut_files:
+        say(f"{', '.join(map(shorten, printed.cut_files))}: the outlines alone")
+    tiled = any(one.tiles != (1, 1) for one in printed.placed)
+    join = ["join the tiles as each map shows"] if tiled else []
+    say(
+        f"next: {', '.join([AT_TRUE_SIZE, *join, 'cut along the magenta line and stick the pieces on as page 1 says'])}"
+    )

@@ -1,8 +1,9 @@
-"""`toolkit runs`, `compare`, `report` and `export`: what all the runs of a workspace found."""
+"""`toolkit runs`, `compare`, `report` and `export`: what all the runs of a workspace found; objects for others."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,6 +11,10 @@ from toolkit.cli import options
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError, ToolkitError
 
+if TYPE_CHECKING:
+    from toolkit.rig.export import MeshFormat
+
+MESHES = "An object's mesh"
 RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
 Captures = Annotated[
     Path | None,
@@ -139,14 +144,46 @@ def export(
     ] = "parquet",
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco."),
+        typer.Option(
+            metavar="PATH",
+            help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco; a mesh's folder: print/.",
+        ),
     ] = None,
     captures: Captures = None,
+    objects: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--object",
+            metavar="NAME",
+            help="An object instead of predictions; repeat for more.",
+            rich_help_panel=MESHES,
+        ),
+    ] = None,
+    as_3mf: Annotated[
+        bool, typer.Option("--3mf", help="For colour 3D printers, in millimetres.", rich_help_panel=MESHES)
+    ] = False,
+    as_obj: Annotated[bool, typer.Option("--obj", help="In millimetres.", rich_help_panel=MESHES)] = False,
+    as_glb: Annotated[
+        bool, typer.Option("--glb", help="In metres. Default without another format.", rich_help_panel=MESHES)
+    ] = False,
+    variant: Annotated[
+        str, typer.Option(metavar="NAME", help="What is on it: unpatched, textured, patched.", rich_help_panel=MESHES)
+    ] = "unpatched",
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Write the predictions of runs, by default of all that have any, for other programs."""
+    """Write predictions of runs, by default of all that have any, or the mesh of an object, for other programs."""
+    if objects:
+        if names:
+            raise FieldError("exported alone: name runs in a call of their own", {"objects": objects[0]})
+        asked: dict[MeshFormat, bool] = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
+        formats = [one for one, is_asked in asked.items() if is_asked]
+        _export_objects(objects, formats or ["glb"], variant, out, workspace, as_json)
+        return
+    for flag, is_given in {"as_3mf": as_3mf, "as_obj": as_obj, "as_glb": as_glb}.items():
+        if is_given:
+            raise FieldError("goes with {objects}: add that, or leave it out", {flag: True})
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.export import write_coco_results, write_csv, write_fiftyone, write_parquet
@@ -186,3 +223,21 @@ def export(
         say(line)
     if refused:
         raise typer.Exit(1)
+
+
+def _export_objects(
+    names: Sequence[str], formats: "Sequence[MeshFormat]", variant: str, out: Path | None, workspace: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from toolkit.core.workspace import open_workspace
+    from toolkit.rig.export import export_object
+
+    space = open_workspace(workspace)
+    rows: list[dict[str, Any]] = []
+    for name in dict.fromkeys(names):
+        files, solid = export_object(space, name, formats, variant, out)
+        rows.append({"object": name, "variant": variant, "files": [str(file) for file in files], **asdict(solid)})
+        if not as_json:
+            say(f"{', '.join(str(file) for file in files)}: {solid.describe()}")
+    if as_json:
+        show_json(rows)

@@ -1,14 +1,20 @@
-"""Meshes for other programs: GLB, in metres with y up, as glTF has it, and an HTML page to turn one in."""
+"""Meshes for other programs: GLB in metres, OBJ and 3MF in millimetres, and an HTML page to turn one in."""
 
 from dataclasses import replace
 from html import escape
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
 from PIL import Image
 
 from toolkit.objects.mesh import Material, Mesh
+from toolkit.objects.records import encode_png
+from toolkit.objects.solid import join_places
+
+if TYPE_CHECKING:
+    from trimesh import Scene
 
 MM_PER_M = 1000.0
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
@@ -26,6 +32,26 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
         units_per_m: of the mesh's vertices; 1 where they are in metres.
         lamps: whether what materials give off is written, as emissive textures.
     """
+    scene, looks = _make_scene(mesh, name, units_per_m, lamps)
+
+    def share_sheets(tree: dict[str, Any]) -> None:
+        tree["samplers"] = [SAMPLER]
+        for texture in tree["textures"]:
+            texture["sampler"] = 0
+        written: dict[int, dict[str, int]] = {}
+        for look in tree["materials"]:
+            look["name"], sheet = looks[look["name"]]
+            own = look["pbrMetallicRoughness"].get("baseColorTexture")
+            look["pbrMetallicRoughness"]["baseColorTexture"] = written.setdefault(sheet, own)
+            look["alphaMode"] = "OPAQUE"
+
+    return scene.export(file_type="glb", include_normals=True, tree_postprocessor=share_sheets)
+
+
+def _make_scene(
+    mesh: Mesh, name: str, units_per_m: float, lamps: bool = False
+) -> "tuple[Scene, dict[str, tuple[str, int]]]":
+    """A piece for each material, y up and front to +z, and by the piece's name that of its material and its sheet."""
     import trimesh
 
     T_gltf_world = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)  # front +x -> +z, left +y -> +x, up +z -> +y
@@ -51,19 +77,7 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
             visual=trimesh.visual.TextureVisuals(uv=mesh.uv[used], material=look), process=False,
         )  # fmt: skip
         scene.add_geometry(piece, node_name=unique, geom_name=unique)
-
-    def share_sheets(tree: dict[str, Any]) -> None:
-        tree["samplers"] = [SAMPLER]
-        for texture in tree["textures"]:
-            texture["sampler"] = 0
-        written: dict[int, dict[str, int]] = {}
-        for look in tree["materials"]:
-            look["name"], sheet = looks[look["name"]]
-            own = look["pbrMetallicRoughness"].get("baseColorTexture")
-            look["pbrMetallicRoughness"]["baseColorTexture"] = written.setdefault(sheet, own)
-            look["alphaMode"] = "OPAQUE"
-
-    return scene.export(file_type="glb", include_normals=True, tree_postprocessor=share_sheets)
+    return scene, looks
 
 
 def _emission_of(material: Material) -> dict[str, Any]:
@@ -77,6 +91,74 @@ def _unit(normals: np.ndarray) -> np.ndarray:
     """Normals of length 1; those of faces without area, which have none, point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 1e-6, normals / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
+
+
+def to_obj(mesh: Mesh, name: str) -> dict[str, bytes]:
+    """A Wavefront OBJ in millimetres, y up and front to +z, its MTL and its pictures, by file name."""
+    from trimesh.exchange.obj import export_obj
+    from trimesh.visual.material import SimpleMaterial
+
+    scene, looks = _make_scene(mesh, name, 1.0)
+    sheets: dict[int, SimpleMaterial] = {}
+    for piece, (_, sheet) in zip(scene.geometry.values(), looks.values(), strict=True):
+        if sheet not in sheets:  # its first piece holds the picture
+            picture = piece.visual.material.baseColorTexture
+            sheets[sheet] = SimpleMaterial(image=picture, name=f"{name}-{sheet + 1}", diffuse=[255, 255, 255, 255])
+        piece.visual.material = sheets[sheet]
+    text, files = export_obj(scene, include_texture=True, return_texture=True, mtl_name=f"{name}.mtl")
+    return {f"{name}.obj": text.encode(), **files}
+
+
+TEXTURE_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dtexture"
+"""The relationship of a picture in a package (3MF materials and properties 1.2, chapter 3.1)."""
+
+
+def to_3mf(mesh: Mesh, name: str) -> bytes:
+    """A 3MF package for colour 3D printers: one object in millimetres, z up, with a texture group for each picture.
+
+    Vertices at one place are joined, so that a closed surface is closed in the file too; triangles that lose their area
+    by it are left out. The object stands in the corner of the bed. The same mesh gives the same bytes.
+
+    Source: 3MF core specification 1.3; materials and properties extension 1.2.
+    """
+    import lib3mf
+
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    model.SetUnit(lib3mf.ModelUnit.MilliMeter)
+    places, joined, kept = join_places(mesh)
+    picture_of = [id(material.texture) for material in mesh.materials]
+    properties = np.zeros((len(joined), 4), np.uint32)  # the group, and a place of the picture for each corner
+    for number, known in enumerate(dict.fromkeys(picture_of), start=1):
+        rows = np.flatnonzero(
+            np.isin(mesh.face_material[kept], [i for i, one in enumerate(picture_of) if one == known])
+        )
+        if not len(rows):
+            continue
+        picture = mesh.materials[picture_of.index(known)].texture
+        part = model.AddAttachment(f"/3D/Textures/{number}.png", TEXTURE_PART)
+        part.ReadFromBuffer(encode_png(picture))
+        texture = model.AddTexture2DFromAttachment(part)
+        texture.SetContentType(lib3mf.TextureType.PNG)
+        texture.SetTileStyleUV(lib3mf.TextureTileStyle.Wrap, lib3mf.TextureTileStyle.Wrap)
+        group = model.AddTexture2DGroup(texture)
+        used, corner = np.unique(mesh.faces[kept][rows], return_inverse=True)
+        ids = np.array([group.AddTex2Coord(lib3mf.Tex2Coord(u, v)) for u, v in mesh.uv[used].tolist()], np.uint32)
+        properties[rows, 0], properties[rows, 1:] = group.GetResourceID(), ids[corner.reshape(-1, 3)]
+    solid = model.AddMeshObject()
+    solid.SetName(name)
+    solid.SetGeometry(
+        (lib3mf.Position * len(places)).from_buffer_copy(places - places.min(axis=0)),
+        (lib3mf.Triangle * len(joined)).from_buffer_copy(joined.astype(np.uint32)),
+    )
+    solid.SetAllTriangleProperties((lib3mf.TriangleProperties * len(joined)).from_buffer_copy(properties))
+    solid.SetObjectLevelProperty(*properties[0, :2].tolist())
+    item = model.AddBuildItem(solid, wrapper.GetIdentityTransform())
+    # the library would draw these identifiers at random
+    for owner, role in ((model, "build"), (solid, "object"), (item, "item")):
+        set_uuid = owner.SetBuildUUID if owner is model else owner.SetUUID
+        set_uuid(str(uuid5(NAMESPACE_URL, f"toolkit:{name}:{role}")))
+    return bytes(model.QueryWriter("3mf").WriteToBuffer())
 
 
 MOST_TRIANGLES = 400_000

@@ -9,11 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from reportlab.lib.colors import CMYKColorSep
 from reportlab.lib.utils import ImageReader
-from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFInfo, PDFName, PDFStream, PDFString
+from reportlab.pdfbase.pdfdoc import (
+    PDFArray,
+    PDFDictionary,
+    PDFInfo,
+    PDFName,
+    PDFObjectReference,
+    PDFStream,
+    PDFString,
+    PDFZCompress,
+)
 from reportlab.pdfbase.pdfmetrics import getFont, registerFont, stringWidth
 from reportlab.pdfbase.ttfonts import TTFont
 from reportlab.pdfgen.canvas import Canvas as ReportLabCanvas
+from reportlab.pdfgen.pathobject import PDFPathObject
 
 from toolkit import __version__
 from toolkit.objects.spec import MM_PER_INCH
@@ -34,6 +45,8 @@ SHEET: Colour = (0.80, 0.25, 0.10)
 OBJECT: Colour = (0.70, 0.72, 0.75)
 """Camera blue, sheet vermilion: apart in print without colour too, by their darkness."""
 TICK_MM = 3.6
+SRGB_IMAGES = "ImageRGB"
+"""The document's name for the colour space of its pictures."""
 
 
 def _font_file(dejavu: str, vera: str) -> str:
@@ -56,6 +69,7 @@ def _register_fonts() -> None:
 
 def measure_text_mm(text: str, font: str, size_mm: float) -> float:
     """Width of a line."""
+    _register_fonts()
     return stringWidth(text, font, size_mm)
 
 
@@ -108,6 +122,7 @@ class Pdf(ReportLabCanvas):
         info.title, info.subject, info.producer = title, subject, "ReportLab"
         info.author = info.creator = f"toolkit {__version__}"
         info.keywords = ", ".join(f"{name}={value}" for name, value in keywords.items())
+        self._layers: dict[str, PDFObjectReference] = {}
 
     @contextmanager
     def page(self, paper: Paper | None = None) -> Iterator[None]:
@@ -117,6 +132,33 @@ class Pdf(ReportLabCanvas):
         self.scale(POINTS_PER_MM, POINTS_PER_MM)
         yield
         self.showPage()
+        if self._layers:  # ReportLab knows no layers: its page is made ready early, and told of them
+            page = self._doc.Pages.pages[-1]
+            page.check_format(self._doc)
+            page.Resources.Properties = dict(self._layers)
+
+    @contextmanager
+    def layer(self, name: str) -> Iterator[None]:
+        """What is drawn lies on a layer of that name, which viewers and cutting programs switch on and off.
+
+        Source: optional content, ISO 32000-1, 8.11.
+        """
+        if name not in self._layers:
+            group = PDFDictionary({"Type": PDFName("OCG"), "Name": PDFString(name)})
+            self._layers[name] = self._doc.Reference(group)
+            layers = list(self._layers.values())
+            shown = PDFDictionary({"ON": PDFArray(layers), "Order": PDFArray(layers), "BaseState": PDFName("ON")})
+            catalog = self._doc.Catalog
+            catalog.OCProperties = PDFDictionary({"OCGs": PDFArray(layers), "D": shown})
+            catalog.__NoDefault__ = [*type(catalog).__NoDefault__, "OCProperties"]
+        self._code.append(f"/OC /{name} BDC")
+        yield
+        self._code.append("EMC")
+
+    def spot_ink(self, name: str, cmyk: tuple[float, float, float, float], line_mm: float) -> None:
+        """Lines in an ink of its own (a separation, ISO 32000-1, 8.6.6.4), shown as `cmyk` where there is none."""
+        self.setStrokeColor(CMYKColorSep(*cmyk, spotName=name))
+        self.setLineWidth(line_mm)
 
     def finish(self) -> bytes:
         """The whole file."""
@@ -203,6 +245,12 @@ class Pdf(ReportLabCanvas):
         self.rect(x - width / 2 - 0.4, y - 0.55 * size_mm, width + 0.8, 1.1 * size_mm, stroke=0, fill=1)
         self.write(text, x, y - 0.36 * size_mm, size_mm, room_mm=width + 1, font=font, align="centre", colour=colour)
 
+    def badge(self, text: str, x: float, y: float, radius: float) -> None:
+        """A short text in a white disc with a dark rim, which shows on any picture."""
+        self.ink(INK, 0.25, fill=WHITE)
+        self.circle(x, y, radius, stroke=1, fill=1)
+        self.write(text, x, y - 0.45 * radius, 1.25 * radius, room_mm=1.8 * radius, font=BOLD, align="centre")
+
     def heading(self, area: Rect, words: str, colour: Colour = INK) -> float:
         """A part's title at the top of its area; returns the baseline of the line below."""
         self.write(words, area.x, area.top - 3.2, 3.7, room_mm=area.width, font=BOLD, colour=colour)
@@ -214,12 +262,23 @@ class Pdf(ReportLabCanvas):
 
     def shapes(self, outlines: Iterable[Iterable[Sequence[float]]], fill: bool = True) -> None:
         """Polygons as one shape, filled by the even-odd rule, or outlined."""
+        self.drawPath(self._path(outlines), stroke=int(not fill), fill=int(fill))
+
+    @contextmanager
+    def clipped(self, outlines: Iterable[Iterable[Sequence[float]]]) -> Iterator[None]:
+        """What is drawn shows inside polygons alone, which are one shape by the even-odd rule."""
+        self.saveState()
+        self.clipPath(self._path(outlines), stroke=0, fill=0, fillMode=0)
+        yield
+        self.restoreState()
+
+    def _path(self, outlines: Iterable[Iterable[Sequence[float]]]) -> PDFPathObject:
         path = self.beginPath()
         for outline in outlines:
             for i, (x, y) in enumerate(outline):
                 (path.lineTo if i else path.moveTo)(float(x), float(y))
             path.close()
-        self.drawPath(path, stroke=int(not fill), fill=int(fill))
+        return path
 
     def rects(self, rects: np.ndarray, top: float) -> None:
         """Fill (k, 4) rectangles left, upper, right, lower, counted downwards from `top`, without seams."""
@@ -289,6 +348,23 @@ class Pdf(ReportLabCanvas):
         """An arc, counter-clockwise from `start_deg`."""
         x, y = centre
         self.arc(x - radius, y - radius, x + radius, y + radius, start_deg, extent_deg)
+
+    def raster(self, name: str, pixels: np.ndarray, area: Rect) -> None:
+        """(h, w, 3) uint8 sRGB pixels as squares over an area, losslessly; stored once under their name."""
+        key = self._doc.getXObjectName(name)
+        if key not in self._doc.idToObject:
+            if SRGB_IMAGES not in self._doc.idToObject:
+                self._doc.Reference(self.srgb(), SRGB_IMAGES)
+            height, width, _ = pixels.shape
+            entries = {
+                "Type": PDFName("XObject"), "Subtype": PDFName("Image"), "Width": width, "Height": height,
+                "BitsPerComponent": 8, "ColorSpace": PDFObjectReference(SRGB_IMAGES), "Interpolate": "false",
+            }  # fmt: skip
+            image = PDFStream(PDFDictionary(entries), np.ascontiguousarray(pixels).tobytes(), [PDFZCompress])
+            self._doc.Reference(image, key)
+        self._formsinuse.append(name)
+        with self.moved(area.x, area.y):
+            self._code.append(f"{area.width:.6g} 0 0 {area.height:.6g} 0 0 cm /{key} Do")
 
     def picture(self, jpeg: bytes, area: Rect, frame: Colour | None = FAINT) -> None:
         """A JPEG stretched over an area, with a thin frame."""

@@ -1,20 +1,21 @@
 """What `toolkit print` is asked for: the page of a patch, or a sheet to stand objects on."""
 
 import re
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.objects.spec import BASE_DPI, SCALE
-from toolkit.printing.page import Orientation, Paper, parse_paper
+from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, Orientation, Paper, parse_paper
 
 MOST_COPIES = 1000
 WIDEST_MARGIN_MM = 100.0
 SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
 SHEET = "The sheet that objects stand on, or the strip of colours"
 PAGE = "On paper"
+WRAP = "The pieces of a wrap"
 AnyPaper = Annotated[Paper, BeforeValidator(lambda paper: parse_paper(paper) if isinstance(paper, str) else paper)]
 
 
@@ -76,6 +77,20 @@ class PrintSettings(Config):
     def states_size(self) -> bool:
         """Whether one of them was asked for: else the object that the patch goes on decides."""
         return (self.size_mm, self.scale_percent, self.dpi) != (None, None, None)
+
+
+CutFormat = Literal["svg", "dxf"]
+
+
+class WrapSettings(Config):
+    """How the pieces of a wrap are printed and cut."""
+
+    roll_mm: Annotated[float | None, Field(ge=SMALLEST_MM, le=LARGEST_MM), Flag("--roll", metavar="MM", group=WRAP)] = (
+        Field(None, description="Width of a roll in place of sheets; the first page stays on {paper}.")
+    )
+    cut: Annotated[CutFormat | None, Flag(metavar="svg|dxf", group=WRAP)] = Field(
+        None, description="Also write the outlines alone, in mm, one file a page."
+    )
 
 
 class SheetSettings(Config):

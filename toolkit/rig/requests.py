@@ -83,7 +83,7 @@ class WrapConfig(Config):
         None, description="Most stretch of a piece, 0.03 is 3 %. Default: as {material} allows."
     )
     sheet_mm: Annotated[Annotated[Range, AfterValidator(_check_sheet)], Flag(metavar="WIDTH HEIGHT", typed=Range)] = (
-        Field((190.0, 277.0), description="Largest piece, mm. Default: an A4 page within its margins.")
+        Field((177.0, 241.0), description="Largest piece, mm. Default: what a printed A4 page has room for.")
     )
     texel_mm: Annotated[float | None, Field(ge=0.05, le=100), Flag(metavar="MM")] = Field(
         None, description="Side of a texel. Default: the object's longest side / 270."

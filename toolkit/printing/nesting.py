@@ -1,0 +1,124 @@
+"""Shapes nested into each other on as few pages as can be."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.printing.page import Rect
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+CELL_MM = 1.0
+TOUCHED_MM = 0.75 * CELL_MM
+"""A cell that a shape touches has its middle within half a diagonal, 0.71 cells, of it."""
+
+
+@dataclass(frozen=True)
+class Nested:
+    """A shape on a page.
+
+    Attributes:
+        index: which of the shapes.
+        x_mm, y_mm: where on the page the shape's own origin lies.
+        quarters: turns by 90 degrees about it, counter-clockwise.
+    """
+
+    index: int
+    x_mm: float
+    y_mm: float
+    quarters: int
+
+
+@dataclass(frozen=True)
+class _Mask:
+    """A turned shape on a grid: cells (rows upwards, columns) that it touches, and its box's corner from its origin."""
+
+    cells: np.ndarray
+    low_mm: tuple[float, float]
+    quarters: int
+
+
+def fits(shape: "Polygon", room: Rect) -> bool:
+    """Whether a shape's box fits on a page, turned or not."""
+    sides, page = sorted(_count_cells(shape)), sorted((int(room.height / CELL_MM), int(room.width / CELL_MM)))
+    return sides[0] <= page[0] and sides[1] <= page[1]
+
+
+def _count_cells(shape: "Polygon") -> tuple[int, int]:
+    """Rows and columns of a shape's box."""
+    left, low, right, high = shape.bounds
+    return int(np.ceil((high - low) / CELL_MM)), int(np.ceil((right - left) / CELL_MM))
+
+
+def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
+    """Place shapes on pages, each turned by quarters; each `fits` on a page.
+
+    Shapes are laid one after the other at the topmost free place, then the leftmost, of the first page that has one
+    (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
+    """
+    masks = [list(_draw_turns(shape)) for shape in shapes]
+    boxes = np.array([np.subtract(shape.bounds[2:], shape.bounds[:2]) for shape in shapes])
+    area = np.array([shape.area for shape in shapes])
+    orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
+    found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
+    return min(found, key=lambda one: (len(one[0]), one[1]))[0]
+
+
+def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
+    """The shape in each quarter turn."""
+    import shapely
+
+    fat = shape.buffer(TOUCHED_MM, quad_segs=4)
+    low_x, low_y, _, _ = shape.bounds
+    rows, columns = _count_cells(shape)
+    x, y = np.meshgrid(low_x + (np.arange(columns) + 0.5) * CELL_MM, low_y + (np.arange(rows) + 0.5) * CELL_MM)
+    shapely.prepare(fat)
+    cells = shapely.contains_xy(fat, x, y)
+    for quarters in range(4):
+        turned = np.rot90(cells, -quarters)  # rows run upwards, so that NumPy's turn is the other way round
+        # the corner that is lowest and leftmost after the turn; the grid may reach beyond the shape's far sides
+        right, top = low_x + columns * CELL_MM, low_y + rows * CELL_MM
+        low = ((low_x, low_y), (-top, low_x), (-right, -top), (low_y, -right))[quarters]
+        yield _Mask(turned, low, quarters)
+
+
+def _fill(
+    masks: Sequence[Sequence[_Mask]], order: Sequence[int] | np.ndarray, room: Rect
+) -> tuple[list[list[Nested]], int]:
+    """Pages of shapes laid in an order, and how many rows of the last one are in use."""
+    rows, columns = int(room.height / CELL_MM), int(room.width / CELL_MM)
+    taken: list[np.ndarray] = []
+    pages: list[list[Nested]] = []
+    for index in np.asarray(order).tolist():
+        for number in range(len(taken) + 1):
+            if number == len(taken):
+                taken.append(np.zeros((rows, columns), bool))
+                pages.append([])
+            spots = [(*spot, mask) for mask in masks[index] if (spot := _find_spot(taken[number], mask.cells))]
+            if spots:
+                # the one that reaches least far down
+                row, column, mask = min(spots, key=lambda spot: (spot[0] + len(spot[2].cells), spot[1], spot[0]))
+                break
+        height, width = mask.cells.shape
+        taken[number][row : row + height, column : column + width] |= mask.cells[::-1]
+        x, y = room.x + column * CELL_MM, room.top - (row + height) * CELL_MM
+        pages[number].append(Nested(index, x - mask.low_mm[0], y - mask.low_mm[1], mask.quarters))
+    return pages, int(taken[-1].any(axis=1).sum())
+
+
+def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
+    """Row from the top and column of the topmost, then leftmost place of a page where no cell is taken."""
+    from scipy.signal import fftconvolve
+
+    if cells.shape[0] > taken.shape[0] or cells.shape[1] > taken.shape[1]:
+        return None
+    # correlation; the page's rows run downwards, the shape's upwards, so that one of the two flips falls away
+    shared = fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
+    free = np.flatnonzero(shared < 0.5)
+    if not len(free):
+        return None
+    row, column = divmod(int(free[0]), shared.shape[1])
+    return row, column

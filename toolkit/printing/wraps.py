@@ -1,0 +1,618 @@
+"""The pieces of a wrap on pages at true size, how they are stuck on, and their outlines for a cutting machine."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit import __version__
+from toolkit.core.errors import FieldError
+from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
+from toolkit.printing.canvas import BOLD, INK, SOFT, Pdf, Point, measure_text_mm
+from toolkit.printing.colour_strip import StripPlace, draw_strip, reserve_strip
+from toolkit.printing.cut_files import CutSheet, write_dxf, write_svg
+from toolkit.printing.document import HASH_DIGITS
+from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_frame, draw_page
+from toolkit.printing.nesting import Nested, fits, nest
+from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
+from toolkit.printing.print_patches import shorten
+from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
+from toolkit.printing.wrap_views import SideView, draw_sides
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+CUT = "CutContour"
+"""The spot colour and the layer that print-and-cut machines (Roland, Mimaki, Graphtec, Summa) look for."""
+CUT_CMYK = (0.0, 1.0, 0.0, 0.0)
+CUT_LINE_MM = 0.25 / 72 * 25.4
+"""A quarter of a point, as those machines' manuals ask."""
+ROOM_MM = 4.9
+"""Paper round a piece's box: bleed, and letters outside it."""
+LEAST_ROOM_MM = 2.2
+"""Of a piece that nearly fills the page."""
+APART_MM = 0.5
+"""Paper between pieces on a page is at least twice this, beyond their bleeds."""
+LETTER_MM, NUMBER_MM = 1.9, 3.0
+TICK_MM = 1.2
+CUT_OUT = "Cut along the fine magenta line. Numbers say the order, letters which edges meet, arrows which way is up."
+ASSEMBLE = "Stick the pieces on in this order, each to the letters of those that are there. Cut them out one by one."
+LEVEL = 0.35
+"""A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
+
+
+@dataclass(frozen=True)
+class PlacedPiece:
+    """Where a piece lies.
+
+    Attributes:
+        number: of the piece.
+        page: of the PDF, from 1; of one that is tiled, that with the map of its tiles.
+        x_mm, y_mm: of its box's corner (0, 0) from the page's lower left; of a tiled one 0.
+        quarters: turns by 90 degrees about that corner, counter-clockwise.
+        tiles: rows and columns of pages, (1, 1) for a piece in one.
+    """
+
+    number: int
+    page: int
+    x_mm: float
+    y_mm: float
+    quarters: int = 0
+    tiles: tuple[int, int] = (1, 1)
+
+    def to_page(self, points_mm: np.ndarray) -> np.ndarray:
+        """(..., 2) places on the page of places on the piece."""
+        cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarters]
+        x, y = np.moveaxis(np.asarray(points_mm, float), -1, 0)
+        return np.stack([cosine * x - sine * y + self.x_mm, sine * x + cosine * y + self.y_mm], axis=-1)
+
+
+@dataclass(frozen=True)
+class PrintedWrap:
+    """A PDF that was written.
+
+    Attributes:
+        file: the PDF.
+        name, object: of the wrap.
+        pages: of all, the first one shows how the pieces are stuck on.
+        paper, orientation: of the pages with pieces.
+        sizes_mm: width and height of each page.
+        placed: where each piece is.
+        order: the pieces' numbers as they are stuck on.
+        roll_mm: width of the roll that pieces are on, None for sheets.
+        cut_files: outlines for a machine.
+    """
+
+    file: str
+    name: str
+    object: str
+    pages: int
+    paper: str
+    orientation: str
+    sizes_mm: tuple[tuple[float, float], ...]
+    placed: tuple[PlacedPiece, ...]
+    order: tuple[int, ...]
+    roll_mm: float | None = None
+    cut_files: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """All fields."""
+        return asdict(self)
+
+    def describe(self) -> str:
+        """One line: what was made, on how many pages."""
+        tiled = [one for one in self.placed if one.tiles != (1, 1)]
+        tiles = "".join(f"; piece {one.number} in {one.tiles[0]} × {one.tiles[1]} tiles" for one in tiled)
+        pieces = f"{len(self.placed)} piece{'s' if len(self.placed) > 1 else ''}"
+        width, height = self.sizes_mm[-1]
+        paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
+        pages = f"{self.pages} page{'s' if self.pages > 1 else ''}, the first how to stick them on"
+        return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}"
+
+
+@dataclass(frozen=True)
+class _Label:
+    """Words outside a piece: where they stand in its own millimetres, and which of its points they are about."""
+
+    text: str
+    at: Point
+    about: Point
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """A piece as pages show it: its outline, how much paper it needs round it, its words, and which way is up."""
+
+    record: PieceRecord
+    outline: "Polygon"
+    room_mm: tuple[float, float]
+    letters: tuple[_Label, ...]
+    number: Point | None
+    way: str
+    way_deg: float
+    footprint: "Polygon"
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Of its box with the paper round it."""
+        (x, y), record = self.room_mm, self.record
+        return record.width_mm + 2 * x, record.height_mm + 2 * y
+
+
+def print_wrap(
+    workspace: Workspace, name: str, settings: PrintSettings | None = None, wanted: WrapSettings | None = None,
+    out: Path | None = None,
+) -> PrintedWrap:  # fmt: skip
+    """Print a wrap's pieces at true size, and write their outlines where a machine cuts them.
+
+    The first page shows the object from six sides with its pieces numbered, the order to stick them on, and the strip
+    of known colours. Each piece has 1.5 mm of bleed. Cut lines are of the spot colour `CutContour`, on a layer of that
+    name. The same wrap gives the same bytes.
+
+    Args:
+        workspace: whose wrap it is.
+        name: of the wrap.
+        settings: paper and orientation; by default A4. A wrap has one size, so no other field may be set.
+        wanted: a roll in place of sheets, and the format of the outlines.
+        out: a folder, or the PDF; by default `print/NAME-wrap.pdf`.
+
+    Raises:
+        ToolkitError: no such wrap, it is of another mesh, a size is asked for, or a file cannot be written.
+
+    Example:
+        >>> _ = trimesh.creation.cylinder(0.03, 0.09).export("can.glb")
+        >>> space = tk.make_workspace(Path("space"))
+        >>> added = tk.add_object(space, Path("can.glb"), tk.ObjectRequest(class_name="can"))
+        >>> wrap = tk.plan_wrap(added.item, tk.WrapConfig(pieces=1, views=8))
+        >>> _ = tk.write_wrap(space.wraps_dir / "can", wrap)
+        >>> printed = tk.print_wrap(space, "can", wanted=tk.WrapSettings(cut="dxf"))
+        >>> printed.pages, len(printed.placed), len(printed.cut_files)
+        (2, 1, 1)
+    """
+    settings, wanted = settings or PrintSettings(), wanted or WrapSettings()
+    _refuse_sizes(settings)
+    wrap = read_wrap(workspace.wrap(name))
+    item = load_object(workspace.object_spec(wrap.record.object))
+    check_wrap(wrap, item)
+    folder = out or workspace.print_dir
+    pdf_file = folder if folder.suffix.lower() == ".pdf" else folder / f"{name}-wrap.pdf"
+    printed, content, sheets = build_wrap_pdf(wrap, item, settings, wanted.roll_mm)
+    write_bytes(pdf_file, content)
+    cut_files = []
+    for page, sheet in _list_cuts(printed, sheets) if wanted.cut else ():
+        file = pdf_file.with_name(f"{pdf_file.stem}-{page}.{wanted.cut}")
+        write_bytes(file, _write_cut(sheet, wanted.cut or "svg"))
+        cut_files.append(str(file))
+    return replace(printed, file=str(pdf_file), cut_files=tuple(cut_files))
+
+
+def _refuse_sizes(settings: PrintSettings) -> None:
+    for field in ("scale_percent", "dpi", "size_mm", "copies", "margin_mm"):
+        if getattr(settings, field) != getattr(PrintSettings(), field):
+            raise FieldError("goes with patches: a wrap has the size of its object", {field: getattr(settings, field)})
+
+
+def build_wrap_pdf(
+    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None = None
+) -> tuple[PrintedWrap, bytes, "dict[int, Polygon]"]:
+    """The pages of a wrap.
+
+    Args:
+        wrap: with its picture.
+        item: the object that it is for.
+        settings: paper and orientation.
+        roll_mm: width of a roll for the pieces; the first page stays on `settings.paper`.
+
+    Returns:
+        What was printed (without files), the PDF, and the outlines by number.
+    """
+    first = turn_frames(settings.paper, "portrait" if settings.orientation == "auto" else settings.orientation)[0]
+    frame, pages, tiled, sheets = _lay_out(wrap, item, settings, roll_mm)
+    record = wrap.record
+    pictures = sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
+    label = PatchLabel(
+        f"{record.class_name or record.object} wrap" + ("" if record.name == record.object else f" ({record.name})"),
+        f"{len(record.pieces)} pieces for {record.object}, {max(item.mesh.size_mm):.1f} mm long   (texels of "
+        f"{record.texel_mm:g} mm, {record.material})",
+        f"map sha256 {record.map_sha256[:HASH_DIGITS]}   ·   pictures {pictures[:HASH_DIGITS]}   ·   "
+        f"toolkit {__version__}",
+    )
+    keywords = {
+        "wrap": record.name, "object": record.object, "pieces": len(record.pieces), "map_sha256": record.map_sha256,
+        "pictures_sha256": pictures,
+    }  # fmt: skip
+    pdf = Pdf(first.paper, f"{record.object} wrap, {len(record.pieces)} pieces", label.size, keywords)
+    order = order_pieces(record.pieces)
+    total = 1 + len(pages) + sum(len(plan.pages) for _, plan in tiled)
+    placed: list[PlacedPiece] = []
+    sizes = [(first.paper.width_mm, first.paper.height_mm)]
+    strips = reserve_strip(first.content)
+    strip, rest = next(strips, (None, first.content))
+    with pdf.page():
+        _draw_assembly(pdf, rest, draw_sides(item.mesh, wrap), order, record.pieces)
+        if strip is not None and roll_mm is None:
+            draw_strip(pdf, strip)
+        pdf.grey(0)
+        draw_frame(pdf, first, label, f"{first.paper.describe()}, page 1 of {total}", ASSEMBLE)
+    for number, (nested, place) in enumerate(pages, start=2):
+        sizes.append((frame.paper.width_mm, frame.paper.height_mm))
+        with pdf.page(frame.paper):
+            for one in nested:
+                sheet = sheets[one.index]
+                here = PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
+                placed.append(here)
+                _draw_piece(pdf, wrap, one.index, sheet, here)
+            if place is not None:
+                draw_strip(pdf, place)
+            pdf.grey(0)
+            draw_frame(pdf, frame, label, f"{frame.paper.describe()}, page {number} of {total}", CUT_OUT)
+    number = 1 + len(pages)
+    for index, plan in tiled:
+        placed.append(PlacedPiece(index + 1, number + 1, 0.0, 0.0, tiles=plan.tiles))
+        drawing = _describe_tiled(pdf, wrap, index, sheets[index], label)
+        for page in plan.pages:
+            number += 1
+            sizes.append((plan.frame.paper.width_mm, plan.frame.paper.height_mm))
+            with pdf.page(plan.frame.paper):
+                draw_page(pdf, plan, page, drawing, f"piece {index + 1}, page {number} of {total}")
+    placed.sort(key=lambda one: one.number)
+    printed = PrintedWrap(
+        "",
+        record.name,
+        record.object,
+        total,
+        frame.paper.name,
+        frame.paper.orientation,
+        tuple(sizes),
+        tuple(placed),
+        tuple(order),
+    )
+    return printed, pdf.finish(), {one.record.number: one.outline for one in sheets}
+
+
+_Pages = list[tuple[list[Nested], StripPlace | None]]
+
+
+def _lay_out(
+    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None
+) -> tuple[PageFrame, _Pages, list[tuple[int, PagePlan]], list[_Sheet]]:
+    """The frame of pages with pieces, what is on each, the pieces that are tiled, and all pieces with their words."""
+    if roll_mm is not None:
+        frames = [PageFrame(Paper(f"roll of {roll_mm:g} mm", roll_mm, LARGEST_MM))]
+    else:
+        frames = turn_frames(settings.paper, settings.orientation)
+    found = []
+    for frame in frames:
+        sheets = [_describe_piece(wrap, item, index, frame.content) for index in range(len(wrap.pieces))]
+        whole = [index for index, sheet in enumerate(sheets) if fits(sheet.footprint, frame.content)]
+        tiled = [
+            (index, plan_sheet(frame.paper, frame.paper.orientation, *sheet.size_mm))
+            for index, sheet in enumerate(sheets) if index not in whole
+        ]  # fmt: skip
+        shapes = [sheets[index].footprint for index in whole]
+        if roll_mm is None:
+            pages: _Pages = [(one, None) for one in nest(shapes, frame.content)] if shapes else []
+        else:
+            frame, pages = _cut_roll(frame, shapes)
+        named = [([replace(one, index=whole[one.index]) for one in nested], strip) for nested, strip in pages]
+        found.append((frame, named, tiled, sheets))
+    return min(found, key=lambda one: len(one[1]) + sum(len(plan.pages) for _, plan in one[2]))
+
+
+def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame, _Pages]:
+    """A roll cut off behind its pieces, with the colour strip below those of the first length."""
+    from shapely import affinity
+
+    strip, room = next(reserve_strip(frame.content))
+    # two thirds of a page are easily filled; where that is too short, there is a second
+    wanted = 1.5 * sum(shape.envelope.area for shape in shapes) / room.width
+    tallest = max((max(np.subtract(shape.bounds[2:], shape.bounds[:2])) for shape in shapes), default=0.0)
+    length = float(min(room.height, max(wanted, tallest + 1)))
+    pages = nest(shapes, Rect(room.x, room.y, room.width, length)) if shapes else []
+    lowest = [
+        affinity.translate(affinity.rotate(shapes[one.index], 90 * one.quarters, (0, 0)), one.x_mm, one.y_mm).bounds[1]
+        for nested in pages for one in nested
+    ]  # fmt: skip
+    spare = max(0.0, min(lowest, default=room.y) - room.y)
+    height = max(frame.paper.height_mm - room.height + length - spare, SMALLEST_MM)
+    down = [[replace(one, y_mm=one.y_mm - spare) for one in nested] for nested in pages]
+    paper = Paper(frame.paper.name, frame.paper.width_mm, height)
+    return PageFrame(paper), [(nested, None if number else strip) for number, nested in enumerate(down)]
+
+
+def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
+    """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
+    way, way_deg = _find_way(wrap, item, index)
+    rooms = ((ROOM_MM, ROOM_MM), (LEAST_ROOM_MM, ROOM_MM), (ROOM_MM, LEAST_ROOM_MM), (LEAST_ROOM_MM, LEAST_ROOM_MM))
+    sheets = [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[:1]]
+    if not fits(sheets[0].footprint, room):
+        sheets += [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[1:]]
+    return next((sheet for sheet in sheets if fits(sheet.footprint, room)), sheets[0])
+
+
+def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str, way_deg: float) -> _Sheet:
+    """A piece with the words that find paper within `room_mm` beside and above it."""
+    record, outline = wrap.record.pieces[index], wrap.pieces[index].outline()
+    finder = _PlaceFinder(record, outline, room_mm)
+    number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
+    letters = []
+    for seam in record.seams:
+        text = seam.letter if seam.piece == record.number else f"{seam.letter}→{seam.piece}"
+        at = finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM))
+        if at is not None:
+            letters.append(_Label(text, at, seam.middle_mm))
+    return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg, finder.footprint())
+
+
+def _number_width(number: int, way: str) -> float:
+    return measure_text_mm(str(number), BOLD, NUMBER_MM) + 5.2 + measure_text_mm(way, BOLD, LETTER_MM)
+
+
+class _PlaceFinder:
+    """Finds paper for words round a piece: off its bleed, off other words, and on its own part of the page."""
+
+    def __init__(self, record: PieceRecord, outline: "Polygon", room_mm: tuple[float, float]) -> None:
+        import shapely
+
+        self._size, self._room = np.array([record.width_mm, record.height_mm]), np.array(room_mm)
+        self._bleed = outline.buffer(BLEED_MM + 0.2, quad_segs=4).simplify(0.1)
+        shapely.prepare(self._bleed)
+        self._words: list[Polygon] = []
+
+    def footprint(self) -> "Polygon":
+        """What nothing else may lie on: the piece with its bleed and a little paper, its words, and between them."""
+        import shapely
+
+        whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
+        # words that stand off the piece stay with it
+        return whole.buffer(APART_MM).buffer(-APART_MM)
+
+    def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
+        """The first of places (k, 2) about which a box is free, which then is taken."""
+        import shapely
+
+        half = np.array([width / 2 + 0.2, height / 2 + 0.1])
+        low, high = places - half, places + half
+        spare = self._room - 0.2
+        inside = ((low >= -spare) & (high <= self._size + spare)).all(axis=1)
+        places, low, high = places[inside], low[inside], high[inside]
+        boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+        free = ~shapely.intersects(self._bleed, boxes)
+        for word in self._words:
+            free &= ~shapely.intersects(word, boxes)
+        if not free.any():
+            return None
+        first = int(free.argmax())
+        self._words.append(boxes[first])
+        return float(places[first, 0]), float(places[first, 1])
+
+    def beside(self, point: Point, width: float, height: float = LETTER_MM) -> Point | None:
+        """The middle of free paper nearest to a point of the edge; None where there is none."""
+        away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
+        places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
+        order = np.argsort(away.reshape(-1), kind="stable")
+        return self._take_first(places[order], width, height)
+
+    def anywhere(self, width: float, height: float) -> Point | None:
+        """The middle of the free paper nearest to the piece, those above and left first; None where there is none."""
+        import shapely
+
+        (left, low), (right, high) = -self._room, self._size + self._room
+        x, y = np.meshgrid(np.arange(left + width / 2 + 0.4, right, 1.0), np.arange(low + height / 2 + 0.3, high, 1.0))
+        places = np.stack([x, y], axis=-1).reshape(-1, 2)
+        away = shapely.distance(self._bleed, shapely.points(places))
+        order = np.argsort(away + 0.02 * (high - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
+        return self._take_first(places[order], width, height)
+
+
+def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
+    """`up` or, for a piece that lies level, `front`, and that way's angle on the flat piece, degrees."""
+    piece = wrap.pieces[index]
+    flat = piece.flat_mm
+    corners = item.mesh.vertices[item.mesh.faces[piece.faces]].astype(np.float64)
+    sides = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=1)  # (k, 2 sides, 2)
+    area = (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    good = area > 1e-6
+    rise = np.stack([corners[good, 1] - corners[good, 0], corners[good, 2] - corners[good, 0]], axis=1)
+    # sides · gradient = rise, for height (z) and for the way to the front (x)
+    slope = np.linalg.solve(sides[good], rise[:, :, [2, 0]])
+    mean = np.einsum("k,kij->ij", area[good], slope) / area[good].sum()
+    up, front = mean[:, 0], mean[:, 1]
+    word, way = ("up", up) if np.hypot(*up) >= LEVEL or np.hypot(*up) >= np.hypot(*front) else ("front", front)
+    return word, float(np.degrees(np.arctan2(way[1], way[0])))
+
+
+def order_pieces(pieces: Sequence[PieceRecord]) -> list[int]:
+    """Numbers in the order to stick them on: the largest first, then always the one with most edges at those there."""
+    left = {one.number: one for one in pieces}
+    order: list[int] = []
+    while left:
+        there = set(order)
+        chosen = max(
+            left.values(), key=lambda one: (sum(seam.piece in there for seam in one.seams), one.area_mm2, -one.number)
+        )
+        order.append(chosen.number)
+        del left[chosen.number]
+    return order
+
+
+def _rings(outline: "Polygon") -> list[np.ndarray]:
+    return [np.asarray(ring.coords) for ring in (outline.exterior, *outline.interiors)]
+
+
+def _draw_piece(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece) -> None:
+    with pdf.moved(here.x_mm, here.y_mm, 90 * here.quarters if here.quarters else None):
+        _draw_flat(pdf, wrap, index, sheet)
+    _draw_words(pdf, sheet, here)
+
+
+def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
+    """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
+    record, texel_mm, edge_px = sheet.record, wrap.record.texel_mm, wrap.record.bleed_px
+    picture = wrap.picture(index)
+    height, width, _ = picture.shape
+    area = Rect(-edge_px * texel_mm, -edge_px * texel_mm, width * texel_mm, height * texel_mm)
+    bleed = sheet.outline.buffer(BLEED_MM)
+    with pdf.clipped(_rings(bleed)):
+        pdf.raster(f"piece{record.number}", picture, area)
+    pdf.ink(SOFT, 0.15)
+    for seam in record.seams:
+        for end in (seam.from_mm, seam.to_mm):
+            _draw_tick(pdf, end, bleed)
+    pdf.ink(INK, 0.12)
+    pdf.setDash(1.2, 0.9)
+    for start, end in record.folds_mm:
+        pdf.line(*start, *end)
+    pdf.setDash()
+    with pdf.layer(CUT):
+        pdf.spot_ink(CUT, CUT_CMYK, CUT_LINE_MM)
+        for ring in _rings(sheet.outline):
+            pdf.shape(ring[:-1].tolist(), fill=False)
+
+
+def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
+    """A short line that leads away from where a seam ends, beyond the bleed."""
+    import shapely
+
+    point = shapely.Point(end)
+    near = bleed.boundary.interpolate(bleed.boundary.project(point))
+    away = point.distance(near)
+    if away > 1e-6:
+        x, y = near.x + TICK_MM * (near.x - end[0]) / away, near.y + TICK_MM * (near.y - end[1]) / away
+        pdf.line(near.x, near.y, x, y)
+
+
+def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
+    """Letters at seams, and the piece's number with the arrow up; all read level on the page."""
+    for label in sheet.letters:
+        (x, y), about = here.to_page(np.array(label.at)).tolist(), here.to_page(np.array(label.about)).tolist()
+        if np.hypot(x - about[0], y - about[1]) > BLEED_MM + 3.5:
+            pdf.ink(SOFT, 0.1)
+            pdf.line(x, y, *about)
+        pdf.write(label.text, x, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=12, font=BOLD, align="centre")
+    if sheet.number is None:
+        return
+    x, y = here.to_page(np.array(sheet.number)).tolist()
+    _draw_number(pdf, x, y, sheet, sheet.way_deg + 90 * here.quarters, upright=here.quarters % 2 == 1)
+
+
+def _draw_number(pdf: Pdf, x: float, y: float, sheet: _Sheet, angle_deg: float, upright: bool) -> None:
+    """Number, arrow and word in a row about a point; upright where its room was found on a turned piece."""
+    width = _number_width(sheet.record.number, sheet.way)
+    with pdf.moved(x, y, 90 if upright else None):
+        left = -width / 2
+        taken = pdf.write(
+            str(sheet.record.number), left, -0.36 * NUMBER_MM, NUMBER_MM, room_mm=width, font=BOLD, colour=INK
+        )
+        with pdf.moved(left + taken + 2.3, 0, angle_deg - (90 if upright else 0)):
+            pdf.ink(INK, 0.25)
+            pdf.arrow((-1.4, 0), (1.4, 0), 1.3)
+        pdf.write(sheet.way, left + taken + 4.4, -0.36 * LETTER_MM, LETTER_MM, room_mm=width, font=BOLD)
+
+
+def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: PatchLabel) -> SheetDrawing:
+    """A piece that is larger than a page, for the tiles that it is joined from."""
+
+    def draw(x: float, y: float) -> None:
+        here = PlacedPiece(sheet.record.number, 0, x + sheet.room_mm[0], y + sheet.room_mm[1])
+        _draw_piece(pdf, wrap, index, sheet, here)
+        pdf.grey(0)
+
+    def note(area: Rect, tile: str) -> None:
+        words = f"piece {sheet.record.number} {tile}".strip()
+        pdf.text(words, area.x + area.width / 2, area.y - 8.6, 2.4, room_mm=area.width, align="centre")
+
+    return SheetDrawing(label, CUT_OUT, draw, note)
+
+
+LINE_MM = 4.4
+TITLE_MM = 4.5
+
+
+def _draw_assembly(
+    pdf: Pdf, area: Rect, views: Sequence[SideView], order: Sequence[int], pieces: Sequence[PieceRecord]
+) -> None:
+    """The object from six sides, its pieces numbered, over the list of what is stuck on when and where."""
+    columns = 2 if len(order) > 6 else 1
+    rows = -(-len(order) // columns)
+    words = Rect(area.x, area.y, area.width, 8.0 + LINE_MM * rows)
+    room = Rect(area.x, words.top + 2, area.width, area.height - words.height - 2)
+    for view, cell in zip(views, _share_out(room, views), strict=True):
+        _draw_view(pdf, view, cell)
+    pdf.write("Stick them on in this order", words.x, words.top - 4, 3.4, room_mm=words.width, font=BOLD)
+    known = {one.number: one for one in pieces}
+    width = words.width / columns
+    for step, number in enumerate(order):
+        column, row = divmod(step, rows)
+        x, y = words.x + column * width, words.top - 9 - LINE_MM * row
+        pdf.write(f"{step + 1}.", x + 4.5, y, 2.6, room_mm=5, align="right", colour=SOFT)
+        pdf.tick_box(x + 6, y - 0.8)
+        pdf.write(f"piece {number}", x + 11, y, 2.6, room_mm=15, font=BOLD)
+        pdf.write(_say_seams(known[number], order[:step]), x + 27, y, 2.4, room_mm=width - 30, colour=SOFT)
+
+
+def _say_seams(piece: PieceRecord, there: Sequence[int]) -> str:
+    meets: dict[int, list[str]] = {}
+    for seam in piece.seams:
+        if seam.piece in there:
+            meets.setdefault(seam.piece, []).append(seam.letter)
+    return ", ".join(f"meets {number} at {' '.join(letters)}" for number, letters in meets.items())
+
+
+def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
+    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
+    best: tuple[float, list[Rect]] = (0.0, [])
+    for columns in (2, 3):
+        rows = len(views) // columns
+        widths = [max(view.size_mm[0] for view in views[i::columns]) for i in range(columns)]
+        heights = [max(view.size_mm[1] for view in views[i * columns : (i + 1) * columns]) for i in range(rows)]
+        scale = min((room.width - 4 * columns) / sum(widths), (room.height - (TITLE_MM + 2) * rows) / sum(heights))
+        spare_x, spare_y = room.width - scale * sum(widths), room.height - scale * sum(heights)
+        cells = []
+        for i in range(len(views)):
+            row, column = divmod(i, columns)
+            x = room.x + scale * sum(widths[:column]) + spare_x / columns * (column + 0.5)
+            top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
+            height = scale * heights[row] + spare_y / rows
+            cells.append(Rect(x, top - height, scale * widths[column], height))
+        best = max(best, (scale, cells), key=lambda one: one[0])
+    scale, cells = best
+    return [
+        Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,
+             cell.top - TITLE_MM - (cell.height - TITLE_MM - 2 + scale * view.size_mm[1]) / 2,
+             scale * view.size_mm[0], scale * view.size_mm[1])
+        for view, cell in zip(views, cells, strict=True)
+    ]  # fmt: skip
+
+
+def _draw_view(pdf: Pdf, view: SideView, area: Rect) -> None:
+    pdf.raster(f"view-{view.side}", view.pixels, area)
+    pdf.write(view.side, area.x + area.width / 2, area.top + 1.4, 2.9, room_mm=40, font=BOLD, align="centre")
+    scale = area.width / view.size_mm[0]
+    for number, (x, y) in view.marks_mm.items():
+        pdf.badge(str(number), area.x + scale * x, area.y + scale * y, 1.9)
+
+
+def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tuple[int, CutSheet]]:
+    """By page, the outlines as they lie there; a piece that is tiled has a sheet of its own."""
+    sheets = []
+    for page, (width, height) in enumerate(printed.sizes_mm, start=1):
+        rings = {
+            one.number: [one.to_page(ring) for ring in _rings(outlines[one.number])]
+            for one in printed.placed if one.page == page
+        }  # fmt: skip
+        if not rings:
+            continue
+        ends = np.concatenate([ring for one in rings.values() for ring in one]).max(axis=0)
+        sheets.append((page, CutSheet(max(width, float(ends[0])), max(height, float(ends[1])), rings)))
+    return sheets
+
+
+def _write_cut(sheet: CutSheet, kind: CutFormat) -> bytes:
+    return write_svg(sheet, CUT) if kind == "svg" else write_dxf(sheet, CUT)

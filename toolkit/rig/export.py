@@ -1,0 +1,55 @@
+"""An object with what is put on it, as files for other programs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+from toolkit.core.errors import FieldError, one_of
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.export import to_3mf, to_glb, to_obj
+from toolkit.objects.load import load_object
+from toolkit.objects.solid import Soundness, examine_solid
+from toolkit.rig.variants import apply_booster, find_booster
+
+MeshFormat = Literal["glb", "obj", "3mf"]
+
+
+def export_object(
+    workspace: Workspace, name: str, formats: Sequence[MeshFormat] = ("glb",), variant: str = "unpatched",
+    out: Path | None = None,
+) -> tuple[list[Path], Soundness]:  # fmt: skip
+    """Write an object as GLB (metres), OBJ or 3MF (millimetres).
+
+    Args:
+        workspace: whose object it is.
+        name: of the object.
+        formats: each becomes `NAME.FORMAT`; of another variant `NAME-VARIANT.FORMAT`.
+        variant: what is on it, as `find_booster` knows it.
+        out: folder, `print/` by default.
+
+    Returns:
+        The files, pictures beside an OBJ not counted, and how the surface stands to being printed in 3D.
+
+    Raises:
+        ToolkitError: no such object, format or variant, or a file cannot be written.
+    """
+    for one in formats:
+        if one not in get_args(MeshFormat):
+            raise one_of("format", one, list(get_args(MeshFormat)))
+    item = load_object(workspace.object_spec(name))
+    booster = find_booster(workspace, item, variant)
+    mesh = apply_booster(item, booster)
+    stem, folder = name if booster is None else f"{name}-{variant}", out or workspace.print_dir
+    if folder.is_file():
+        raise FieldError("expected a folder", {"out": folder})
+    files = []
+    for one in dict.fromkeys(formats):
+        if one == "obj":
+            contents = to_obj(mesh, stem)
+        else:
+            contents = {f"{stem}.{one}": (to_glb if one == "glb" else to_3mf)(mesh, stem)}
+        for file, content in contents.items():
+            write_bytes(folder / file, content)
+        files.append(folder / f"{stem}.{one}")
+    return files, examine_solid(item.mesh)
