@@ -156,7 +156,7 @@ def test_hostile_archives_are_refused(png, monkeypatch):
         with pytest.raises(ToolkitError, match=r"no readable table|expected floats"):
             read_texture(png)
     forge(png, name, pack(array=UV))
-    monkeypatch.setattr("toolkit.objects.records.MAX_UV_BYTES", 100)
+    monkeypatch.setattr("toolkit.objects.records.MAX_ARRAY_BYTES", 100)
     with pytest.raises(ToolkitError, match="unpacks to"):
         read_texture(png)
 

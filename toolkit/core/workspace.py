@@ -64,6 +64,11 @@ class Workspace:
         return self.root / "rig" / "textures"
 
     @property
+    def wraps_dir(self) -> Path:
+        """Plans of flat pieces to stick on objects, one folder each."""
+        return self.root / "print" / "wraps"
+
+    @property
     def captures_dir(self) -> Path:
         """Images, by source."""
         return self.root / "captures"
@@ -91,6 +96,12 @@ class Workspace:
         """PNG of every known texture by name; a file of the workspace wins over the package's."""
         found = _named_files("textures", "*.png", self.textures_dir)
         return {name: file for name, file in found.items() if is_file_name(name)}  # others mask their paint
+
+    def wraps(self) -> dict[str, Path]:
+        """Folder of every known wrap by name; a folder of the workspace wins over the package's."""
+        places = (PACKAGE_DATA / "wraps", self.wraps_dir)
+        found = [file.parent for place in places for file in sorted(place.glob("*/wrap.json"))]
+        return {folder.name: folder for folder in found if is_file_name(folder.name)}
 
     def with_patches(self, patch_set: str | None) -> "Workspace":
         """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
@@ -128,6 +139,10 @@ class Workspace:
     def texture(self, name: str) -> Path:
         """The PNG of one texture; an unknown name is a `ToolkitError`."""
         return _find_named("texture", name, self.textures())
+
+    def wrap(self, name: str) -> Path:
+        """The folder of one wrap; an unknown name is a `ToolkitError`."""
+        return _find_named("wrap", name, self.wraps())
 
 
 def _find_named(kind: str, name: str, known: dict[str, Path]) -> Path:

@@ -1,6 +1,6 @@
 """The files of what is put on an object: a patch or a texture, each a picture with a record beside it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -174,9 +174,9 @@ def read_patch(png_file: Path) -> Patch:
 
 
 COMMAND = "toolkit train-texture"
-UV_MEMBER = "corner_uv.npy"
-MAX_UV_BYTES = 1 << 29
-"""More than 20 million triangles: what unpacks to more is no table of texture coordinates."""
+UV_MEMBER = "corner_uv"
+MAX_ARRAY_BYTES = 1 << 29
+"""More than 20 million triangles: what unpacks to more is no table of theirs."""
 KEEP_LEVEL = 128
 
 
@@ -278,7 +278,7 @@ def write_texture(
     corner_uv, keep_images, glbs = corner_uv or {}, keep_images or {}, glbs or {}
     uv = {name: np.asarray(array, np.float32) for name, array in corner_uv.items()}
     masks = {name: np.asarray(array, bool) for name, array in keep_images.items()}
-    coordinates = {name: _pack_uv(array) for name, array in uv.items()}
+    coordinates = {name: pack_arrays({UV_MEMBER: array}) for name, array in uv.items()}
     kept = {name: encode_png(np.where(mask, np.uint8(255), np.uint8(0))) for name, mask in masks.items()}
     png = encode_png(pixels)
     objects = [
@@ -329,26 +329,38 @@ def _hash(contents: Mapping[str, bytes], name: str) -> str | None:
     return sha256_bytes(contents[name]) if name in contents else None
 
 
-def _pack_uv(corner_uv: np.ndarray) -> bytes:
-    """An .npz file; `np.savez_compressed` would write the time of day into it."""
-    array, packed = BytesIO(), BytesIO()
-    np.save(array, corner_uv, allow_pickle=False)
+def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """An .npz file of named arrays; `np.savez_compressed` would write the time of day into it."""
+    packed = BytesIO()
     with ZipFile(packed, "w", ZIP_DEFLATED) as archive:
-        archive.writestr(ZipInfo(UV_MEMBER), array.getvalue(), ZIP_DEFLATED)
+        for name, array in arrays.items():
+            member = BytesIO()
+            np.save(member, array, allow_pickle=False)
+            archive.writestr(ZipInfo(f"{name}.npy"), member.getvalue(), ZIP_DEFLATED)
     return packed.getvalue()
 
 
-def _unpack_uv(content: bytes, file: Path) -> np.ndarray:
+def unpack_arrays(content: bytes, file: Path, names: Sequence[str], what: str) -> list[np.ndarray]:
+    """The arrays of these names out of an .npz file.
+
+    Raises:
+        ToolkitError: it is no such file, or unpacks to more than is meant; names `file` and `what` it should be.
+    """
     try:
         with ZipFile(BytesIO(content)) as archive:
-            member = archive.getinfo(UV_MEMBER)
-            if member.file_size > MAX_UV_BYTES or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                raise ValueError(f"unpacks to {member.file_size >> 20} MiB, or is packed in a way of its own")
-            corner_uv = np.load(BytesIO(archive.read(UV_MEMBER)), allow_pickle=False)
+            members = [archive.getinfo(f"{name}.npy") for name in names]
+            for member in members:
+                if member.file_size > MAX_ARRAY_BYTES or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+                    raise ValueError(f"unpacks to {member.file_size >> 20} MiB, or is packed in a way of its own")
+            return [np.load(BytesIO(archive.read(member)), allow_pickle=False) for member in members]
     # what NumPy, zipfile and zlib raise on damaged or hostile bytes
     except (ValueError, KeyError, OSError, EOFError, MemoryError, BadZipFile, ZlibError, RuntimeError) as error:
         why = " ".join(str(error).split())[:100]
-        raise ToolkitError(f"{file}: no readable table of texture coordinates ({why}): train again") from None
+        raise ToolkitError(f"{file}: no readable {what} ({why}): train again") from None
+
+
+def _unpack_uv(content: bytes, file: Path) -> np.ndarray:
+    [corner_uv] = unpack_arrays(content, file, [UV_MEMBER], "table of texture coordinates")
     shape = getattr(corner_uv, "shape", ())
     if len(shape) != 3 or shape[1:] != (3, 2) or corner_uv.dtype.kind != "f":
         raise ToolkitError(

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, Field
 
 from toolkit.core.config import Config, Expect, Flag, Range, Rising
-from toolkit.objects.spec import Side
+from toolkit.objects.spec import MOST_PIECES, Material, Side
 
 MOST_POSES = 10_000
 """Of one object: beyond, a plan is no day's work for a camera, and its file none that an editor opens."""
@@ -63,6 +63,24 @@ class PlaceConfig(Config):
     best: Annotated[int, Field(ge=1, le=MOST_PLACES), Flag()] = Field(3, description="Places shown for each size.")
     sheets: Annotated[int, Field(ge=1, le=MOST_PLACES), Flag()] = Field(
         1, description="How many sheets are put on together; 2 or more are judged by random views, not by the plan's."
+    )
+
+
+class WrapConfig(Config):
+    """Which flat pieces are looked for."""
+
+    pieces: Annotated[int, Field(ge=1, le=MOST_PIECES), Flag()] = Field(12, description="Most pieces.")
+    material: Annotated[Material, Flag()] = Field(
+        "film", description="What is stuck on: paper gives 1 %, film 3 %, vinyl 8 %."
+    )
+    stretch: Annotated[float | None, Field(gt=0, le=0.5), Flag()] = Field(
+        None, description="Most stretch of a piece, 0.03 is 3 %. Default: as {material} allows."
+    )
+    texel_mm: Annotated[float | None, Field(ge=0.05, le=100), Flag(metavar="MM")] = Field(
+        None, description="Side of a texel. Default: the object's longest side / 270."
+    )
+    views: Annotated[int, Field(ge=8, le=10_000), Flag()] = Field(
+        64, description="Random cameras that judge what is worth covering."
     )
 
 

@@ -1,0 +1,397 @@
+"""Wraps: flat pieces that are stuck on an object; their canvas, and the folder that they are kept in."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.names import FileName
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import flat_areas
+from toolkit.objects.records import (
+    SHA256,
+    NetworkRecord,
+    decode_png,
+    encode_png,
+    pack_arrays,
+    read_recorded,
+    unpack_arrays,
+)
+from toolkit.objects.spec import MOST_PIECES, Material
+
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+RECORD_FILE, MAP_FILE = "wrap.json", "pieces.npz"
+BLEED_MM = 1.5
+MOST_TEXELS = 1024
+"""A canvas' side, as for textures."""
+PLAIN = 128
+"""Grey level of a canvas between its pieces."""
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of an object's surface that lies flat.
+
+    Attributes:
+        faces: (k,) int32, rows of the object's mesh.
+        flat_mm: (k, 3, 2) float64, where each face's corners lie on the flat piece: mm, x right, y up, seen from
+            outside, so that triangles are counter-clockwise; the piece's box begins at (0, 0). Corners at one point of
+            the surface that are joined inside the piece have equal coordinates.
+        stretch: 95th percentile, weighted by area, of the relative change of edge length on flattening (0.03: 3 %).
+    """
+
+    faces: np.ndarray
+    flat_mm: np.ndarray
+    stretch: float
+
+    @cached_property
+    def width_mm(self) -> float:
+        """Of its box."""
+        return float(self.flat_mm[..., 0].max())
+
+    @cached_property
+    def height_mm(self) -> float:
+        """Of its box."""
+        return float(self.flat_mm[..., 1].max())
+
+    @cached_property
+    def area_mm2(self) -> float:
+        """Of the flat piece."""
+        return float(flat_areas(self.flat_mm).sum())
+
+    def outline(self) -> "Polygon":
+        """What is cut out, in mm, with its holes."""
+        return self._outline
+
+    @cached_property
+    def _outline(self) -> "Polygon":
+        import shapely
+
+        # rounded to a millionth of a millimetre: corners that are one point are one in every bit
+        triangles = shapely.polygons(np.round(self.flat_mm[flat_areas(self.flat_mm) > 0], 6))
+        whole = shapely.coverage_union_all(triangles)
+        if not whole.is_valid or whole.geom_type != "Polygon":
+            whole = shapely.unary_union(triangles)
+        if whole.geom_type != "Polygon":  # parts that touch at a corner alone: the largest is the piece
+            whole = max(shapely.get_parts(whole), key=lambda part: part.area)
+        return whole
+
+
+class SeamRecord(BaseModel):
+    """A part of a piece's edge that meets another piece, or the piece itself.
+
+    Attributes:
+        piece: number of the one that it meets.
+        letter: the same on both.
+        from_mm, to_mm: its ends on this piece, counter-clockwise round it.
+        middle_mm: the point of the edge half way between.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    piece: int = Field(ge=1, le=MOST_PIECES)
+    letter: str = Field(max_length=3)
+    from_mm: Point
+    to_mm: Point
+    middle_mm: Point
+
+
+class PieceRecord(BaseModel):
+    """A piece on the canvas.
+
+    Attributes:
+        number: from 1, best first.
+        origin_px: column and row of the canvas, from its lower left, where the piece's box begins.
+        width_mm, height_mm, area_mm2: of the flat piece.
+        stretch: see `Piece`.
+        outline_mm: rings of points, the outer one first.
+        seams: where it meets others.
+        folds_mm: edges where it is bent sharply, from and to.
+        png_sha256: of its picture.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    number: int = Field(ge=1, le=MOST_PIECES)
+    origin_px: tuple[int, int]
+    width_mm: float = Field(gt=0)
+    height_mm: float = Field(gt=0)
+    area_mm2: float = Field(gt=0)
+    stretch: float = Field(ge=0)
+    outline_mm: list[list[Point]] = Field(min_length=1)
+    seams: list[SeamRecord] = []
+    folds_mm: list[tuple[Point, Point]] = []
+    png_sha256: str = Field(pattern=SHA256)
+
+
+class WrapTraining(BaseModel):
+    """How what is on the pieces came to be: as `BoosterRecord`, and the misfit that was drawn."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    class_index: int = Field(ge=0)
+    networks: list[NetworkRecord]
+    data: dict[str, Any]
+    seed: int
+    settings: dict[str, Any]
+    final: dict[str, float]
+    misfit: dict[str, Any]
+    toolkit_version: str
+
+
+class WrapRecord(BaseModel):
+    """A wrap's plan, and how it was trained.
+
+    Attributes:
+        name: of its folder.
+        object: what it is for.
+        class_name: what it was trained for, None before.
+        mesh_sha256: `hash_shape` of the object's mesh on the table.
+        material: what the pieces are cut from.
+        stretch_allowed: of each piece.
+        covered: share of the surface that random cameras see.
+        covered_surface: share of the whole surface.
+        texel_mm: pitch of the canvas, and n_px its side.
+        pieces: best first.
+        map_sha256: of `pieces.npz`.
+        booster: None before training.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1] = 1
+    name: FileName
+    object: FileName
+    class_name: str | None = None
+    mesh_sha256: str = Field(pattern=SHA256)
+    material: Material
+    stretch_allowed: float = Field(gt=0, le=1)
+    covered: float = Field(ge=0, le=1)
+    covered_surface: float = Field(ge=0, le=1)
+    texel_mm: float = Field(gt=0)
+    n_px: int = Field(ge=8, le=MOST_TEXELS)
+    pieces: list[PieceRecord] = Field(min_length=1, max_length=MOST_PIECES)
+    map_sha256: str = Field(pattern=SHA256)
+    booster: WrapTraining | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> "WrapRecord":
+        if [one.number for one in self.pieces] != list(range(1, len(self.pieces) + 1)):
+            raise ValueError("expected pieces numbered from 1 in order")
+        for one in self.pieces:
+            left, low, right, high = self.box_px(one)
+            if left < 0 or low < 0 or right > self.n_px or high > self.n_px:
+                raise ValueError(f"piece {one.number} with its bleed leaves the canvas of {self.n_px} texels")
+        return self
+
+    @property
+    def bleed_px(self) -> int:
+        """Texels round each piece."""
+        return bleed_texels(self.texel_mm)
+
+    def box_px(self, piece: PieceRecord) -> tuple[int, int, int, int]:
+        """First column and row from the lower left, and those behind the last, of a piece with its bleed."""
+        (column, row), bleed = piece.origin_px, self.bleed_px
+        wide, high = texel_box((piece.width_mm, piece.height_mm), self.texel_mm)
+        return column - bleed, row - bleed, column - bleed + wide, row - bleed + high
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """A plan of pieces and what is on them.
+
+    Attributes:
+        record: sizes, places on the canvas, how it was trained.
+        pieces: best first.
+        pixels: (n, n, 3) uint8 sRGB canvas on which all lie unrotated, row 0 is v = 1; the object's own paint before
+            training. None where nothing was drawn yet.
+    """
+
+    record: WrapRecord
+    pieces: tuple[Piece, ...]
+    pixels: np.ndarray | None = None
+
+    def corner_uv(self, faces_count: int) -> np.ndarray:
+        """(m, 3, 2) float32 where the corners of all faces of the mesh lie on the canvas, NaN off the pieces."""
+        record = self.record
+        uv = np.full((faces_count, 3, 2), np.nan, np.float32)
+        for piece, at in zip(self.pieces, record.pieces, strict=True):
+            uv[piece.faces] = (np.array(at.origin_px) + piece.flat_mm / record.texel_mm) / record.n_px
+        return uv
+
+    def picture(self, index: int) -> np.ndarray:
+        """(h, w, 3) uint8 what is on piece `index`, counted from 0, with its bleed; a texel is `texel_mm`."""
+        if self.pixels is None:
+            raise ToolkitError(f"wrap '{self.record.name}' has no picture yet: train it with 'toolkit train-wrap'")
+        return self.pixels[_rows_columns(self.record, self.record.pieces[index])]
+
+
+def bleed_texels(texel_mm: float) -> int:
+    """Texels round a piece that are printed beyond its cut: `BLEED_MM`, and no less than filters reach."""
+    return max(2, int(np.ceil(BLEED_MM / texel_mm - 1e-9)))
+
+
+def texel_box(size_mm: Point, texel_mm: float) -> tuple[int, int]:
+    """Texels across and up of a piece with its bleed."""
+    wide, high = (int(np.ceil(side / texel_mm - 1e-9)) + 2 * bleed_texels(texel_mm) for side in size_mm)
+    return wide, high
+
+
+def _rows_columns(record: WrapRecord, piece: PieceRecord) -> tuple[slice, slice]:
+    left, low, right, high = record.box_px(piece)
+    return slice(record.n_px - high, record.n_px - low), slice(left, right)
+
+
+def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[Point]]:
+    """The side of the smallest square canvas that pieces fit on unturned, and where their boxes begin.
+
+    Returns:
+        The side in texels, and column and row from the lower left for each.
+
+    Raises:
+        FieldError: they need more than `MOST_TEXELS`.
+    """
+    import rectpack
+
+    boxes = [texel_box(size, texel_mm) for size in sizes_mm]
+    side = max(8, *(max(box) for box in boxes), int(np.sqrt(sum(wide * high for wide, high in boxes))))
+    bleed = bleed_texels(texel_mm)
+    while side <= MOST_TEXELS:
+        packer = rectpack.newPacker(rotation=False)
+        for number, (wide, high) in enumerate(boxes):
+            packer.add_rect(wide, high, rid=number)
+        packer.add_bin(side, side)
+        packer.pack()
+        placed = {number: (x + bleed, y + bleed) for _, x, y, _, _, number in packer.rect_list()}
+        if len(placed) == len(boxes):
+            return side, [placed[number] for number in range(len(boxes))]
+        side += max(1, side // 50)
+    raise FieldError(
+        f"pieces of {texel_mm:g} mm a texel need a canvas of more than {MOST_TEXELS} texels: "
+        "take a larger {texel_mm}, or fewer {pieces}",
+        {},
+    )
+
+
+def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
+    """Write a wrap's folder, and last its record: a crash before that is told by `read_wrap`.
+
+    Args:
+        folder: `print/wraps/NAME` of a workspace.
+        wrap: with pixels; the hashes in its record are written anew.
+
+    Returns:
+        The wrap as `read_wrap` gives it.
+    """
+    folder, record = Path(folder), wrap.record
+    table = pack_arrays({
+        "faces": np.concatenate([piece.faces for piece in wrap.pieces]).astype(np.int32),
+        "flat_mm": np.concatenate([piece.flat_mm for piece in wrap.pieces]).astype(np.float64),
+        "piece": np.repeat(np.arange(len(wrap.pieces), dtype=np.int32), [len(piece.faces) for piece in wrap.pieces]),
+    })  # fmt: skip
+    pictures = [encode_png(wrap.picture(i)) for i in range(len(wrap.pieces))]
+    pieces = [
+        one.model_copy(update={"png_sha256": sha256_bytes(png)})
+        for one, png in zip(record.pieces, pictures, strict=True)
+    ]
+    full = record.model_copy(update={"pieces": pieces, "map_sha256": sha256_bytes(table)})
+    write_bytes(folder / MAP_FILE, table)
+    for one, png in zip(pieces, pictures, strict=True):
+        write_bytes(folder / piece_name(one.number), png)
+    write_json(folder / RECORD_FILE, full.model_dump(mode="json"))
+    return Wrap(full, wrap.pieces, _put_together(full, [wrap.picture(i) for i in range(len(wrap.pieces))]))
+
+
+def read_wrap(folder: Path) -> Wrap:
+    """Read a wrap, each file checked against its record.
+
+    Raises:
+        ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
+    """
+    folder = Path(folder)
+    if not (folder / RECORD_FILE).is_file():
+        raise ToolkitError(f"{folder} is no wrap (it has no {RECORD_FILE}): make one with 'toolkit wrap --object NAME'")
+    record = read_json(folder / RECORD_FILE, WrapRecord)
+    file = inside(folder, MAP_FILE)
+    content = read_recorded(file, record.map_sha256, "map of pieces")
+    faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
+    _check_map(file, record, faces, flat_mm=flat_mm, piece=piece)
+    pieces = tuple(
+        Piece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
+        for i, one in enumerate(record.pieces)
+    )
+    pictures = []
+    for one, part in zip(record.pieces, pieces, strict=True):
+        if abs(part.width_mm - one.width_mm) > 0.01 or abs(part.height_mm - one.height_mm) > 0.01:
+            raise ToolkitError(
+                f"{file}: piece {one.number} is {part.width_mm:.2f} × {part.height_mm:.2f} mm, its record says "
+                f"{one.width_mm:.2f} × {one.height_mm:.2f}: make the wrap again"
+            )
+        png = inside(folder, piece_name(one.number))
+        picture = decode_png(read_recorded(png, one.png_sha256), png)
+        wide, high = texel_box((one.width_mm, one.height_mm), record.texel_mm)
+        if picture.shape != (high, wide, 3):
+            raise ToolkitError(f"{png}: expected {wide}×{high} px, found {picture.shape[1]}×{picture.shape[0]}")
+        pictures.append(picture)
+    return Wrap(record, pieces, _put_together(record, pictures))
+
+
+def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
+    """The wrap of an object: the one of its name, else the first whose record names it.
+
+    Raises:
+        ToolkitError: there is none, it is broken, or it is of another mesh.
+    """
+    known = workspace.wraps()
+    first = [item.name] if item.name in known else []
+    for name in [*first, *(name for name in known if name != item.name)]:
+        wrap = read_wrap(known[name])
+        if wrap.record.object == item.name:
+            check_wrap(wrap, item)
+            return wrap
+    raise ToolkitError(f"no wrap is for '{item.name}': make one with 'toolkit wrap --object {item.name}'")
+
+
+def check_wrap(wrap: Wrap, item: TableObject) -> None:
+    """A `ToolkitError` where a wrap is of another mesh than an object's."""
+    faces = max(int(piece.faces.max()) for piece in wrap.pieces)
+    if wrap.record.mesh_sha256 != item.shape_sha256 or faces >= len(item.mesh.faces):
+        raise ToolkitError(
+            f"wrap '{wrap.record.name}' was made for another mesh or size of '{item.name}': "
+            f"make it again with 'toolkit wrap --object {item.name}'"
+        )
+
+
+def piece_name(number: int) -> str:
+    """File name of a piece's picture."""
+    return f"{number:02}.png"
+
+
+def _put_together(record: WrapRecord, pictures: Sequence[np.ndarray]) -> np.ndarray:
+    canvas = np.full((record.n_px, record.n_px, 3), PLAIN, np.uint8)
+    for one, picture in zip(record.pieces, pictures, strict=True):
+        canvas[_rows_columns(record, one)] = picture
+    return canvas
+
+
+def _check_map(file: Path, record: WrapRecord, faces: np.ndarray, flat_mm: np.ndarray, piece: np.ndarray) -> None:
+    count = len(faces) if faces.ndim == 1 else -1
+    shapes: Mapping[str, tuple[np.ndarray, tuple[int, ...], str]] = {
+        "faces": (faces, (count,), "iu"), "flat_mm": (flat_mm, (count, 3, 2), "f"), "piece": (piece, (count,), "iu"),
+    }  # fmt: skip
+    for name, (array, shape, kind) in shapes.items():
+        if array.shape != shape or array.dtype.kind not in kind:
+            raise ToolkitError(f"{file}: '{name}' is {array.dtype} of shape {array.shape}: make the wrap again")
+    numbers = range(len(record.pieces))
+    if not np.array_equal(np.unique(piece), numbers):
+        raise ToolkitError(f"{file}: its pieces are not the {len(numbers)} of {RECORD_FILE}: make the wrap again")
+    if faces.min() < 0 or len(np.unique(faces)) < count:
+        raise ToolkitError(f"{file}: a face is negative, or on two pieces: make the wrap again")
+    if not np.isfinite(flat_mm).all() or flat_mm.min() < -1e-6:
+        raise ToolkitError(f"{file}: places on a piece that are negative, NaN or infinite: make the wrap again")
