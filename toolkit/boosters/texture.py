@@ -178,7 +178,7 @@ class SurfaceTask(BoosterTask[Trained]):
 
         super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
-        self.title = f"Training {files.png.stem}"
+        self.title = f"Training {files.training.name}"
         self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
         is_model = config.weather is not None and config.world is None
         self._metres = [one.metres_per_mm if is_model else 1.0 for one in inputs.objects]

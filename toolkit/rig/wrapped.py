@@ -2,18 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
-from pydantic import Field
 
-from toolkit.core.config import Config, Flag
 from toolkit.core.draws import Draws
+from toolkit.objects.atlas import cover_texels, nearest_covered
 from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh, cross_products, merge_meshes
 from toolkit.objects.wrap import Piece, Wrap
 from toolkit.rig.mount import PAPER
+from toolkit.rig.requests import Misfit
+
+if TYPE_CHECKING:
+    from shapely import Geometry
 
 SHEET_MM, LAYER_MM = 0.1, 0.02
 """Thickness of a sheet, and how much higher each next piece lies, so that of two that overlap the later is seen."""
@@ -25,43 +27,42 @@ SAME_MM = 1e-4
 SLIVER_MM2 = 1e-6
 LIFT_LIMIT = 2.0
 """At a sharp fold a sheet stands off by so many thicknesses at most."""
-STUCK = "How it is stuck on"
-
-
-class Misfit(Config):
-    """How far from its place a piece is stuck: for each piece drawn evenly up to these, in both directions."""
-
-    shift_mm: Annotated[float, Field(ge=0, le=20), Flag("--misfit-mm", group=STUCK)] = Field(
-        1.0, description="Each piece lies beside its place by up to this, along both sides."
-    )
-    turn_deg: Annotated[float, Field(ge=0, le=45), Flag("--misfit-deg", group=STUCK)] = Field(
-        1.0, description="And is turned by up to this."
-    )
-    scale: Annotated[float, Field(ge=0, le=0.1), Flag("--misfit-scale", group=STUCK)] = Field(
-        0.005, description="And is larger or smaller by up to this share."
-    )
-
-    def draw(self, rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
-        """(2, 3) `T_flat_sheet`: where the points of a piece of this size come to lie in its flat frame, mm."""
-        shift = rng.uniform(-self.shift_mm, self.shift_mm, 2)
-        turn = np.radians(rng.uniform(-self.turn_deg, self.turn_deg))
-        factor = 1 + rng.uniform(-self.scale, self.scale)
-        turned = factor * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        centre = np.array(size_mm) / 2
-        return np.column_stack([turned, centre + shift - turned @ centre])
-
-
 IN_PLACE = np.eye(2, 3)
 
 
 def draw_places(wrap: Wrap, misfit: Misfit | None, draws: Draws) -> list[np.ndarray]:
-    """(2, 3) `T_flat_sheet` of each piece; a piece's own depends on the draws and its number alone."""
+    """(2, 3) `T_flat_sheet` of each piece: where its points come to lie in its flat frame, mm.
+
+    A piece's own depends on the draws and its number alone.
+    """
     if misfit is None:
         return [IN_PLACE] * len(wrap.pieces)
-    return [
-        misfit.draw(draws.of(f"piece {number}"), (piece.width_mm, piece.height_mm))
-        for number, piece in enumerate(wrap.pieces, 1)
-    ]
+    return [_draw_place(piece, misfit, draws.of(f"piece {number}")) for number, piece in enumerate(wrap.pieces, 1)]
+
+
+def _draw_place(piece: Piece, misfit: Misfit, rng: np.random.Generator) -> np.ndarray:
+    shift = rng.uniform(-misfit.shift_mm, misfit.shift_mm, 2)
+    turn = np.radians(rng.uniform(-misfit.turn_deg, misfit.turn_deg))
+    factor = 1 + rng.uniform(-misfit.scale, misfit.scale)
+    turned = factor * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    centre = np.array([piece.width_mm, piece.height_mm]) / 2
+    return np.column_stack([turned, centre + shift - turned @ centre])
+
+
+def find_canvas(wrap: Wrap, faces_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, n) bool texels that lie on pieces, row 0 is v = 1; and (n, n) which texel each takes its colour from.
+
+    So filters do not mix in what lies between pieces; `toolkit.objects.atlas.Atlas` has both of a texture.
+    """
+    uv = wrap.corner_uv(faces_count)
+    covered = cover_texels(uv[np.isfinite(uv).all(axis=(1, 2))], wrap.record.n_px)
+    return covered, nearest_covered(covered)
+
+
+def fill_canvas(wrap: Wrap, faces_count: int) -> np.ndarray:
+    """(n, n, 3) uint8 sRGB canvas of a wrap, between its pieces the colour of the nearest."""
+    assert wrap.pixels is not None, "one that was read has them"
+    return wrap.pixels.reshape(-1, 3)[find_canvas(wrap, faces_count)[1]]
 
 
 def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.ndarray]) -> Mesh:
@@ -141,6 +142,8 @@ def lay_piece(mesh: Mesh, piece: Piece, T_flat_sheet: np.ndarray, height_mm: flo
         T_flat_sheet: (2, 3) where the sheet's points come to lie in the piece's flat frame.
         height_mm: over the surface.
     """
+    import shapely
+
     turned, shift = T_flat_sheet[:, :2], T_flat_sheet[:, 2]
     ground = _find_ground(mesh, piece, height_mm)
     outline = piece.outline()
@@ -154,7 +157,7 @@ def lay_piece(mesh: Mesh, piece: Piece, T_flat_sheet: np.ndarray, height_mm: flo
         regions.append((_continue_ground(ground, reach_mm), over.intersection(inner), over.difference(inner)))
     back = np.linalg.inv(turned)
 
-    def lay(part: "_Ground", region: shapely.Geometry) -> Laid:
+    def lay(part: "_Ground", region: "Geometry") -> Laid:
         cut, where = _cut(part.flat, region)
         return part.carry(cut, where, (where - shift) @ back.T)
 
@@ -238,7 +241,7 @@ def _continue_ground(ground: _Ground, reach_mm: float) -> _Ground:
     spread = np.linalg.inv(sides) @ (ground.corners[triangle, 1:] - ground.corners[triangle, :1])
     way, planes = np.zeros((count, 3)), np.bincount(ends, minlength=count)
     np.add.at(way, ends, np.einsum("ei,eix->ex", step[ends], np.tile(spread, (2, 1, 1))))
-    way /= np.maximum(planes, 1)[:, None]
+    way = np.divide(way, np.maximum(planes, 1)[:, None])
 
     def quads(at: np.ndarray, out: np.ndarray) -> np.ndarray:
         a, b = at[triangle, start], at[triangle, end]
@@ -251,8 +254,10 @@ def _continue_ground(ground: _Ground, reach_mm: float) -> _Ground:
     return _Ground(flat[whole], quads(ground.corners, way)[whole], quads(ground.normals, still)[whole])
 
 
-def _cut(flat: np.ndarray, region: shapely.Geometry) -> tuple[np.ndarray, np.ndarray]:
+def _cut(flat: np.ndarray, region: "Geometry") -> tuple[np.ndarray, np.ndarray]:
     """The parts of flat triangles within a region: (t,) which triangle, and (t, 3, 2) counter-clockwise corners."""
+    import shapely
+
     if not len(flat) or region.is_empty:
         return np.zeros(0, np.int64), np.zeros((0, 3, 2))
     shapely.prepare(region)
