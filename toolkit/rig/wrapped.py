@@ -190,17 +190,26 @@ def _find_ground(mesh: Mesh, piece: Piece, height_mm: float) -> _Ground:
     """The piece's own triangles, lifted."""
     faces = mesh.faces[piece.faces]
     corners, flat = mesh.vertices[faces].astype(np.float64), np.asarray(piece.flat_mm, np.float64)
-    weighted = cross_products(corners)
+    unit = cross_products(corners)
+    unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-12)
     corner = _number_corners(flat)
-    # a joined corner is lifted along one normal for all its triangles, far enough to clear each: no crack at a fold
-    lift = np.stack([np.bincount(corner.ravel(), np.repeat(axis, 3)) for axis in weighted.T], axis=1)
+    # a joined corner is lifted along one normal for all its triangles, far enough to clear each: no crack at a fold;
+    # weighted by the angles there, it does not depend on how faces are cut (Thürmer and Wüthrich 1998)
+    pull = (_corner_angles(corners)[..., None] * unit[:, None]).reshape(-1, 3)
+    lift: np.ndarray = np.stack([np.bincount(corner.ravel(), axis) for axis in pull.T], axis=1)
     lift /= np.maximum(np.linalg.norm(lift, axis=1, keepdims=True), 1e-12)
-    unit = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-12)
     cosine = np.ones(len(lift))
-    np.minimum.at(cosine, corner, np.einsum("kcx,kx->kc", lift[corner], unit))
-    lift *= np.minimum(1 / np.maximum(cosine, 1e-6), LIFT_LIMIT)[:, None]
     solid = _flat_areas(flat) > SLIVER_MM2
+    np.minimum.at(cosine, corner[solid], np.einsum("kcx,kx->kc", lift[corner], unit)[solid])
+    lift *= np.minimum(1 / np.maximum(cosine, 1e-6), LIFT_LIMIT)[:, None]
     return _Ground(flat[solid], (corners + height_mm * lift[corner])[solid], mesh.normals[faces][solid])
+
+
+def _corner_angles(corners: np.ndarray) -> np.ndarray:
+    """(k, 3) radians, the angle at each corner of triangles (k, 3, 3)."""
+    forth, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    across = np.linalg.norm(np.cross(forth, back), axis=2)
+    return np.arctan2(across, (forth * back).sum(axis=2))
 
 
 def _number_corners(flat: np.ndarray) -> np.ndarray:
