@@ -1,92 +1,121 @@
-"""Parts of a surface that lie flat with little stretch."""
+"""Triangles of a surface laid flat: relaxed as rigidly as possible, how far they are stretched, where they overlap."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import Mesh, cross_products
-from toolkit.objects.unwrap import cut_charts
-from toolkit.objects.wrap import Piece
-
-NARROWEST_MM = 12.0
-"""A hand does not place a narrower piece."""
-
-
-def find_pieces(mesh: Mesh, value: np.ndarray, stretch: float, count: int) -> list[Piece]:
-    """At most `count` pieces with the most value, best first.
-
-    Args:
-        mesh: in mm.
-        value: (m,) what each face is worth; faces worth nothing are left out.
-        stretch: largest of each piece.
-        count: most pieces.
-    """
-    first, place = group_places(mesh.vertices)
-    points, faces = mesh.vertices[first].astype(np.float64), place[mesh.faces]
-    kept = np.flatnonzero(value > 0)
-    chart, _ = cut_charts(points, faces[kept], least_area=NARROWEST_MM**2)
-    order = np.argsort(-np.bincount(chart, value[kept]), kind="stable")
-    found: list[Piece] = []
-    for number in order[: 4 * count]:
-        rows = kept[chart == number]
-        flat = lay_flat(points, faces[rows])
-        if flat is None:
-            continue
-        piece = make_piece(points[faces[rows]], rows, flat)
-        if piece.stretch <= stretch and min(piece.width_mm, piece.height_mm) >= NARROWEST_MM:
-            found.append(piece)
-        if len(found) == count:
-            break
-    return found
-
-
-def make_piece(corners: np.ndarray, rows: np.ndarray, flat: np.ndarray) -> Piece:
-    """A piece of faces `rows` with corners (k, 3, 3) that lie at (k, 3, 2)."""
-    flat = flat - flat.reshape(-1, 2).min(axis=0)
-    return Piece(rows.astype(np.int32), flat, measure_stretch(corners, flat))
-
-
-def measure_stretch(corners: np.ndarray, flat: np.ndarray) -> float:
-    """95th percentile, weighted by area, of the relative change of the edges' lengths; corners (k, 3, 3) and flat."""
-    solid = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    lying = np.linalg.norm(flat - np.roll(flat, 1, axis=1), axis=2)
-    change = np.abs(lying / np.maximum(solid, 1e-12) - 1)
-    area = np.linalg.norm(cross_products(corners), axis=1) / 2
-    return weighted_percentile(change.reshape(-1), np.repeat(area, 3), 0.95)
-
-
-def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
-    """The least value that values of this share of the weight do not exceed."""
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][min(int(np.searchsorted(total, share * total[-1])), len(values) - 1)])
-
-
-def lay_flat(points: np.ndarray, faces: np.ndarray, steps: int = 20) -> np.ndarray | None:
-    """Flatten a disc, as rigidly as possible: (k, 3, 2), None where it has no boundary or turns triangles over.
-
-    Least squares conformal maps (Lévy et al. 2002), then local and global steps (Liu et al. 2008), from libigl.
-    """
-    import igl
-
-    used, local = np.unique(faces, return_inverse=True)
-    local = local.reshape(-1, 3).astype(np.int64)
-    V = points[used]
-    loop = igl.boundary_loop(local)
-    if len(loop) < 3:
-        return None
-    ends = np.array([loop[0], loop[len(loop) // 2]])
-    gap = float(np.linalg.norm(V[ends[0]] - V[ends[1]]))
-    flat, _ = igl.lscm(V, local, ends, np.array([[0.0, 0.0], [gap, 0.0]]))
-    if not np.isfinite(flat).all():
-        return None
-    flat = relax(V[local], local, flat, steps)
-    a, b, c = np.moveaxis(flat[local], 1, 0)
-    turned = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) <= 0
-    return None if turned.any() or not np.isfinite(flat).all() else flat[local]
-
 
 THINNEST = 1e-3
 """Triangles flatter than this share of their base are taken to be this high: their angles are rounding."""
+FLAT_MM2 = 1e-9
+"""Smaller triangles have no side to be seen from."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A mesh welded by place, and which triangles lie at which edge.
+
+    Edge i of a triangle runs from its corner i to the next.
+
+    Attributes:
+        corners: (m, 3, 3) in mm, float64.
+        faces: (m, 3) numbers of places.
+        area: (m,) in mm².
+        normals: (m, 3) unit, 0 for triangles without area.
+        neighbour: (m, 3) the triangle across each edge; -1 where there is none, more than one, or one turned over.
+        across: (m, 3) which edge of the neighbour it is.
+        length: (m, 3) of the edges.
+        apex: (m, 3, 2) the third corner as seen from each edge: how far along it, and how far from it.
+    """
+
+    corners: np.ndarray
+    faces: np.ndarray
+    area: np.ndarray
+    normals: np.ndarray
+    neighbour: np.ndarray
+    across: np.ndarray
+    length: np.ndarray
+    apex: np.ndarray
+
+
+def weld_surface(mesh: Mesh) -> Surface:
+    """The surface of a mesh, whose vertices at one place count as one."""
+    first, place = group_places(mesh.vertices)
+    faces = place[mesh.faces].astype(np.int64)
+    corners = mesh.vertices[first].astype(np.float64)[faces]
+    weighted = cross_products(corners)
+    area = np.linalg.norm(weighted, axis=1) / 2
+    normals = weighted / np.maximum(2 * area, 1e-300)[:, None]
+    neighbour, across = _match_edges(faces, len(first))
+    edges = np.roll(corners, -1, axis=1) - corners
+    length = np.linalg.norm(edges, axis=2)
+    base = np.maximum(length, 1e-9)
+    to_apex = np.roll(corners, -2, axis=1) - corners
+    along = (to_apex * edges).sum(axis=2) / base
+    up = np.maximum(2 * area[:, None] / base, THINNEST * base)
+    return Surface(corners, faces, area, normals, neighbour, across, length, np.stack([along, up], axis=2))
+
+
+def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) the triangle across each edge, and (m, 3) which of its edges; -1 where not exactly two meet as they should."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    key = np.minimum(start, end) * count + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    ranked = key[order]
+    starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
+    two = np.diff(starts, append=len(ranked)) == 2
+    one, other = order[starts[two]], order[starts[two] + 1]
+    fits = (start[one] == end[other]) & (start[one] != end[one])  # they run opposite ways: both face the same side
+    one, other = one[fits], other[fits]
+    partner = np.full(len(start), -1)
+    partner[one], partner[other] = other, one
+    partner = partner.reshape(-1, 3)
+    return np.where(partner >= 0, partner // 3, -1), partner % 3
+
+
+def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: int) -> np.ndarray:
+    """As-rigid-as-possible places of points: local and global steps (Liu et al. 2008, "A local/global approach").
+
+    Args:
+        corners: (k, 3, 3) of triangles in space.
+        points_of: (k, 3) their points on the plane, each used.
+        flat: (n, 2) where those begin.
+        steps: how many.
+
+    Returns:
+        (n, 2).
+    """
+    from scipy.sparse import coo_array, csc_array
+    from scipy.sparse.linalg import splu
+
+    own = lay_triangles(corners)
+    edges = np.roll(own, -1, axis=1) - own
+    twice = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
+    # the cotangent of the angle that faces an edge, half of it: its weight in the Dirichlet energy
+    facing = np.stack([-(edges[:, (i + 1) % 3] * edges[:, (i + 2) % 3]).sum(axis=1) for i in range(3)], axis=1)
+    weight = facing / (2 * twice[:, None])
+    start, end = points_of.reshape(-1), np.roll(points_of, -1, axis=1).reshape(-1)
+    w, n = weight.reshape(-1), len(flat)
+    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
+    laplacian = coo_array((np.concatenate([w, w, -w, -w]), (rows, columns)), shape=(n, n)).tocsc()
+    # a touch on the diagonal holds the whole where it is, which no edge does
+    held = 1e-8 * float(np.abs(laplacian.diagonal()).mean())
+    diagonal = coo_array((np.full(n, held), (np.arange(n), np.arange(n))), shape=(n, n))
+    solver = splu(csc_array(laplacian + diagonal), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    for _ in range(steps):
+        lying = flat[end.reshape(-1, 3)] - flat[start.reshape(-1, 3)]
+        # the rotation that brings a triangle's own edges closest to where they lie
+        dot = (weight * (edges * lying).sum(axis=2)).sum(axis=1)
+        cross = (weight * (edges[..., 0] * lying[..., 1] - edges[..., 1] * lying[..., 0])).sum(axis=1)
+        size = np.maximum(np.hypot(dot, cross), 1e-30)
+        cos, sin = (dot / size)[:, None], (cross / size)[:, None]
+        turned = np.stack([cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2)
+        pull = (weight[..., None] * turned).reshape(-1, 2)
+        right = [np.bincount(end, pull[:, i], n) - np.bincount(start, pull[:, i], n) for i in range(2)]
+        flat = solver.solve(np.stack(right, axis=1) + held * flat)
+    return flat
 
 
 def lay_triangles(corners: np.ndarray) -> np.ndarray:
@@ -99,44 +128,50 @@ def lay_triangles(corners: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([zero, zero], 1), np.stack([base, zero], 1), np.stack([along, up], 1)], axis=1)
 
 
-def relax(corners: np.ndarray, faces: np.ndarray, flat: np.ndarray, steps: int) -> np.ndarray:
-    """As-rigid-as-possible places of points: local and global steps (Liu et al. 2008, "A local/global approach").
+def edge_changes(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(k, 3) relative change of length of the edges of triangles (k, 3, 3) that lie at (k, 3, 2), without sign."""
+    solid = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    lying = np.linalg.norm(flat - np.roll(flat, -1, axis=1), axis=2)
+    return np.abs(lying / np.maximum(solid, 1e-9) - 1)
 
-    Args:
-        corners: (k, 3, 3) of the faces in space.
-        faces: (k, 3) their points.
-        flat: (n, 2) to begin with.
-        steps: how many.
-    """
-    from scipy.sparse import coo_array, csc_array
-    from scipy.sparse.linalg import splu
 
+def measure_stretch(corners: np.ndarray, flat: np.ndarray) -> float:
+    """95th percentile, weighted by area, of the relative change of the edges' lengths; corners (k, 3, 3) and flat."""
+    area = np.linalg.norm(cross_products(corners), axis=1) / 2
+    return weighted_percentile(edge_changes(corners, flat).reshape(-1), np.repeat(area, 3), 0.95)
+
+
+def singular_values(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(k, 2) by how much each triangle is drawn out along its two axes, the larger first; 1 is not at all."""
     own = lay_triangles(corners)
-    edges = np.roll(own, -1, axis=1) - own  # (k, 3, 2): edge i runs from corner i to the next
-    twice = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
-    # the cotangent of the angle that faces an edge, half of it: its weight in the Dirichlet energy
-    facing = np.stack([-(edges[:, (i + 1) % 3] * edges[:, (i + 2) % 3]).sum(axis=1) for i in range(3)], axis=1)
-    weight = facing / (2 * twice[:, None])
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    w, n = weight.reshape(-1), len(flat)
-    rows, columns = np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])
-    laplacian = coo_array((np.concatenate([w, w, -w, -w]), (rows, columns)), shape=(n, n)).tocsc()
-    # a touch on the diagonal holds the whole where it is, which no edge does
-    held = 1e-8 * laplacian.diagonal().mean()
-    solver = splu(csc_array(laplacian + held * coo_array((np.ones(n), (np.arange(n),) * 2), shape=(n, n))))
-    for _ in range(steps):
-        lying = flat[end.reshape(-1, 3)] - flat[start.reshape(-1, 3)]
-        # the rotation that brings a triangle's own edges closest to where they lie
-        dot = (weight * (edges * lying).sum(axis=2)).sum(axis=1)
-        cross = (weight * (edges[..., 0] * lying[..., 1] - edges[..., 1] * lying[..., 0])).sum(axis=1)
-        size = np.maximum(np.hypot(dot, cross), 1e-30)
-        cos, sin = (dot / size)[:, None], (cross / size)[:, None]
-        turned = np.stack(
-            [cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2
-        )
-        pull = (weight[..., None] * turned).reshape(-1, 2)
-        right = np.stack([
-            np.bincount(end, pull[:, i], n) - np.bincount(start, pull[:, i], n) for i in range(2)
-        ], axis=1)  # fmt: skip
-        flat = solver.solve(right + held * flat)
-    return flat
+    solid = np.stack([own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]], axis=2)
+    lying = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+    return np.linalg.svd(lying @ np.linalg.inv(solid), compute_uv=False)
+
+
+def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
+    """The least of the values that those of this share of the weight do not exceed."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][min(int(np.searchsorted(total, share * total[-1])), len(values) - 1)])
+
+
+def signed_areas(flat: np.ndarray) -> np.ndarray:
+    """(k,) areas of flat triangles (k, 3, 2), negative where they run clockwise."""
+    a, b, c = np.moveaxis(flat, 1, 0)
+    return ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
+
+
+def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """(k,) bool: triangles (k, 3, 2) that lie on another one; of each two the one that comes `later`, exactly."""
+    import shapely
+
+    over = np.zeros(len(flat), bool)
+    # drawn in by a hair, so that neighbours do not touch
+    middle = flat.mean(axis=1, keepdims=True)
+    real = np.flatnonzero(signed_areas(flat) > FLAT_MM2)
+    shrunk = shapely.polygons(middle[real] + (flat[real] - middle[real]) * (1 - 1e-6))
+    one, other = shapely.STRtree(shrunk).query(shrunk, predicate="intersects")
+    one, other = real[one[one < other]], real[other[one < other]]
+    over[np.where(later[one] > later[other], one, other)] = True
+    return over

@@ -43,7 +43,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     face = np.repeat(np.arange(len(piece)), samples)
     if not len(face):
         return np.zeros(count, bool)
-    weights = _spread(len(face))
+    weights = spread(len(face))
     places = np.einsum("kc,kci->ki", weights, flat[face])
     level = np.einsum("kc,kc->k", weights, height[face])
     of = piece[face]
@@ -64,7 +64,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     return np.bincount(of[starts], double, count) > TOLERATED * cells
 
 
-def _spread(count: int) -> np.ndarray:
+def spread(count: int) -> np.ndarray:
     """(count, 3) barycentric coordinates that fill a triangle evenly (the R2 sequence, folded)."""
     golden = 1.32471795724474602596  # the real root of x³ = x + 1 (M. Roberts, 2018)
     i = np.arange(1, count + 1)[:, None]

@@ -1,14 +1,17 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas, take_paint
-from toolkit.objects.flatten import find_pieces
+from toolkit.objects.grow import find_pieces
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
 from toolkit.objects.spec import STRETCH
 from toolkit.objects.wrap import PieceRecord, Wrap, WrapRecord, lay_out
+from toolkit.objects.unwrap import spread
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.requests import WrapConfig
@@ -32,8 +35,9 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     """
     config = config or WrapConfig()
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
-    seen = see_faces(item, config.views, seed)
-    pieces = find_pieces(item.mesh, seen, stretch, config.pieces)
+    sight = look_at_faces(item, config.views, seed)
+    seen = sight.seen
+    pieces = find_pieces(item.mesh, seen, sight.reached, stretch, config.pieces)
     if not pieces:
         raise ToolkitError(
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
@@ -71,21 +75,66 @@ def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
     return take_paint(atlas, part)
 
 
-def see_faces(item: TableObject, views: int, seed: int) -> np.ndarray:
-    """(m,) square pixels that random cameras see of each face, mean over the views."""
+@dataclass(frozen=True)
+class Sight:
+    """What is seen and reached of an object's faces.
+
+    Attributes:
+        seen: (m,) square pixels that random cameras see of each, mean over the views.
+        reached: (m,) bool, whether a hand can stick something there.
+    """
+
+    seen: np.ndarray
+    reached: np.ndarray
+
+
+SAMPLES = 20_000
+"""Points on the surface that are looked at, beside one in each face."""
+DIRECTIONS = 24
+FINGER_MM = 25.0
+"""Room that a finger with a piece of film needs above the surface."""
+LEAST_ROOM, LEAST_WAY_OUT = 0.4, 0.1
+"""Shares of the directions above a place in which there must be room for a finger, and that must lead outside."""
+
+
+def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
+    """What random cameras see of an object, and where a hand gets to."""
     corners = item.mesh.vertices[item.mesh.faces].astype(np.float64)
     weighted = cross_products(corners) / 2
     area = np.linalg.norm(weighted, axis=1)
     normals = weighted / np.maximum(area, 1e-12)[:, None]
-    middles = corners.mean(axis=1) + LIFT_MM * normals
+    # large faces may be half hidden: they are looked at in several places
+    count = np.clip(np.ceil(area / max(float(area.sum()), 1e-12) * SAMPLES), 1, 256).astype(np.int64)
+    face = np.repeat(np.arange(len(area)), count)
+    weights = np.where((count == 1)[face, None], 1 / 3, spread(len(face)))
+    points = np.einsum("kc,kci->ki", weights, corners[face]) + LIFT_MM * normals[face]
+    share = (area / count)[face]
     scene, camera = make_ray_scene(item.mesh), Camera.from_fov(224, 224, 45.0)
-    seen = np.zeros(len(corners))
+    seen = np.zeros(len(points))
     for pose in draw_poses(item, camera, views, seed):
-        towards = pose.matrix()[:3, 3] - middles
+        towards = pose.matrix()[:3, 3] - points
         distance = np.linalg.norm(towards, axis=1)
-        cosine = (normals * towards).sum(axis=1) / distance
+        cosine = (normals[face] * towards).sum(axis=1) / distance
         rows = np.flatnonzero(cosine > 0)
-        rays = np.concatenate([middles[rows], towards[rows] / distance[rows, None]], axis=1)
+        rays = np.concatenate([points[rows], towards[rows] / distance[rows, None]], axis=1)
         free = cast_rays(scene, rays) >= distance[rows]
-        seen[rows] += free * area[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
-    return seen / views
+        seen[rows] += free * share[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
+    room, out = np.zeros(len(points)), np.zeros(len(points))
+    for direction in _spread_directions(DIRECTIONS):
+        # mirrored where it would lead into the surface: as many directions everywhere
+        leans = normals[face] @ direction
+        ray = direction - 2 * np.minimum(leans, 0)[:, None] * normals[face]
+        way = cast_rays(scene, np.concatenate([points, ray], axis=1))
+        room += way > FINGER_MM
+        out += np.isinf(way)
+    reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
+    return Sight(
+        np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count
+    )
+
+
+def _spread_directions(count: int) -> np.ndarray:
+    """(count, 3) unit vectors evenly over the sphere, on a Fibonacci spiral."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    return np.stack([np.cos(angle) * np.sqrt(1 - z**2), np.sin(angle) * np.sqrt(1 - z**2), z], axis=1)
