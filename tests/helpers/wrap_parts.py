@@ -1,5 +1,4 @@
-"""A box of 100 × 60 × 40 mm whose front and top are one piece of a wrap, laid flat by hand, and its right side another.
-"""
+"""A box of 100 × 60 × 40 mm whose front and top are one piece of a wrap, laid flat by hand, and its right side another."""
 
 from dataclasses import replace
 
