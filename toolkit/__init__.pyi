@@ -25,6 +25,10 @@ from toolkit.rig.camera import Camera as Camera
 from toolkit.rig.requests import Pattern as Pattern
 from toolkit.rig.plan import plan_poses as plan_poses
 from toolkit.rig.plan import plan_objects as plan_objects
+from toolkit.rig.wrap_plan import plan_wrap as plan_wrap
+from toolkit.rig.requests import WrapConfig as WrapConfig
+from toolkit.objects.wrap import read_wrap as read_wrap
+from toolkit.objects.wrap import write_wrap as write_wrap
 from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings

@@ -68,6 +68,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "train-wrap": Entry("train_wrap:train_wrap", "train what is on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
         "place": Entry("place:place", "find where on an object a patch is best stuck"),
+        "wrap": Entry("wrap:wrap", "cut an object's surface into flat pieces to print and stick on"),
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),

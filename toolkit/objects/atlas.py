@@ -262,11 +262,11 @@ def make_atlas(
     trained = ~choose_kept(mesh, keep, keep_image)
     unwrapped = corner_uv is not None or (not _own_uv_serve(mesh, trained) if unwrap is None else unwrap)
     if corner_uv is not None:
-        mesh = _split_vertices(mesh, _check_corner_uv(mesh, corner_uv))
+        mesh = split_vertices(mesh, _check_corner_uv(mesh, corner_uv))
     elif unwrapped:
         fresh = mesh.uv[mesh.faces]
         fresh[trained] = make_corner_uv(mesh.vertices, mesh.faces[trained], n)
-        mesh = _split_vertices(mesh, fresh)
+        mesh = split_vertices(mesh, fresh)
     else:
         _check_own_uv(mesh, trained)
     uv = mesh.uv[mesh.faces[trained]]
@@ -396,7 +396,7 @@ def _visible(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
     return _surface(mesh, chosen) > 1e-12 * float(mesh.size_mm.max()) ** 2
 
 
-def _split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
+def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     """The mesh with other texture coordinates; vertices are doubled where those of their faces differ."""
     index = mesh.faces.reshape(-1).astype(np.int64)
     bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)

@@ -59,7 +59,7 @@ def weld_surface(mesh: Mesh) -> Surface:
 
 
 def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) the triangle across each edge, and (m, 3) which of its edges; -1 where not exactly two meet as they should."""
+    """(m, 3) the triangle across each edge, and which of its edges; -1 where not exactly two meet as they should."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -71,8 +71,7 @@ def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]
     one, other = one[fits], other[fits]
     partner = np.full(len(start), -1)
     partner[one], partner[other] = other, one
-    partner = partner.reshape(-1, 3)
-    return np.where(partner >= 0, partner // 3, -1), partner % 3
+    return np.where(partner >= 0, partner // 3, -1).reshape(-1, 3), (partner % 3).reshape(-1, 3)
 
 
 def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: int) -> np.ndarray:
@@ -111,7 +110,9 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
         cross = (weight * (edges[..., 0] * lying[..., 1] - edges[..., 1] * lying[..., 0])).sum(axis=1)
         size = np.maximum(np.hypot(dot, cross), 1e-30)
         cos, sin = (dot / size)[:, None], (cross / size)[:, None]
-        turned = np.stack([cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2)
+        turned = np.stack(
+            [cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2
+        )
         pull = (weight[..., None] * turned).reshape(-1, 2)
         right = [np.bincount(end, pull[:, i], n) - np.bincount(start, pull[:, i], n) for i in range(2)]
         flat = solver.solve(np.stack(right, axis=1) + held * flat)
@@ -139,14 +140,6 @@ def measure_stretch(corners: np.ndarray, flat: np.ndarray) -> float:
     """95th percentile, weighted by area, of the relative change of the edges' lengths; corners (k, 3, 3) and flat."""
     area = np.linalg.norm(cross_products(corners), axis=1) / 2
     return weighted_percentile(edge_changes(corners, flat).reshape(-1), np.repeat(area, 3), 0.95)
-
-
-def singular_values(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(k, 2) by how much each triangle is drawn out along its two axes, the larger first; 1 is not at all."""
-    own = lay_triangles(corners)
-    solid = np.stack([own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]], axis=2)
-    lying = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
-    return np.linalg.svd(lying @ np.linalg.inv(solid), compute_uv=False)
 
 
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -> float:

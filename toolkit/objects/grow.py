@@ -26,7 +26,7 @@ from toolkit.objects.wrap import Piece
 
 NARROWEST_MM = 12.0
 """A hand does not place a narrower piece."""
-NECK_MM = 4.0
+NECK_MM = 8.0
 """What is narrower than this is cut off a piece."""
 RING = 1.35
 """A piece's radius grows by this factor before it is relaxed again."""
@@ -53,14 +53,27 @@ class Region:
     joined: np.ndarray
 
 
-def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, stretch: float, count: int) -> list[Piece]:
+@dataclass(frozen=True)
+class Limits:
+    """What a piece must keep to.
+
+    Attributes:
+        stretch: largest.
+        sheet_mm: sides of the sheet that it is cut from.
+    """
+
+    stretch: float
+    sheet_mm: tuple[float, float]
+
+
+def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[Piece]:
     """At most `count` pieces with the most value, best first.
 
     Args:
         mesh: in mm.
         value: (m,) what each face is worth.
         allowed: (m,) faces that pieces may have.
-        stretch: largest of each piece.
+        limits: of each piece.
         count: most pieces.
     """
     surface = weld_surface(mesh)
@@ -82,7 +95,7 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, stretch: flo
                 if sum(one is not None for one in grown.values()) >= TRIED or left[k] <= 0.2 * LEAST_GAIN * total:
                     break
                 if k not in grown:
-                    grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, stretch)
+                    grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, limits)
             best = max(grown.values(), key=lambda one: _worth(one, value), default=None)
             if best is None or _worth(best, value) < LEAST_GAIN * total:
                 break
@@ -91,13 +104,11 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, stretch: flo
             # what lost faces grows again; what did not grow before may do so from another middle
             changed = set(chart[best.faces].tolist())
             grown = {
-                k: one
-                for k, one in grown.items()
-                if (k not in changed if one is None else bool(free[one.faces].all()))
+                k: one for k, one in grown.items() if (k not in changed if one is None else bool(free[one.faces].all()))
             }
             bar.advance()
     found.sort(key=lambda one: -_worth(one, value))
-    return [make_piece(surface, region) for region in found]
+    return [make_piece(surface, region, limits.sheet_mm) for region in found]
 
 
 def _worth(region: Region | None, value: np.ndarray) -> float:
@@ -108,12 +119,68 @@ TRIED = 4
 """Places that a next piece is grown from, of which the best is taken."""
 
 
-def make_piece(surface: Surface, region: Region) -> Piece:
-    """A region as a piece whose box begins at (0, 0)."""
+def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> Piece:
+    """A region as a piece, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
     order = np.argsort(region.faces)
-    flat = region.flat[order] - region.flat.reshape(-1, 2).min(axis=0)
-    faces = region.faces[order]
+    faces, flat = region.faces[order], turn_to_fit(region.flat[order], sheet_mm)[0]
+    # of the four ways round, the one on which up is most nearly upwards
+    middles, height = flat.mean(axis=1), surface.corners[faces, :, 2].mean(axis=1)
+    climb = (surface.area[faces] * (height - height.mean())) @ (middles - middles.mean(axis=0))
+    flat = _turn(flat, np.pi / 2 * round(np.arctan2(climb[0], climb[1]) / (np.pi / 2)))
+    flat -= flat.reshape(-1, 2).min(axis=0)
     return Piece(faces.astype(np.int32), flat, measure_stretch(surface.corners[faces], flat))
+
+
+def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:
+    """A piece (k, 3, 2) turned so that its box is smallest, and whether that fits on the sheet, either way round."""
+    from scipy.spatial import ConvexHull
+
+    hull = flat.reshape(-1, 2)
+    hull = hull[ConvexHull(hull).vertices]
+    sides = np.roll(hull, -1, axis=0) - hull
+    # the smallest box has a side along one of the hull's (Freeman and Shapira 1975)
+    angles = np.arctan2(sides[:, 1], sides[:, 0])
+    boxes = np.array([np.ptp(_turn(hull, -angle), axis=0) for angle in angles])
+    fits = np.all(np.sort(boxes, axis=1) <= np.sort(np.array(sheet_mm)) + 1e-6, axis=1)
+    best = int(np.argmin(boxes.prod(axis=1) + np.where(fits, 0, 1e18)))
+    return _turn(flat, -angles[best]), bool(fits[best])
+
+
+def _turn(flat: np.ndarray, angle: float) -> np.ndarray:
+    """Points (…, 2) turned counter-clockwise by an angle in radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return flat @ np.array([[cos, sin], [-sin, cos]])
+
+
+TURNS = 12
+"""Angles between 0 and 180 degrees at which a sheet is laid over what is larger than it."""
+
+
+def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:
+    """(k,) bool: faces beyond the sheet, laid where it holds most value."""
+    if turn_to_fit(flat, sheet_mm)[1]:
+        return np.zeros(len(flat), bool)
+    best, most = np.ones(len(flat), bool), 0.0
+    for angle in np.pi * np.arange(TURNS) / TURNS:
+        turned = _turn(flat, angle)
+        middles = turned.mean(axis=1)
+        low, span = middles.min(axis=0), np.ptp(middles, axis=0)
+        cell = float(min(sheet_mm)) / 48
+        counts = np.ceil(span / cell).astype(int) + 1
+        # sums over all windows of the sheet's size, from the table of sums (Crow 1984)
+        column, row = ((middles - low) / cell).astype(int).T
+        table = np.bincount(column * counts[1] + row, value, int(counts.prod())).reshape(counts)
+        table = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        window = np.minimum((np.array(sheet_mm) / cell).astype(int), counts)
+        across, up = window
+        sums = table[across:, up:] - table[:-across, up:] - table[across:, :-up] + table[:-across, :-up]
+        if sums.max() <= most:
+            continue
+        start = low + cell * np.array(np.unravel_index(sums.argmax(), sums.shape))
+        inside = ((turned >= start) & (turned <= start + sheet_mm)).all(axis=(1, 2))
+        if float(value[inside].sum()) > most:
+            best, most = ~inside, float(value[inside].sum())
+    return best
 
 
 def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
@@ -125,14 +192,13 @@ def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
     return int(rows[np.linalg.norm(middles - centre, axis=1).argmin()])
 
 
-def grow_best(
-    surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, stretch: float
-) -> Region | None:
+def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, limits: Limits) -> Region | None:
     """The best of the pieces that grow from a seed, round or along an axis; None where none is wide enough."""
-    best, most = None, 0.0
+    best: Region | None = None
+    most = 0.0
     for axis in (None, np.array([0.0, 0.0, 1.0])):
-        region, is_whole = grow_piece(surface, seed, free, stretch, axis)
-        region = finish(surface, region, stretch)
+        grown, is_whole = grow_piece(surface, seed, free, limits, axis)
+        region = finish(surface, grown, value, limits)
         if region is not None and float(value[region.faces].sum()) > most:
             best, most = region, float(value[region.faces].sum())
         if is_whole:  # nothing was left out for its stretch: another way round finds the same
@@ -145,7 +211,7 @@ ALONG = 3.0
 
 
 def grow_piece(
-    surface: Surface, seed: int, free: np.ndarray, stretch: float, axis: np.ndarray | None = None
+    surface: Surface, seed: int, free: np.ndarray, limits: Limits, axis: np.ndarray | None = None
 ) -> tuple[Region, bool]:
     """Grow a piece from a face over all free faces that it can lie on.
 
@@ -158,14 +224,14 @@ def grow_piece(
     region = Region(np.array([seed]), _lay_first(surface, seed)[None], np.zeros((1, 3), bool))
     place[seed] = 0
     radius = 1.5 * float(np.sqrt(surface.area[seed])) + 1e-9
-    reach = float(distance[np.isfinite(distance)].max())
+    reach = min(float(distance[np.isfinite(distance)].max()), float(np.hypot(*limits.sheet_mm)))
     radius = max(radius, reach / 500)
     is_whole = True
     while True:
         before = len(region.faces)
         region = _unroll(surface, region, place, blocked, distance, radius)
         if len(region.faces) > before:
-            region, dropped = _settle(surface, region, stretch, radius, before)
+            region, dropped = _settle(surface, region, limits.stretch, radius, before)
             if len(dropped):
                 is_whole = False
                 blocked[dropped] = True
@@ -182,29 +248,31 @@ def _lay_first(surface: Surface, seed: int) -> np.ndarray:
 
 
 def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarray | None) -> np.ndarray:
-    """(m,) way from the seed to each face over the middles of free ones; with an axis, shorter along it."""
+    """(m,) mean way from the seed to each free face's corners, along edges of free ones; with an axis, shorter along it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    face, edge = np.nonzero((surface.neighbour >= 0) & free[:, None])
-    other = surface.neighbour[face, edge]
-    keep = free[other] & (face < other)
-    face, other, edge = face[keep], other[keep], edge[keep]
-    middle = surface.corners.mean(axis=1)
-    # over the middle of the edge, as a straight line would leave the surface at a fold
-    bridge = (surface.corners[face, edge] + surface.corners[face, (edge + 1) % 3]) / 2
-    way = np.zeros(len(face))
-    for end in (face, other):
-        step = bridge - middle[end]
-        size = (step**2).sum(axis=1)
-        if axis is not None:
-            tangent = axis - surface.normals[end] * (surface.normals[end] @ axis)[:, None]
-            along = ((step * tangent).sum(axis=1) / np.maximum(np.linalg.norm(tangent, axis=1), 0.3)) ** 2
-            size = size - along * (1 - ALONG**-2)
-        way += np.sqrt(np.maximum(size, 1e-18))
-    count = len(free)
-    graph = coo_array((way, (face, other)), shape=(count, count)).tocsr()
-    return np.asarray(dijkstra(graph, directed=False, indices=seed))
+    rows = np.flatnonzero(free)
+    start, end = surface.faces[rows].reshape(-1), np.roll(surface.faces[rows], -1, axis=1).reshape(-1)
+    step = (np.roll(surface.corners[rows], -1, axis=1) - surface.corners[rows]).reshape(-1, 3)
+    size = (step**2).sum(axis=1)
+    if axis is not None:
+        normal = np.repeat(surface.normals[rows], 3, axis=0)
+        tangent = axis - normal * (normal @ axis)[:, None]
+        along = ((step * tangent).sum(axis=1) / np.maximum(np.linalg.norm(tangent, axis=1), 0.3)) ** 2
+        size = size - along * (1 - ALONG**-2)
+    count = int(surface.faces.max()) + 1
+    _, once = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_index=True)
+    way = np.sqrt(np.maximum(size[once], 1e-18))
+    graph = coo_array((way, (start[once], end[once])), shape=(count, count)).tocsr()
+    from_seed = np.asarray(dijkstra(graph, directed=False, indices=surface.faces[seed], min_only=True))
+    distance = from_seed[surface.faces].mean(axis=1)
+    distance[~free] = np.inf
+    return distance
+
+
+SMOOTH_DEG = 20.0
+"""Edges bent by less are crossed before others are: what is flat stays whole."""
 
 
 def _unroll(
@@ -214,11 +282,19 @@ def _unroll(
     faces, flats = [region.faces], [region.flat]
     size = len(region.faces)
     last, last_flat = region.faces, region.flat
-    while len(last):
+    is_whole = True  # whether `last` is the whole region
+    while True:
         parent, edge = np.nonzero(surface.neighbour[last] >= 0)
         face = surface.neighbour[last[parent], edge]
         near = (place[face] < 0) & ~blocked[face] & (distance[face] < radius)
         parent, edge, face = parent[near], edge[near], face[near]
+        bend = (surface.normals[face] * surface.normals[last[parent]]).sum(axis=1)
+        smooth = bend > np.cos(np.radians(SMOOTH_DEG))
+        if smooth.any():
+            parent, edge, face = parent[smooth], edge[smooth], face[smooth]
+        elif not is_whole:
+            last, last_flat, is_whole = np.concatenate(faces), np.concatenate(flats), True
+            continue
         if not len(face):
             break
         # of several edges that lead to a face, the one from the face nearest to the seed
@@ -239,15 +315,13 @@ def _unroll(
         size += len(face)
         faces.append(face)
         flats.append(flat)
-        last, last_flat = face, flat
+        last, last_flat, is_whole = face, flat, False
     joined = np.zeros((size, 3), bool)
     joined[: len(region.joined)] = region.joined
     return Region(np.concatenate(faces), np.concatenate(flats), joined)
 
 
-def _settle(
-    surface: Surface, region: Region, stretch: float, radius: float, before: int
-) -> tuple[Region, np.ndarray]:
+def _settle(surface: Surface, region: Region, stretch: float, radius: float, before: int) -> tuple[Region, np.ndarray]:
     """Join, relax and trim a region until it stretches no more than it may; also gives the faces that were dropped.
 
     Args:
@@ -381,17 +455,18 @@ def _lies_double(surface: Surface, region: Region) -> np.ndarray:
     return double
 
 
-def finish(surface: Surface, region: Region, stretch: float) -> Region | None:
-    """Cut off what is too narrow or lies double, and relax for good; None where nothing wide enough is left."""
+def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) -> Region | None:
+    """Cut off what is too narrow, too large or lies double, and relax for good; None where no wide part is left."""
     steps = 24
     while len(region.faces) > 0:
         region = _relax_region(surface, region, steps) if len(region.faces) > 1 else region
         change = edge_changes(surface.corners[region.faces], region.flat)
         area, worst = surface.area[region.faces], change.max(axis=1)
         bad = (signed_areas(region.flat) <= 0) & (area > FLAT_MM2)
-        if weighted_percentile(change.reshape(-1), np.repeat(area, 3), 0.95) > stretch:
-            bad |= worst > max(stretch, weighted_percentile(worst, area, 0.95))
+        if weighted_percentile(change.reshape(-1), np.repeat(area, 3), 0.95) > limits.stretch:
+            bad |= worst > max(limits.stretch, weighted_percentile(worst, area, 0.95))
         # worked out at ever higher cost, so only where what is cheaper has found nothing
+        bad = bad if bad.any() else _off_sheet(region.flat, value[region.faces] + 1e-9 * area, limits.sheet_mm)
         bad = bad if bad.any() else _on_necks(region.flat)
         bad = bad if bad.any() else find_overlaps(region.flat, np.arange(len(area)))
         if not bad.any():
@@ -435,15 +510,18 @@ PIXEL_MM = 0.5
 
 
 def _on_necks(flat: np.ndarray) -> np.ndarray:
-    """(k,) bool: faces whose middle lies where the piece is narrower than `NECK_MM`."""
+    """(k,) bool: faces of which half lies where the piece is narrower than `NECK_MM`."""
     import cv2
 
     picture = _draw(flat)
     side = round(NECK_MM / PIXEL_MM)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     wide = cv2.dilate(cv2.morphologyEx(picture, cv2.MORPH_OPEN, disc), np.ones((3, 3), np.uint8))
-    column, row = ((flat.mean(axis=1) - flat.reshape(-1, 2).min(axis=0)) / PIXEL_MM + 2).round().astype(int).T
-    return wide[row, column] == 0
+    samples = np.clip(np.ceil(np.abs(signed_areas(flat))), 4, 256).astype(np.int64)
+    face = np.repeat(np.arange(len(flat)), samples)
+    points = np.einsum("kc,kci->ki", spread(len(face)), flat[face]) - flat.reshape(-1, 2).min(axis=0)
+    column, row = (points / PIXEL_MM + 2).round().astype(int).T
+    return 2 * np.bincount(face, wide[row, column] == 0, len(flat)) > samples
 
 
 def is_wide(flat: np.ndarray) -> bool:

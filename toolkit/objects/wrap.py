@@ -1,7 +1,7 @@
 """Wraps: flat pieces that are stuck on an object; their canvas, and the folder that they are kept in."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,8 +13,10 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.names import FileName
 from toolkit.core.workspace import Workspace
+from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject
-from toolkit.objects.mesh import flat_areas
+from toolkit.objects.mesh import Material as SurfaceMaterial
+from toolkit.objects.mesh import Mesh, flat_areas
 from toolkit.objects.records import (
     SHA256,
     NetworkRecord,
@@ -232,6 +234,23 @@ class Wrap:
         return self.pixels[_rows_columns(self.record, self.record.pieces[index])]
 
 
+def dress_mesh(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> Mesh:
+    """The mesh with a canvas on the wrap's pieces, its own paint elsewhere.
+
+    Args:
+        mesh: of the object that the wrap was made for.
+        wrap: of it.
+        canvas: (n, n, 3) uint8 sRGB of any size, row 0 is v = 1.
+    """
+    corner_uv = wrap.corner_uv(len(mesh.faces))
+    on_pieces = np.isfinite(corner_uv).all(axis=(1, 2))
+    corner_uv[~on_pieces] = mesh.uv[mesh.faces[~on_pieces]]
+    split = split_vertices(mesh, corner_uv)
+    material = np.where(on_pieces, len(mesh.materials), mesh.face_material).astype(np.int32)
+    # as the printed sheet is: no gloss of the object's own
+    return replace(split, face_material=material, materials=(*mesh.materials, SurfaceMaterial("wrap", canvas)))
+
+
 def bleed_texels(texel_mm: float) -> int:
     """Texels round a piece that are printed beyond its cut: `BLEED_MM`, and no less than filters reach."""
     return max(2, int(np.ceil(BLEED_MM / texel_mm - 1e-9)))
@@ -248,7 +267,7 @@ def _rows_columns(record: WrapRecord, piece: PieceRecord) -> tuple[slice, slice]
     return slice(record.n_px - high, record.n_px - low), slice(left, right)
 
 
-def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[Point]]:
+def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple[int, int]]]:
     """The side of the smallest square canvas that pieces fit on unturned, and where their boxes begin.
 
     Returns:
@@ -268,7 +287,7 @@ def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[Point
             packer.add_rect(wide, high, rid=number)
         packer.add_bin(side, side)
         packer.pack()
-        placed = {number: (x + bleed, y + bleed) for _, x, y, _, _, number in packer.rect_list()}
+        placed = {number: (int(x) + bleed, int(y) + bleed) for _, x, y, _, _, number in packer.rect_list()}
         if len(placed) == len(boxes):
             return side, [placed[number] for number in range(len(boxes))]
         side += max(1, side // 50)

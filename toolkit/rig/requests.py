@@ -27,6 +27,12 @@ def _check_distances(distance_mm: Range) -> Range:
     return distance_mm
 
 
+def _check_sheet(sheet_mm: Range) -> Range:
+    if not all(12 <= side < 1e5 for side in sheet_mm):
+        raise ValueError("expected two sides of 12 to 100000 mm")
+    return sheet_mm
+
+
 class Pattern(Config):
     """How camera positions are spread over one object."""
 
@@ -76,6 +82,9 @@ class WrapConfig(Config):
     )
     stretch: Annotated[float | None, Field(gt=0, le=0.5), Flag()] = Field(
         None, description="Most stretch of a piece, 0.03 is 3 %. Default: as {material} allows."
+    )
+    sheet_mm: Annotated[Annotated[Range, AfterValidator(_check_sheet)], Flag(metavar="WIDTH HEIGHT", typed=Range)] = (
+        Field((190.0, 277.0), description="Largest piece, mm. Default: an A4 page within its margins.")
     )
     texel_mm: Annotated[float | None, Field(ge=0.05, le=100), Flag(metavar="MM")] = Field(
         None, description="Side of a texel. Default: the object's longest side / 270."

@@ -6,12 +6,14 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas, take_paint
-from toolkit.objects.grow import find_pieces
+from toolkit.objects.flatten import weld_surface
+from toolkit.objects.grow import Limits, find_pieces
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
+from toolkit.objects.seams import find_folds, find_seams
 from toolkit.objects.spec import STRETCH
-from toolkit.objects.wrap import PieceRecord, Wrap, WrapRecord, lay_out
 from toolkit.objects.unwrap import spread
+from toolkit.objects.wrap import Piece, PieceRecord, Point, SeamRecord, Wrap, WrapRecord, lay_out
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.requests import WrapConfig
@@ -37,7 +39,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     sight = look_at_faces(item, config.views, seed)
     seen = sight.seen
-    pieces = find_pieces(item.mesh, seen, sight.reached, stretch, config.pieces)
+    pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
     if not pieces:
         raise ToolkitError(
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
@@ -47,15 +49,13 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     n_px, origins = lay_out([(piece.width_mm, piece.height_mm) for piece in pieces], texel_mm)
     area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1) / 2
     faces = np.concatenate([piece.faces for piece in pieces])
-    records = []
-    for number, (piece, origin) in enumerate(zip(pieces, origins, strict=True), 1):
-        outline = piece.outline()
-        rings = [outline.exterior, *outline.interiors]
-        records.append(PieceRecord(
-            number=number, origin_px=(int(origin[0]), int(origin[1])), width_mm=round(piece.width_mm, 4),
-            height_mm=round(piece.height_mm, 4), area_mm2=round(piece.area_mm2, 3), stretch=round(piece.stretch, 6),
-            outline_mm=[[(round(x, 4), round(y, 4)) for x, y in ring.coords] for ring in rings], png_sha256="0" * 64,
-        ))  # fmt: skip
+    surface = weld_surface(item.mesh)
+    records = [
+        _describe(number, piece, origin, seams, find_folds(surface, piece))
+        for number, (piece, origin, seams) in enumerate(
+            zip(pieces, origins, find_seams(surface, pieces), strict=True), 1
+        )
+    ]
     record = WrapRecord(
         name=item.name, object=item.name, mesh_sha256=item.shape_sha256, material=config.material,
         stretch_allowed=stretch, covered=round(float(seen[faces].sum() / seen.sum()), 4),
@@ -64,6 +64,18 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     )  # fmt: skip
     wrap = Wrap(record, tuple(pieces))
     return Wrap(record, tuple(pieces), draw_paint(wrap, item.mesh))
+
+
+def _describe(
+    number: int, piece: Piece, origin: tuple[int, int], seams: list[SeamRecord], folds: list[tuple[Point, Point]]
+) -> PieceRecord:
+    outline = piece.outline()
+    rings = [outline.exterior, *outline.interiors]
+    return PieceRecord(
+        number=number, origin_px=origin, width_mm=round(piece.width_mm, 4), height_mm=round(piece.height_mm, 4),
+        area_mm2=round(piece.area_mm2, 3), stretch=round(piece.stretch, 6), seams=seams, folds_mm=folds,
+        outline_mm=[[(round(x, 4), round(y, 4)) for x, y in ring.coords] for ring in rings], png_sha256="0" * 64,
+    )  # fmt: skip
 
 
 def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
@@ -128,9 +140,7 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
         room += way > FINGER_MM
         out += np.isinf(way)
     reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
-    return Sight(
-        np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count
-    )
+    return Sight(np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count)
 
 
 def _spread_directions(count: int) -> np.ndarray:

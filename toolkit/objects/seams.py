@@ -1,0 +1,157 @@
+"""Where pieces meet: which edge of one belongs to which of another, and along which lines a piece is folded."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from toolkit.objects.flatten import Surface
+from toolkit.objects.wrap import Piece, Point, SeamRecord
+
+LEAST_SEAM_MM = 8.0
+"""Shorter ones need no letter."""
+FOLD_DEG = 30.0
+"""Edges bent more sharply than this are folds."""
+SAME_MM = 1e-6
+"""Corners closer than this on a piece are one."""
+
+
+def find_seams(surface: Surface, pieces: Sequence[Piece]) -> list[list[SeamRecord]]:
+    """The seams of each piece, each with a letter that stands on both of its sides.
+
+    Args:
+        surface: of the mesh.
+        pieces: of it, in their order.
+    """
+    owner, flat = _spread_pieces(surface, pieces)
+    joined = find_joined(surface, owner, flat)
+    loops = [_walk_round(surface, piece.faces, joined) for piece in pieces]
+    # a run is a stretch of one loop that meets one other piece; both sides' runs together make the seam
+    run = np.full((*owner.shape, 3), -1)
+    count = 0
+    for around in loops:
+        for loop in around:
+            partner = [_partner(surface, owner, edge) for edge in loop]
+            for part in _split_loop(loop, partner):
+                for edge in part:
+                    run[edge] = count
+                count += 1
+    letters: dict[tuple[int, int], str] = {}
+    seams: list[list[SeamRecord]] = []
+    for around in loops:
+        own: list[SeamRecord] = []
+        for loop in around:
+            keys = [_seam_of(surface, owner, run, edge) for edge in loop]
+            for part in _split_loop(loop, keys):
+                key = _seam_of(surface, owner, run, part[0])
+                path = np.array([flat[f, e] for f, e in part] + [flat[part[-1][0], (part[-1][1] + 1) % 3]])
+                way = np.r_[0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]
+                if key is None or way[-1] < LEAST_SEAM_MM:
+                    continue
+                letter = letters.setdefault(key, name_letter(len(letters)))
+                middle = (float(np.interp(way[-1] / 2, way, path[:, i])) for i in range(2))
+                other = int(owner[surface.neighbour[part[0]]])
+                ends = [_point(path[0]), _point(path[-1]), _point(middle)]
+                own.append(SeamRecord(
+                    piece=other + 1, letter=letter, from_mm=ends[0], to_mm=ends[1], middle_mm=ends[2]
+                ))  # fmt: skip
+        seams.append(own)
+    return seams
+
+
+def find_folds(surface: Surface, piece: Piece) -> list[tuple[Point, Point]]:
+    """Edges inside a piece that are bent by more than `FOLD_DEG`, from and to in mm."""
+    owner, flat = _spread_pieces(surface, [piece])
+    joined = find_joined(surface, owner, flat)
+    face, edge = np.nonzero(joined[piece.faces])
+    face = piece.faces[face]
+    other = surface.neighbour[face, edge]
+    cosine = (surface.normals[face] * surface.normals[other]).sum(axis=1)
+    sharp = (face < other) & (cosine < np.cos(np.radians(FOLD_DEG)))
+    starts, ends = flat[face[sharp], edge[sharp]], flat[face[sharp], (edge[sharp] + 1) % 3]
+    return [(_point(start), _point(end)) for start, end in zip(starts, ends, strict=True)]
+
+
+def find_joined(surface: Surface, owner: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(m, 3) bool: edges whose two faces are of one piece and lie together on it.
+
+    Args:
+        surface: with m faces.
+        owner: (m,) the piece of each face, -1 where it has none.
+        flat: (m, 3, 2) where they lie on it.
+    """
+    face, edge = np.nonzero((surface.neighbour >= 0) & (owner >= 0)[:, None])
+    other, own = surface.neighbour[face, edge], surface.across[face, edge]
+    gap = np.abs(flat[face, edge] - flat[other, (own + 1) % 3]).max(axis=1)
+    gap = np.maximum(gap, np.abs(flat[face, (edge + 1) % 3] - flat[other, own]).max(axis=1))
+    joined = np.zeros(surface.neighbour.shape, bool)
+    joined[face, edge] = (owner[face] == owner[other]) & (gap <= SAME_MM)
+    return joined
+
+
+def name_letter(number: int) -> str:
+    """A … Z, then AA … ZZ and so on."""
+    name = ""
+    number += 1
+    while number:
+        number, rest = divmod(number - 1, 26)
+        name = chr(ord("A") + rest) + name
+    return name
+
+
+Edge = tuple[int, int]
+
+
+def _spread_pieces(surface: Surface, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
+    owner, flat = np.full(len(surface.faces), -1), np.zeros((len(surface.faces), 3, 2))
+    for number, piece in enumerate(pieces):
+        owner[piece.faces], flat[piece.faces] = number, piece.flat_mm
+    return owner, flat
+
+
+def _walk_round(surface: Surface, faces: np.ndarray, joined: np.ndarray) -> list[list[Edge]]:
+    """The loops of edges round a piece, each face and edge, in the order in which they follow each other."""
+    rows, edges = np.nonzero(~joined[faces])
+    left = set(zip(faces[rows].tolist(), edges.tolist(), strict=True))
+    loops = []
+    while left:
+        first = edge = min(left)
+        loop = []
+        while edge in left:
+            left.remove(edge)
+            loop.append(edge)
+            face, side = edge[0], (edge[1] + 1) % 3
+            while joined[face, side]:  # turn about the corner, from face to face
+                face, side = int(surface.neighbour[face, side]), (int(surface.across[face, side]) + 1) % 3
+            edge = (face, side)
+        loops.append(loop)
+        assert edge == first
+    return loops
+
+
+def _split_loop(loop: list[Edge], labels: Sequence[object]) -> list[list[Edge]]:
+    """Parts of a loop that have one label each; the one that runs through its beginning is whole."""
+    cuts = [k for k in range(len(loop)) if labels[k] != labels[k - 1]]
+    if not cuts:
+        return [loop]
+    return [
+        loop[start:end] if start < end else loop[start:] + loop[:end]
+        for start, end in zip(cuts, [*cuts[1:], cuts[0]], strict=True)
+    ]
+
+
+def _partner(surface: Surface, owner: np.ndarray, edge: Edge) -> int:
+    other = int(surface.neighbour[edge])
+    return int(owner[other]) if other >= 0 else -1
+
+
+def _seam_of(surface: Surface, owner: np.ndarray, run: np.ndarray, edge: Edge) -> tuple[int, int] | None:
+    """Numbers of the two runs that meet at an edge, None where no piece is across it."""
+    if _partner(surface, owner, edge) < 0:
+        return None
+    one, two = int(run[edge]), int(run[surface.neighbour[edge], surface.across[edge]])
+    return min(one, two), max(one, two)
+
+
+def _point(place: Iterable[float]) -> Point:
+    x, y = place
+    return round(float(x), 4), round(float(y), 4)
