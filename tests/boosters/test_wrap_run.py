@@ -150,6 +150,13 @@ def test_each_block_of_views_has_a_misfit_of_its_own(space):
     one, again, other = (stuck.for_block(Draws(0, step)).mesh.vertices for step in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert one.shape != other.shape or not np.array_equal(one, other)
+    (space.objects_dir / "crate.toml").write_text(
+        'name = "crate"\nclass = "crate"\nmesh = "crate.obj"\nlength_mm = 100\nworld_length_m = 2\n'
+    )
+    grown = wrap_object(load_object(space.object_spec("crate")), wrap, Misfit()).subject(at_real_size=True)
+    np.testing.assert_allclose(
+        np.ptp(grown.for_block(Draws(0, 1)).mesh.vertices, axis=0), np.ptp(one, axis=0) / 50, rtol=1e-3
+    )
     perfect = wrap_object(item, wrap, None).subject()
     np.testing.assert_array_equal(perfect.for_block(Draws(0, 1)).mesh.vertices, perfect.mesh.vertices)
 

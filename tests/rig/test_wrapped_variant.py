@@ -10,11 +10,15 @@ from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import Wrap, write_wrap
+from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.rig.plan import read_plan
 from toolkit.rig.requests import Misfit
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap
+
+TRAINING = WrapTraining(
+    class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
+)
 
 
 @pytest.fixture
@@ -25,7 +29,8 @@ def space(tmp_path, make_crate_space):
     with quietly(True):
         plan = plan_wrap(item)
     green = np.full_like(plan.pixels, (20, 200, 30))
-    write_wrap(space.wraps_dir / "crate", Wrap(plan.record, plan.pieces, green))
+    trained = plan.record.model_copy(update={"class_name": "crate", "booster": TRAINING})
+    write_wrap(space.wraps_dir / "crate", Wrap(trained, plan.pieces, green))
     return space
 
 
@@ -72,6 +77,14 @@ def test_its_place_is_the_seeds_and_its_ink_the_printers(space, crate):
     assert looks[0] == looks[1] != looks[2]
     printed = Rehearsal().print_booster(booster, 0, "crate").pixels
     assert printed.shape == booster.pixels.shape and np.abs(printed.astype(int) - booster.pixels).max() > 10
+
+
+def test_a_plan_with_nothing_trained_on_it_is_refused(space, crate):
+    wrap = read_wrap(space.wrap("crate"))
+    plan = Wrap(wrap.record.model_copy(update={"booster": None, "class_name": None}), wrap.pieces, wrap.pixels)
+    write_wrap(space.wraps_dir / "crate", plan)
+    with pytest.raises(ToolkitError, match="train it with 'toolkit train-wrap --object crate'"):
+        find_booster(space, crate, "wrapped")
 
 
 def test_without_a_wrap_it_says_how_to_make_one(tmp_path, make_crate_space):

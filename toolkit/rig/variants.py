@@ -189,6 +189,11 @@ def find_booster(
         return _find_paint(workspace, item, variant)
     if variant == WRAPPED:
         wrap = find_wrap(workspace, item)
+        if wrap.record.booster is None:
+            raise ToolkitError(
+                f"wrap '{wrap.record.name}' of object '{item.name}' is a plan with nothing trained on it: train it "
+                f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
+            )
         sha256 = sha256_bytes("".join(one.png_sha256 for one in wrap.record.pieces).encode())
         pixels = fill_canvas(wrap, len(item.mesh.faces))
         return Sheets(pixels, sha256, wrap.record.name, wrap, None if perfect else Misfit(), seed)
