@@ -42,6 +42,7 @@ COMMANDS = {
     "train-wrap": ("train-wrap", "--object", "nobody"),
     "world-eval": ("world-eval", "--object", "nobody"),
     "place": ("place", "--object", "nobody"),
+    "wrap": ("wrap", "--object", "nobody"),
     "coco": ("coco", "captures/sim"),
     "models": ("models", "--model", "nobody"),
     "transfer": ("transfer", "--object", "nobody", "--model", "mine", "--model", "nobody"),

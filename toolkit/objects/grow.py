@@ -248,7 +248,7 @@ def _lay_first(surface: Surface, seed: int) -> np.ndarray:
 
 
 def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarray | None) -> np.ndarray:
-    """(m,) mean way from the seed to each free face's corners, along edges of free ones; with an axis, shorter along it."""
+    """(m,) mean way along edges from the seed to each free face's corners; with an axis, shorter along it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -297,6 +297,9 @@ def _unroll(
             continue
         if not len(face):
             break
+        if not smooth.any():  # over a fold few at a time, that what is flat behind it comes from one side
+            few = np.argsort(distance[face], kind="stable")[: 1 + len(face) // 50]
+            parent, edge, face = parent[few], edge[few], face[few]
         # of several edges that lead to a face, the one from the face nearest to the seed
         order = np.lexsort((distance[last[parent]], face))
         face, first = np.unique(face[order], return_index=True)
