@@ -1,6 +1,4 @@
-"""A box of 100 × 60 × 40 mm whose front and top are one piece of a wrap, laid flat by hand, and its right side another."""
-
-from dataclasses import replace
+"""A box of 100 × 60 × 40 mm: its front and top are one piece of a wrap, laid flat by hand, its right side another."""
 
 import numpy as np
 
@@ -34,10 +32,3 @@ def make_box_wrap(box: Mesh, *, with_top: bool = True) -> Wrap:
         covered_surface=0.5, texel_mm=TEXEL_MM, n_px=N_PX, pieces=records, map_sha256="0" * 64,
     )  # fmt: skip
     return Wrap(record, pieces, np.full((N_PX, N_PX, 3), 90, np.uint8))
-
-
-def without(wrap: Wrap, number: int) -> Wrap:
-    """The first `number` pieces alone."""
-    return replace(
-        wrap, record=wrap.record.model_copy(update={"pieces": wrap.record.pieces[:number]}), pieces=wrap.pieces[:number]
-    )
