@@ -245,9 +245,11 @@ def _continue_ground(ground: _Ground, reach_mm: float) -> _Ground:
     np.minimum.at(cosine, ends, np.einsum("ex,ex->e", bisector[ends], np.tile(outward, (2, 1))))
     step = bisector * (1.5 * reach_mm / np.maximum(cosine, 0.5))[:, None]
 
-    # on the surface it goes the mean way of the planes that meet in it
+    # on the surface it goes as far, the mean way of the planes that meet in it
     sides = ground.flat[triangle, 1:] - ground.flat[triangle, :1]
     spread = np.linalg.inv(sides) @ (ground.corners[triangle, 1:] - ground.corners[triangle, :1])
+    left, _, right = np.linalg.svd(spread, full_matrices=False)
+    spread = left @ right  # the nearest map that stretches nothing: thin triangles would throw the rim far out
     way, planes = np.zeros((count, 3)), np.bincount(ends, minlength=count)
     np.add.at(way, ends, np.einsum("ei,eix->ex", step[ends], np.tile(spread, (2, 1, 1))))
     way = np.divide(way, np.maximum(planes, 1)[:, None])
