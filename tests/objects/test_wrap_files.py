@@ -21,7 +21,7 @@ from toolkit.rig.wrap_plan import plan_wrap
 
 @pytest.fixture(scope="module")
 def item() -> TableObject:
-    spec = ObjectSpec(name="carton", **{"class": "carton"}, mesh="carton.glb")
+    spec = ObjectSpec(name="carton", **{"class": "carton"}, mesh="carton.glb", length_mm=60)
     return TableObject(spec, place_on_table(box(60, 40, 30)))
 
 
@@ -68,7 +68,9 @@ def test_another_mesh_is_told(item: TableObject, wrap: Wrap, tmp_path: Path) -> 
     with pytest.raises(ToolkitError, match="another mesh or size"):
         find_wrap(space, TableObject(item.spec, place_on_table(box(60, 40, 31))))
     with pytest.raises(ToolkitError, match="no wrap is for 'mug'"):
-        find_wrap(space, TableObject(ObjectSpec(name="mug", **{"class": "mug"}, mesh="mug.glb"), item.mesh))
+        find_wrap(
+            space, TableObject(ObjectSpec(name="mug", **{"class": "mug"}, mesh="mug.glb", length_mm=60), item.mesh)
+        )
 
 
 @pytest.mark.parametrize(

@@ -34,12 +34,22 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
 
     Raises:
         ToolkitError: no piece lies flat anywhere.
+
+    Example:
+        >>> item = tk.load_object(tk.make_workspace(Path("space")).object_spec("racer"))
+        >>> wrap = tk.plan_wrap(item, tk.WrapConfig(pieces=1, views=8))
+        >>> len(wrap.pieces), wrap.pieces[0].stretch <= 0.03, wrap.record.covered > 0.1
+        (1, True, True)
     """
     config = config or WrapConfig()
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     sight = look_at_faces(item, config.views, seed)
     seen = sight.seen
     pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
+    if not seen.any():
+        raise ToolkitError(
+            f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
+        )
     if not pieces:
         raise ToolkitError(
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
