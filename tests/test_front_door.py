@@ -79,6 +79,7 @@ ARRAYS = {
     "mount_patch": "(n, n, 3) uint8 sRGB",
     "train_patch": "(n, n, 3) uint8 sRGB",
     "train_texture": "(n, n, 3) uint8 sRGB",
+    "train_wrap": "(n, n, 3) uint8 sRGB",
     "load_captures": "(3, s, s) float32",
     "Camera": "pixels",
     "Pattern": "degrees",

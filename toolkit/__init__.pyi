@@ -13,6 +13,7 @@ from toolkit.models.programs import wrap_module as wrap_module
 from toolkit.models.network import Classifier as Classifier
 from toolkit.boosters.train import train_patch as train_patch
 from toolkit.boosters.train import train_texture as train_texture
+from toolkit.boosters.train import train_wrap as train_wrap
 from toolkit.objects.records import read_patch as read_patch
 from toolkit.objects.records import read_texture as read_texture
 from toolkit.boosters.apply import apply_patch as apply_patch

@@ -172,5 +172,6 @@ def test_the_earlier_switches_of_a_patch_go_on_working():
 def test_a_part_of_a_name_is_answered_by_all_commands_that_have_it():
     outcome = CliRunner().invoke(app, ["train"])
     assert str(outcome.exception) == (
-        "no command called 'train': did you mean train-patch or train-texture or train-classifier or train-patches?"
+        "no command called 'train': did you mean train-patch or train-texture or train-wrap or "
+        "train-classifier or train-patches?"
     )

@@ -51,6 +51,7 @@ def test_order_of_variants():
         "unpatched",
         "patched",
         "textured",
+        "wrapped",
         "qr-code",
         "sticker",
         "wrong-patch",

@@ -39,6 +39,7 @@ COMMANDS = {
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),
     "train-texture": ("train-texture", "--object", "nobody"),
+    "train-wrap": ("train-wrap", "--object", "nobody"),
     "world-eval": ("world-eval", "--object", "nobody"),
     "place": ("place", "--object", "nobody"),
     "wrap": ("wrap", "--object", "nobody"),

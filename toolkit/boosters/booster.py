@@ -25,7 +25,7 @@ class BoosterFiles:
     """Where a run writes.
 
     Attributes:
-        png: the booster; its record and what else it needs lie beside it.
+        png: the booster, of several pictures their record; what else it needs lies beside it.
         preview: the picture of it in use.
         training: folder for checkpoints, until the run is finished.
     """

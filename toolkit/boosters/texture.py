@@ -1,15 +1,17 @@
 """Train a texture (Algorithm 2): what `toolkit train-texture` runs."""
 
 import json
-from collections.abc import Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
+from toolkit.boosters.booster import BoosterFiles, BoosterTask, Trained, TrainedBooster, read_finished, train_booster
 from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
@@ -86,14 +88,19 @@ class TrainedTexture(TrainedBooster):
             for glb in self.glbs.values():
                 yield f"{glb}: the object in it, for Blender, Unreal, three.js"
             yield f"{files.preview}: the object turning, with the network's first guess"
-            for answer in self.validations:
-                held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
-                held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
-                held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
-                for where, found in held_out:
-                    yield f"{found.network} on {where}: {found.patched} with the texture, {found.bare} in its own paint"
+            yield from say_held_out(self.validations, "with the texture")
         shown = " ".join(f"--object {one.name}" for one in record.objects)
         yield f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/"
+
+
+def say_held_out(validations: Iterable[WeatherValidation], how: str) -> Iterator[str]:
+    """A line for each network and kind of held-out views: what it says of the object `how` and bare."""
+    for answer in validations:
+        held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
+        held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
+        held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
+        for where, found in held_out:
+            yield f"{found.network} on {where}: {found.patched} {how}, {found.bare} in its own paint"
 
 
 def train_texture(
@@ -150,10 +157,11 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
     return BoosterFiles(folder / f"{name}.png", folder / "previews" / f"{name}.png", folder / ".training" / name)
 
 
-class TextureTask(BoosterTask[TrainedTexture]):
-    """Algorithm 2: a texture goes down the loss of recognising its class in random views of what wears it."""
+class SurfaceTask(BoosterTask[Trained]):
+    """Algorithm 2: what is on a surface goes down the loss of recognising its class in random views of what wears it.
 
-    kind = "texture"
+    A subclass says what of it is written, and where.
+    """
 
     def __init__(
         self, config: TextureConfig, targets: list[Target], inputs: TextureInputs, files: BoosterFiles,
@@ -170,11 +178,10 @@ class TextureTask(BoosterTask[TrainedTexture]):
 
         super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
-        self.title = f"Training {files.png.stem}"
+        self.title = f"Training {files.training.name}"
         self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
         is_model = config.weather is not None and config.world is None
         self._metres = [one.metres_per_mm if is_model else 1.0 for one in inputs.objects]
-        self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in inputs.objects}
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
         self._allowed: dict[str, Any] = {}
 
@@ -213,14 +220,6 @@ class TextureTask(BoosterTask[TrainedTexture]):
         inputs = self.inputs
         world = None if inputs.setting is None else inputs.setting.describe([one.mesh for one in inputs.at_real_size])
         return self.config.lines(self.targets[0].label, [one.describe() for one in inputs.objects], names, world)
-
-    def find_finished(self) -> TrainedTexture | None:
-        """The texture, where its files are whole and of the same inputs."""
-        texture = read_finished(read_texture, self.files, self.inputs_sha256, self._glbs.values())
-        skipped = self.inputs.backgrounds.skipped
-        return None if texture is None else TrainedTexture(
-            texture=texture, files=self.files, glbs=self._glbs, skipped=skipped
-        )  # fmt: skip
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -269,8 +268,8 @@ class TextureTask(BoosterTask[TrainedTexture]):
             photos = torch.cat([show_texture(self.dilated(), batch) for batch in self._turntable])
         write_preview(self.files.preview, draw_turntable(photos, self.targets[0]))
 
-    def finish(self, history: History) -> TrainedTexture:
-        """Validate the rounded texture; write texture, record and the objects in it."""
+    def finish(self, history: History) -> Trained:
+        """Validate the rounded pixels, and write them."""
         config, inputs, pixels = self.config, self.inputs, quantise(self.dilated())
         with progress("Validating", 1) as bar:
             validations = validate_texture(
@@ -295,6 +294,34 @@ class TextureTask(BoosterTask[TrainedTexture]):
             history, {"views": views, "backgrounds": inputs.backgrounds.record},
             config.settings(self.image_px) | self._allowed, {}, shares,
         )  # fmt: skip
+        return self.write(pixels, record, validations)
+
+    @abstractmethod
+    def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> Trained:
+        """Write (n, n, 3) uint8 sRGB pixels with the fields of their record, see `BoosterTask.record`."""
+
+
+class TextureTask(SurfaceTask[TrainedTexture]):
+    """Training of a texture all over its objects."""
+
+    kind = "texture"
+
+    @cached_property
+    def _glbs(self) -> dict[str, Path]:
+        folder, name = self.files.png.parent, self.files.png.stem
+        return {one.name: folder / glb_name(name, one.name) for one in self.inputs.objects}
+
+    def find_finished(self) -> TrainedTexture | None:
+        """The texture, where its files are whole and of the same inputs."""
+        texture = read_finished(read_texture, self.files, self.inputs_sha256, self._glbs.values())
+        skipped = self.inputs.backgrounds.skipped
+        return None if texture is None else TrainedTexture(
+            texture=texture, files=self.files, glbs=self._glbs, skipped=skipped
+        )  # fmt: skip
+
+    def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedTexture:
+        """Write texture, record and the objects in it."""
+        config, inputs = self.config, self.inputs
         worn = [
             {"name": one.name, "mesh_sha256": one.item.shape_sha256, "keep": list(config.keep)}
             for one in inputs.objects
@@ -316,6 +343,8 @@ class TextureTask(BoosterTask[TrainedTexture]):
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
+    for printer in config.transforms("print"):
+        texture = printer.change(texture, printer.rng(draws))
     light: torch.Tensor | float = 1.0
     for one in config.transforms("light"):
         light = light * one.draw(one.rng(draws), count, texture)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -64,7 +64,7 @@ def make_clouds() -> Fog:
 class TextureConfig(PixelConfig):
     """Every setting of a texture's training. Transforms that are None do not act."""
 
-    stages = ("light", "photo", "network")
+    stages: ClassVar[tuple[str, ...]] = ("light", "photo", "network")
     objects: Annotated[
         tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
     ] = Field(
@@ -233,13 +233,21 @@ RECIPES: dict[str, TextureConfig] = {
 """The paper gives no distance range, number of steps or batch for textures: they are ours."""
 
 
+Surface = TypeVar("Surface", bound=TextureConfig)
+
+
 def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
+    """A recipe of a texture with overrides, see `fit_recipe`."""
+    return fit_recipe(RECIPES, recipe, overrides)
+
+
+def fit_recipe(recipes: dict[str, Surface], recipe: str, overrides: Mapping[str, Any]) -> Surface:
     """A recipe with overrides; without photographs, the default one stays in the studio, and a world has its ranges.
 
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
-    base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    base, fitted = find_recipe(recipes, recipe), dict(overrides)
     if "fog" in fitted:  # what clouds were called
         fitted["clouds"] = fitted.pop("fog")
     if fitted.get("world") is not None:

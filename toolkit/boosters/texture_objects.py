@@ -1,6 +1,7 @@
 """What a texture is trained on: the objects that wear it, photographs, a world, and what it begins with."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,10 @@ class TexturedObject:
         """Scale to its real size; raises a `ToolkitError` where its spec does not state it."""
         return self.item.spec.metres_per_mm
 
+    def paint(self) -> np.ndarray:
+        """(n, n, 3) uint8 sRGB, its own paint as a texture."""
+        return take_paint(self.atlas, self.item.mesh)
+
     def describe(self) -> str:
         """How large its mesh is, and what of it the texture covers."""
         atlas = self.atlas
@@ -73,7 +78,7 @@ def load_objects(workspace: Workspace, config: TextureConfig, keep_image: np.nda
     return [TexturedObject(item, atlas) for item, atlas in zip(items, atlases, strict=True)]
 
 
-def read_start(file: Path, objects: list[TexturedObject], size_px: int) -> np.ndarray:
+def read_start(file: Path, objects: Sequence[TexturedObject], size_px: int) -> np.ndarray:
     """(n, n, 3) uint8 sRGB of the texture that training goes on from.
 
     Raises:
@@ -94,7 +99,7 @@ def read_start(file: Path, objects: list[TexturedObject], size_px: int) -> np.nd
     return texture.pixels
 
 
-def find_source(objects: list[TexturedObject]) -> np.ndarray:
+def find_source(objects: Sequence[TexturedObject]) -> np.ndarray:
     """(n, n) int64, which texel each takes its colour from: a texel that any object shows is its own."""
     atlases = [one.atlas for one in objects]
     if len(atlases) == 1:
@@ -102,7 +107,7 @@ def find_source(objects: list[TexturedObject]) -> np.ndarray:
     return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in atlases]))
 
 
-def hash_objects(objects: list[TexturedObject]) -> str:
+def hash_objects(objects: Sequence[TexturedObject]) -> str:
     """Hash of the shapes, their texture coordinates and what is kept."""
     parts: list[Any] = []
     for one in objects:
@@ -112,7 +117,7 @@ def hash_objects(objects: list[TexturedObject]) -> str:
     return sha256_bytes(json.dumps(parts).encode())
 
 
-def choose_class(class_name: str | int | None, objects: list[TexturedObject]) -> str | int:
+def choose_class(class_name: str | int | None, objects: Sequence[TexturedObject]) -> str | int:
     """The class to train for: the one asked for, else the one that all objects have.
 
     Raises:
@@ -163,7 +168,7 @@ class TextureInputs:
         keep_image: (h, w) bool mask of the only object, to be recorded.
     """
 
-    objects: list[TexturedObject]
+    objects: Sequence[TexturedObject]
     backgrounds: Loaded
     setting: WorldSetting | None = None
     start: np.ndarray | None = None
@@ -188,7 +193,7 @@ class TextureInputs:
 
 
 def load_inputs(
-    config: TextureConfig, objects: list[TexturedObject], keep_image: np.ndarray | None, network: Network,
+    config: TextureConfig, objects: Sequence[TexturedObject], keep_image: np.ndarray | None, network: Network,
     workspace: Workspace,
 ) -> TextureInputs:  # fmt: skip
     """Load what the config names beside the objects.
@@ -202,6 +207,6 @@ def load_inputs(
             workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale
         ),
         start=None if config.start is None else read_start(config.start, objects, config.size_px),
-        paint=None if config.max_change is None else take_paint(objects[0].atlas, objects[0].item.mesh),
+        paint=None if config.max_change is None else objects[0].paint(),
         keep_image=keep_image,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from toolkit.core.draws import Draws
 from toolkit.imaging.printer import read_print_profile
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.variants import Paint, Print
+from toolkit.rig.variants import Paint, Sheets, Worn
 
 NETWORK_PX = 224
 """The side of a network's image, of which the pixels of `CameraBlur` are."""
@@ -58,13 +58,16 @@ class Rehearsal:
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
 
-    def print_booster(self, booster: Print | Paint | None, seed: int, name: str) -> Print | Paint | None:
+    def print_booster(self, booster: Worn | None, seed: int, name: str) -> Worn | None:
         """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
-        if not isinstance(booster, Print):
+        if booster is None or isinstance(booster, Paint):
             return booster
         import torch
 
-        printer = self.printer.with_overrides(texel_mm=booster.sizes_mm[0] / len(booster.pixels))
+        texel_mm = (
+            booster.wrap.record.texel_mm if isinstance(booster, Sheets) else booster.sizes_mm[0] / len(booster.pixels)
+        )
+        printer = self.printer.with_overrides(texel_mm=texel_mm)
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))

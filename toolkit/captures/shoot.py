@@ -31,7 +31,7 @@ from toolkit.rig.requests import PAIR
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import Worn, apply_booster, describe_booster, find_booster, note_booster
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,7 @@ class ShootSettings:
         image_format: `jpg` (quality 95, no chroma subsampling) or `png`.
         board: the printed board that lies under the object; None for the bare table.
         rehearsal: what print, hand and phone do to the shots; None: nothing.
+        perfect: a wrap's pieces lie exactly in their places.
     """
 
     seed: int = 0
@@ -100,6 +101,7 @@ class ShootSettings:
     image_format: str = "jpg"
     board: Board | None = None
     rehearsal: Rehearsal | None = None
+    perfect: bool = False
 
 
 @dataclass(frozen=True)
@@ -303,6 +305,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     """
     studio = studio_for(item, settings)
     how = asdict(settings)
+    del how["perfect"]  # said with the booster that it acts on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
     if settings.rehearsal is not None:
@@ -311,7 +314,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
         "variant": variant, **how,
     }  # fmt: skip
-    booster = find_booster(workspace, item, variant)
+    booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
     if booster is not None:
         look |= describe_booster(item, booster)
     return look
@@ -323,7 +326,7 @@ def _list_units(
     """Units of images; `planned` gets the records of their shots, but for the hash of the image."""
     for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
         item, variant = shots[0].item, shots[0].variant
-        booster = find_booster(workspace, item, variant)
+        booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
         made = {
             "with": f"toolkit {__version__}", "renderer": settings.renderer,
             "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
@@ -334,7 +337,7 @@ def _list_units(
         yield Unit(paths, shoot_unit, (item, booster, settings, places), f"{item.name} {variant}")
 
 
-def _describe_shot(shot: Shot, booster: Print | Paint | None, made: Mapping[str, Any]) -> CaptureRecord:
+def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) -> CaptureRecord:
     return CaptureRecord(
         path=shot.path, object=shot.item.name, variant=shot.variant, pose_id=shot.pose_id,
         T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
@@ -344,7 +347,7 @@ def _describe_shot(shot: Shot, booster: Print | Paint | None, made: Mapping[str,
 
 
 def shoot_unit(
-    item: TableObject, booster: Print | Paint | None, settings: ShootSettings,
+    item: TableObject, booster: Worn | None, settings: ShootSettings,
     places: Sequence[tuple[Camera, np.ndarray, int]],
 ) -> Iterator[bytes]:  # fmt: skip
     """The work of a unit: the image files of one object in one variant.

@@ -42,6 +42,9 @@ class SimulateConfig(Config):
         None,
         description="With {rehearse}: your printer, as 'toolkit print-profile' measured it. Default: one drawn.",
     )
+    perfect: Annotated[bool, Flag("--perfect")] = Field(
+        False, description="Stick the pieces of a wrap exactly in their places, not a little beside."
+    )
     image_format: Annotated[str, Flag("--format", metavar="jpg|png")] = Field("jpg", description="Of the images.")
     source: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
@@ -139,7 +142,9 @@ def simulate_captures(
         raise FieldError("goes with {rehearse}", {"print_profile": config.print_profile})
     rehearsal = make_rehearsal(config.print_profile) if config.rehearse else None
     light = config.light or ("side" if config.rehearse else "studio")
-    settings = ShootSettings(seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal)
+    settings = ShootSettings(
+        seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect
+    )
     left_out, board, engine = None, config.board, engine or EngineConfig()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
     if folder and board is None:

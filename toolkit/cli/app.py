@@ -65,6 +65,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
+        "train-wrap": Entry("train_wrap:train_wrap", "train what is on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
         "place": Entry("place:place", "find where on an object a patch is best stuck"),
         "wrap": Entry("wrap:wrap", "cut an object's surface into flat pieces"),

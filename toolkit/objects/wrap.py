@@ -327,8 +327,8 @@ def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
     return Wrap(full, wrap.pieces, _put_together(full, [wrap.picture(i) for i in range(len(wrap.pieces))]))
 
 
-def read_wrap(folder: Path) -> Wrap:
-    """Read a wrap, each file checked against its record.
+def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
+    """Read a wrap, each file checked against its record; its pieces alone where its pictures are not asked for.
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
@@ -345,13 +345,16 @@ def read_wrap(folder: Path) -> Wrap:
         Piece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
         for i, one in enumerate(record.pieces)
     )
-    pictures = []
     for one, part in zip(record.pieces, pieces, strict=True):
         if abs(part.width_mm - one.width_mm) > 0.01 or abs(part.height_mm - one.height_mm) > 0.01:
             raise ToolkitError(
                 f"{file}: piece {one.number} is {part.width_mm:.2f} × {part.height_mm:.2f} mm, its record says "
                 f"{one.width_mm:.2f} × {one.height_mm:.2f}: make the wrap again"
             )
+    if not with_pixels:
+        return Wrap(record, pieces)
+    pictures = []
+    for one in record.pieces:
         png = inside(folder, piece_name(one.number))
         picture = decode_png(read_recorded(png, one.png_sha256), png)
         wide, high = texel_box((one.width_mm, one.height_mm), record.texel_mm)

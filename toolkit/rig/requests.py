@@ -17,6 +17,7 @@ Order = Literal["aba", "blocks", "alternate"]
 MOST_PLACES = 6
 """Shown at once: each has a colour of its own."""
 SHOT_LIST = "The shot list"
+STUCK_ON = "How a wrap is stuck on"
 DISTANCES = "distances over 0 and under 1000000 mm"
 
 
@@ -90,6 +91,20 @@ class WrapConfig(Config):
     )
     views: Annotated[int, Field(ge=8, le=10_000), Flag()] = Field(
         64, description="Random cameras that judge what is worth covering."
+    )
+
+
+class Misfit(Config):
+    """How far from its place a piece of a wrap is stuck: for each piece drawn evenly up to these, both ways."""
+
+    shift_mm: Annotated[float, Field(ge=0, le=20), Flag("--misfit-mm", group=STUCK_ON)] = Field(
+        1.0, description="Each piece lies beside its place by up to this, to the side and up, mm."
+    )
+    turn_deg: Annotated[float, Field(ge=0, le=45), Flag("--misfit-deg", group=STUCK_ON)] = Field(
+        1.0, description="It is turned by up to this, degrees."
+    )
+    scale: Annotated[float, Field(ge=0, le=0.1), Flag("--misfit-scale", group=STUCK_ON)] = Field(
+        0.005, description="It is larger or smaller by up to this share."
     )
 
 

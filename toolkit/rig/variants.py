@@ -1,11 +1,12 @@
-"""What is put on an object in each variant: nothing, its patch, its texture, or a control that says what these do."""
+"""What is put on an object in each variant: its patch, wrap or texture, a control, or nothing."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import Workspace
@@ -22,7 +23,10 @@ from toolkit.objects.records import (
     read_texture,
 )
 from toolkit.objects.spec import ObjectSpec
+from toolkit.objects.wrap import Wrap, find_wrap
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
+from toolkit.rig.requests import Misfit
+from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 if TYPE_CHECKING:
     from toolkit.objects.atlas import Atlas
@@ -97,7 +101,8 @@ CONTROLS_OF = {
     "textured": ("random-texture", "grey-texture"),
 }
 CONTROLS = tuple(control for controls in CONTROLS_OF.values() for control in controls)
-VARIANTS = ("unpatched", *CONTROLS_OF, *CONTROLS)
+WRAPPED = "wrapped"
+VARIANTS = ("unpatched", *CONTROLS_OF, WRAPPED, *CONTROLS)
 ON_PAPER = ("patched", *CONTROLS_OF["patched"])
 GREY = 128
 
@@ -137,17 +142,44 @@ class Paint(Booster):
     texture: Texture
 
 
-def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print | Paint | None:
+@dataclass(frozen=True)
+class Sheets(Booster):
+    """A wrap's canvas, on pieces that are stuck on the object.
+
+    Attributes:
+        wrap: whose pieces they are.
+        misfit: of their places; None where each lies exactly in its own.
+        seed: of how each misfits.
+    """
+
+    wrap: Wrap
+    misfit: Misfit | None = field(default_factory=Misfit)
+    seed: int = 0
+
+
+Worn = Print | Paint | Sheets
+"""What a variant puts on an object."""
+
+
+def find_booster(
+    workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, seed: int = 0
+) -> Worn | None:
     """What is put on `item` in a variant; None for `unpatched`.
 
     - `patched`: its own patch, on each of its sheets; `patch-alone`: the first, flat on the table without the object.
     - `wrong-patch`: the next patch by name that was trained for another class.
     - `textured`: its own texture.
+    - `wrapped`: its own wrap, its pieces a little beside their places; with `perfect` exactly in them.
     - `random-patch`, `random-texture`: noise with the colours of neither, drawn for the object's name alone;
       `grey-patch`, `grey-texture`: middle grey; in the place and with the texels of the object's own.
 
+    Args:
+        workspace, item, variant: as above.
+        perfect: nothing is stuck on askew.
+        seed: of how a wrap's pieces misfit.
+
     Raises:
-        ToolkitError: an unknown variant, or the patch or texture that it needs is missing or broken.
+        ToolkitError: an unknown variant, or the patch, wrap or texture that it needs is missing or broken.
     """
     if variant not in VARIANTS:
         raise one_of("variant", variant, list(VARIANTS))
@@ -155,6 +187,16 @@ def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print
         return None
     if variant == "textured" or variant in CONTROLS_OF["textured"]:
         return _find_paint(workspace, item, variant)
+    if variant == WRAPPED:
+        wrap = find_wrap(workspace, item)
+        if wrap.record.booster is None:
+            raise ToolkitError(
+                f"wrap '{wrap.record.name}' of object '{item.name}' is a plan with nothing trained on it: train it "
+                f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
+            )
+        sha256 = sha256_bytes("".join(one.png_sha256 for one in wrap.record.pieces).encode())
+        pixels = fill_canvas(wrap, len(item.mesh.faces))
+        return Sheets(pixels, sha256, wrap.record.name, wrap, None if perfect else Misfit(), seed)
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
     if variant == "patch-alone":
@@ -182,37 +224,50 @@ def _control_pixels(variant: str, item: TableObject, n: int) -> np.ndarray:
     return np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
 
 
-def describe_booster(item: TableObject, booster: Print | Paint) -> dict[str, Any]:
+def describe_booster(item: TableObject, booster: Worn) -> dict[str, Any]:
     """All that, beside the object's mesh, decides how it looks with a booster: what a picture's hash is made of."""
     if isinstance(booster, Paint):
         entry = check_fit(item, booster.texture)
         atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
         return {"texture": booster.sha256, "atlas": atlas}
+    if isinstance(booster, Sheets):
+        return {"wrap": booster.sha256, "map": booster.wrap.record.map_sha256, **_describe_misfit(booster)}
     mounts = [mount.model_dump() for mount in item.spec.mounts]
     if len(mounts) == 1 or booster.alone:
         return {"patch": booster.sha256, "mm": booster.sizes_mm[0], "mount": mounts[0]}
     return {"patch": booster.sha256, "mm": list(booster.sizes_mm), "mount": mounts}
 
 
-def note_booster(booster: Print | Paint | None) -> dict[str, Any]:
+def note_booster(booster: Worn | None) -> dict[str, Any]:
     """What a manifest says of a booster besides its hash: its name, and its side in mm of paper or in texels.
 
-    Of several sheets their sides are a list.
+    Of several sheets their sides are a list; of a wrap it is said how its pieces misfit.
     """
     if isinstance(booster, Paint):
         return {"booster": booster.name, "booster_px": len(booster.pixels)}
+    if isinstance(booster, Sheets):
+        return {"booster": booster.name, "pieces": len(booster.wrap.pieces), **_describe_misfit(booster)}
     if booster is None:
         return {"booster": None, "booster_mm": None}
     sizes_mm = booster.sizes_mm
     return {"booster": booster.name, "booster_mm": sizes_mm[0] if len(sizes_mm) == 1 else list(sizes_mm)}
 
 
-def apply_booster(item: TableObject, booster: Print | Paint | None) -> Mesh:
-    """The mesh to photograph: the object, the object with its sheets on it or painted, or a sheet alone."""
+def _describe_misfit(booster: Sheets) -> dict[str, Any]:
+    if booster.misfit is None:
+        return {"misfit": None}
+    return {"misfit": booster.misfit.record(), "misfit_seed": booster.seed}
+
+
+def apply_booster(item: TableObject, booster: Worn | None) -> Mesh:
+    """The mesh to photograph: the object, the object with its sheets or pieces on it or painted, or a sheet alone."""
     if booster is None:
         return item.mesh
     if isinstance(booster, Paint):
         return paint_object(item, booster.texture, booster.pixels)
+    if isinstance(booster, Sheets):
+        places = draw_places(booster.wrap, booster.misfit, Draws(booster.seed, 0, f"stick {item.name}"))
+        return wear_wrap(item.mesh, booster.wrap, booster.pixels, places)
     if booster.alone:
         return make_flat_sheet(booster.pixels, booster.sizes_mm[0])
     return wear_sheets(item.mesh, mount_printed(item, booster))[0]

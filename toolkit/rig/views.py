@@ -101,6 +101,10 @@ class PaintableObject:
     material: int
     bare: Mesh
 
+    def for_block(self, draws: Draws) -> "PaintableObject":
+        """As a block of views shows it; an object that looks another way in each takes it from the block's draws."""
+        return self
+
 
 @dataclass(frozen=True)
 class ViewSettings:
@@ -258,8 +262,9 @@ def render_block(
         with_depth: whether views shall have their depth, for weather.
         threads: see `map_frames`; one where blocks are what is spread over the cores.
     """
-    subject = subjects[block % len(subjects)]
-    shown = ViewBlock(subject.mesh, settings, Draws(seed, block, kind), setting)
+    draws = Draws(seed, block, kind)
+    subject = subjects[block % len(subjects)].for_block(draws)
+    shown = ViewBlock(subject.mesh, settings, draws, setting)
     # only what is held out is judged against the bare object, and a second renderer is half of the work
     own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture

@@ -40,7 +40,7 @@ from toolkit.rig.shot_order import (
     read_shots,
     write_shots,
 )
-from toolkit.rig.variants import VARIANTS, Paint, Print, find_booster
+from toolkit.rig.variants import VARIANTS, Print, Worn, find_booster
 
 NUMBER_MM = 14.0
 ABOVE_MM = 35.0
@@ -320,7 +320,7 @@ def write_shot_list(
         for name in dict.fromkeys(objects):
             items[name] = load_object(workspace.object_spec(name))
             bar.advance(note=name)
-    boosters: dict[str, dict[str, Print | Paint | None]] = {}
+    boosters: dict[str, dict[str, Worn | None]] = {}
     missing: dict[str, str] = {}
     for name, item in items.items():
         boosters[name] = _find_boosters(workspace, item, config.variants, missing)
@@ -349,9 +349,9 @@ def write_shot_list(
 
 def _find_boosters(
     workspace: Workspace, item: TableObject, variants: Sequence[str], missing: dict[str, str]
-) -> dict[str, Print | Paint | None]:
+) -> dict[str, Worn | None]:
     """What is stuck on in each variant; an object without a patch is left with `unpatched`, and `missing` says why."""
-    found: dict[str, Print | Paint | None] = {}
+    found: dict[str, Worn | None] = {}
     for variant in dict.fromkeys(variants):
         try:
             found[variant] = find_booster(workspace, item, variant)
@@ -363,9 +363,7 @@ def _find_boosters(
     return found
 
 
-def _find_page(
-    workspace: Workspace, name: str, boosters: dict[str, Print | Paint | None]
-) -> tuple[str | None, str | None]:
+def _find_page(workspace: Workspace, name: str, boosters: dict[str, Worn | None]) -> tuple[str | None, str | None]:
     """The page of an object's patch, relative to the workspace; else what is wrong with the one that is there."""
     patch = boosters.get("patched")
     wrong: str | None = None

@@ -24,7 +24,7 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, apply_booster, mount_printed
+from toolkit.rig.variants import Print, Worn, apply_booster, mount_printed
 
 WIDTH_PX = 416
 """250 dpi on a picture 42 mm wide."""
@@ -44,7 +44,7 @@ def make_light_studio(item: TableObject, board: Board | None) -> Scene:
 
 
 def draw_views(
-    item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Print | Paint | None],
+    item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Worn | None],
     board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
     """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect; `bar` counts one per picture.

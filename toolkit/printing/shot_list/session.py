@@ -33,7 +33,7 @@ from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep, hash_poses
-from toolkit.rig.variants import Paint, Print
+from toolkit.rig.variants import Print, Worn
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class ObjectSession:
 
 
 def prepare_session(
-    item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, Print | Paint | None],
+    item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, Worn | None],
     papers: Papers, bar: Ticker,
 ) -> ObjectSession:  # fmt: skip
     """Render and measure one object's part of the list; `bar` counts one per picture, and one for the mounting.

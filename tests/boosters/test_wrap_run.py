@@ -1,0 +1,176 @@
+"""Training of what is on a wrap: from request to files, through a kill, and what the pieces meet."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tiny_network import tiny_classifier
+
+from toolkit.boosters.wrap import train_wrap, wrap_object
+from toolkit.boosters.wrap_config import RECIPES, make_config
+from toolkit.core.console import quietly
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.load import load_object
+from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
+from toolkit.rig.requests import Misfit
+from toolkit.rig.wrap_plan import draw_paint, plan_wrap
+from toolkit.rig.wrapped import find_canvas
+
+HELPERS = Path(__file__).parents[1] / "helpers"
+QUICK = {
+    "objects": ("crate",), "steps": 4, "batch": 2, "lr": 0.1, "studios": 1, "per_studio": 4, "reuse": 2, "held_out": 1,
+}  # fmt: skip
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import torch
+torch.set_num_threads(1)
+import toolkit.objects.wrap as wraps
+from test_wrap_run import QUICK
+from tiny_network import tiny_classifier
+from toolkit.boosters.wrap import train_wrap
+from toolkit.boosters.wrap_config import make_config
+from toolkit.core.workspace import Workspace
+from toolkit.training.checkpoint import Checkpoint
+
+when, folder = sys.argv[1], Path(sys.argv[2])
+write, count = Checkpoint.write, 0
+
+def write_then_die(self, arrays, kind, steps_done):
+    global count
+    count += 1
+    if count == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(self, arrays, kind, steps_done)
+
+def die(*arguments):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if when == "checkpoint":
+    Checkpoint.write = write_then_die
+else:
+    wraps.write_json = die  # the pieces' pictures are there, and not the record
+train_wrap(make_config("default", QUICK), [tiny_classifier()], Workspace(folder), class_name="jet", workers=0,
+           checkpoint_every_s=0)
+"""
+
+
+@pytest.fixture
+def space(tmp_path, make_crate_space):
+    return make_planned_space(tmp_path / "w", make_crate_space)
+
+
+def make_planned_space(folder, make_crate_space):
+    space = make_crate_space(folder)
+    with quietly(True):
+        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate"))))
+    return space
+
+
+def run(space, quiet=True, restart=False, **changes):
+    with quietly(quiet):
+        config = make_config("default", QUICK | changes)
+        return train_wrap(config, [tiny_classifier()], space, class_name="jet", workers=0, restart=restart)
+
+
+def test_pictures_of_the_pieces_and_the_record_are_written_and_nothing_else_is_left(space):
+    plan = read_wrap(space.wrap("crate"))
+    made = run(space)
+    wrap = read_wrap(space.wrap("crate"))
+    pieces = [f"crate/{number:02}.png" for number in range(1, len(wrap.pieces) + 1)]
+    there = sorted(str(one.relative_to(space.wraps_dir)) for one in space.wraps_dir.rglob("*") if one.is_file())
+    assert there == sorted([*pieces, "crate/pieces.npz", "crate/wrap.json", "previews/crate.png"])
+    assert (wrap.record.class_name, wrap.record.booster.class_index) == ("jet", 3)
+    assert wrap.record.map_sha256 == plan.record.map_sha256
+    assert wrap.record.booster.misfit == Misfit().record()
+    assert wrap.record.booster.settings["print_process"]["texel_mm"] == wrap.record.texel_mm
+    assert wrap.record.booster.final["tiny_held_out_patched_n"] == 4
+    np.testing.assert_array_equal(made.wrap.pixels, wrap.pixels)
+    covered, _ = find_canvas(wrap, 12)
+    assert (wrap.pixels != plan.pixels).any(axis=2)[covered].mean() > 0.9
+    assert run(space).was_finished
+    assert not run(space, misfit=False).was_finished
+    assert read_wrap(space.wrap("crate")).record.booster.misfit == {}
+    assert not run(space, print_process=False).was_finished
+
+
+@pytest.mark.slow
+def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, space, make_crate_space, capsys):
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        whole = run(space)
+        other = make_planned_space(tmp_path / "killed", make_crate_space)
+        for when in ("checkpoint", "record"):
+            ended = subprocess.run(
+                [sys.executable, "-c", KILLED, when, str(other.root)],
+                env=os.environ | {"PYTHONPATH": f"{HELPERS}:{Path(__file__).parent}"}, capture_output=True,
+            )  # fmt: skip
+            assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
+        resumed = run(other, quiet=False)
+        assert resumed.resumed_from > 0 and "going on after step" in capsys.readouterr().err
+        np.testing.assert_array_equal(resumed.wrap.pixels, whole.wrap.pixels)
+        for one in sorted((space.wraps_dir / "crate").iterdir()):
+            assert (other.wraps_dir / "crate" / one.name).read_bytes() == one.read_bytes(), one.name
+    finally:
+        torch.set_num_threads(threads)
+
+
+@pytest.mark.slow
+def test_the_class_is_seen_more_surely_with_the_wrap(space):
+    """A network of random weights: the class's mean probability in held-out views before the first step and after."""
+    item, sure = load_object(space.object_spec("crate")), []
+    for steps, lr in ((1, 1e-6), (40, 0.1)):
+        run(space, steps=steps, lr=lr, batch=4, restart=True)
+        sure.append(_probability(item, find_wrap(space, item)))
+    assert sure[1] > sure[0] + 0.001
+
+
+def _probability(item, wrap) -> float:
+    from toolkit.boosters.linear_view import batch_views, show_texture
+    from toolkit.rig.views import ViewSettings, ViewStream
+
+    subject = wrap_object(item, wrap, Misfit()).subject()
+    views = ViewStream([subject], ViewSettings(image_px=32, per_studio=8), 0, 1, 0).held_out(1)
+    canvas = torch.from_numpy(wrap.pixels.transpose(2, 0, 1).copy()).float() / 255
+    photos = show_texture(canvas, batch_views([one.view for one in views], "cpu"))
+    return float(tiny_classifier().logits(photos).softmax(1)[:, 3].mean())
+
+
+def test_each_block_of_views_has_a_misfit_of_its_own(space):
+    item = load_object(space.object_spec("crate"))
+    wrap = read_wrap(space.wrap("crate"))
+    stuck = wrap_object(item, wrap, Misfit()).subject()
+    one, again, other = (stuck.for_block(Draws(0, step)).mesh.vertices for step in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert one.shape != other.shape or not np.array_equal(one, other)
+    (space.objects_dir / "crate.toml").write_text(
+        'name = "crate"\nclass = "crate"\nmesh = "crate.obj"\nlength_mm = 100\nworld_length_m = 2\n'
+    )
+    grown = wrap_object(load_object(space.object_spec("crate")), wrap, Misfit()).subject(at_real_size=True)
+    np.testing.assert_allclose(
+        np.ptp(grown.for_block(Draws(0, 1)).mesh.vertices, axis=0), np.ptp(one, axis=0) / 50, rtol=1e-3
+    )
+    perfect = wrap_object(item, wrap, None).subject()
+    np.testing.assert_array_equal(perfect.for_block(Draws(0, 1)).mesh.vertices, perfect.mesh.vertices)
+
+
+def test_the_paint_is_the_objects_own_also_of_a_wrap_that_was_trained(space):
+    item, wrap = load_object(space.object_spec("crate")), read_wrap(space.wrap("crate"))
+    inverted = write_wrap(space.wraps_dir / "crate", type(wrap)(wrap.record, wrap.pieces, 255 - wrap.pixels))
+    np.testing.assert_array_equal(wrap_object(item, inverted, None).paint(), draw_paint(wrap, item.mesh))
+
+
+def test_settings_that_the_plan_decides_are_refused():
+    for change in ({"size_px": 40, "keep": ("glass",)}, {"unwrap": True}, {"start": "x.png"}):
+        with pytest.raises(ToolkitError):
+            make_config("default", {"objects": ("crate",)} | change)
+    with pytest.raises(ToolkitError, match="one object"):
+        make_config("default", {"objects": ("crate", "box")})
+    assert set(RECIPES) == {"default"}

@@ -1,0 +1,93 @@
+"""The variant `wrapped`: what it looks like, what the manifest says of it, and what makes it be shot again."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from toolkit.captures.manifest import read_manifest
+from toolkit.captures.rehearsal import Rehearsal
+from toolkit.captures.shoot import ShootSettings, shoot_plan
+from toolkit.core.console import quietly
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.load import load_object
+from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
+from toolkit.rig.plan import read_plan
+from toolkit.rig.requests import Misfit
+from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.wrap_plan import plan_wrap
+
+TRAINING = WrapTraining(
+    class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
+)
+
+
+@pytest.fixture
+def space(tmp_path, make_crate_space):
+    """A crate, and a green wrap on what is seen of it."""
+    space = make_crate_space(tmp_path / "w")
+    item = load_object(space.object_spec("crate"))
+    with quietly(True):
+        plan = plan_wrap(item)
+    green = np.full_like(plan.pixels, (20, 200, 30))
+    trained = plan.record.model_copy(update={"class_name": "crate", "booster": TRAINING})
+    write_wrap(space.wraps_dir / "crate", Wrap(trained, plan.pieces, green))
+    return space
+
+
+@pytest.fixture
+def crate(space):
+    return load_object(space.object_spec("crate"))
+
+
+def shoot(space, **settings):
+    look = ShootSettings(backdrop="white", image_format="png", **settings)
+    return shoot_plan(space, read_plan(space.plan_file), ["crate"], ["unpatched", "wrapped"], look)
+
+
+def show(shot, variant):
+    return np.asarray(Image.open(shot.source_dir / "crate" / variant / "pose_01.png")).astype(int)
+
+
+def test_it_is_seen_and_the_manifest_says_how_it_misfits(space):
+    shot = shoot(space)
+    bare, wrapped = show(shot, "unpatched"), show(shot, "wrapped")
+    is_green = (wrapped[..., 1] > wrapped[..., 0] + 40) & (wrapped[..., 1] > wrapped[..., 2] + 40)
+    on_crate = np.abs(wrapped - bare).max(axis=2) > 12
+    assert is_green.sum() > 0.8 * on_crate.sum() > 200
+    made = {path: record.made for path, record in read_manifest(shot.source_dir).items()}["crate/wrapped/pose_01.png"]
+    assert made["booster"] == "crate" and made["misfit"] == Misfit().record() and made["misfit_seed"] == 0
+
+
+def test_what_is_stuck_on_otherwise_is_shot_again_and_nothing_else(space):
+    assert shoot(space).shot == 4
+    assert shoot(space).shot == 0
+    perfect = shoot(space, perfect=True)
+    assert (perfect.shot, perfect.kept) == (2, 2)
+    assert read_manifest(perfect.source_dir)["crate/wrapped/pose_01.png"].made["misfit"] is None
+
+
+def test_its_place_is_the_seeds_and_its_ink_the_printers(space, crate):
+    booster = find_booster(space, crate, "wrapped", seed=3)
+    assert isinstance(booster, Sheets) and note_booster(booster)["misfit_seed"] == 3
+    mesh, again = apply_booster(crate, booster), apply_booster(crate, booster)
+    np.testing.assert_array_equal(mesh.vertices, again.vertices)
+    other = apply_booster(crate, find_booster(space, crate, "wrapped", seed=4))
+    assert mesh.vertices.shape != other.vertices.shape or (mesh.vertices != other.vertices).any()
+    looks = [describe_booster(crate, find_booster(space, crate, "wrapped", seed=seed)) for seed in (3, 3, 4)]
+    assert looks[0] == looks[1] != looks[2]
+    printed = Rehearsal().print_booster(booster, 0, "crate").pixels
+    assert printed.shape == booster.pixels.shape and np.abs(printed.astype(int) - booster.pixels).max() > 10
+
+
+def test_a_plan_with_nothing_trained_on_it_is_refused(space, crate):
+    wrap = read_wrap(space.wrap("crate"))
+    plan = Wrap(wrap.record.model_copy(update={"booster": None, "class_name": None}), wrap.pieces, wrap.pixels)
+    write_wrap(space.wraps_dir / "crate", plan)
+    with pytest.raises(ToolkitError, match="train it with 'toolkit train-wrap --object crate'"):
+        find_booster(space, crate, "wrapped")
+
+
+def test_without_a_wrap_it_says_how_to_make_one(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path / "bare")
+    with pytest.raises(ToolkitError, match="no wrap is for 'crate'"):
+        find_booster(space, load_object(space.object_spec("crate")), "wrapped")

@@ -1,0 +1,230 @@
+"""Train what is on the pieces of a wrap: what `toolkit train-wrap` runs."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.boosters.booster import BoosterFiles, TrainedBooster, train_booster
+from toolkit.boosters.detectors import find_detectors
+from toolkit.boosters.pixels import Network, list_networks, resolve_targets
+from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
+from toolkit.boosters.texture_config import METHOD_VERSION
+from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
+from toolkit.boosters.validation import WeatherValidation
+from toolkit.boosters.wrap_config import WrapTrainConfig
+from toolkit.core.console import notice
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.atlas import GROUND, Atlas
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import Mesh
+from toolkit.objects.wrap import RECORD_FILE, Wrap, WrapRecord, WrapTraining, check_wrap, read_wrap, write_wrap
+from toolkit.rig.requests import Misfit
+from toolkit.rig.views import PaintableObject
+from toolkit.rig.wrap_plan import draw_paint, plan_wrap
+from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
+from toolkit.worlds.place import scale_to_world
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@dataclass(frozen=True)
+class StuckObject(PaintableObject):
+    """An object that wears a wrap: as it should be, and in each block of views as a hand sticks it on.
+
+    Attributes:
+        stick: the mesh with the pieces where the draws of a block let them lie.
+    """
+
+    stick: "Callable[[Draws], Mesh]"
+
+    def for_block(self, draws: Draws) -> PaintableObject:
+        """With the pieces where these draws let them lie."""
+        return replace(self, mesh=self.stick(draws))
+
+
+@dataclass(frozen=True)
+class WrappedObject(TexturedObject):
+    """An object with the pieces of a wrap, whose canvas is trained; `atlas.mesh` has each exactly in its place."""
+
+    wrap: Wrap
+    misfit: Misfit | None
+
+    def subject(self, at_real_size: bool = False) -> PaintableObject:
+        """What the view stream renders; each block sticks the pieces on another way."""
+        perfect, spec = super().subject(at_real_size), self.item.spec
+
+        def stick(draws: Draws) -> Mesh:
+            mesh = wear_grey(self.item, self.wrap, self.misfit, draws)
+            return scale_to_world(mesh, spec, spec.real_length_m) if at_real_size else mesh
+
+        return StuckObject(perfect.mesh, perfect.material, perfect.bare, stick)
+
+    def paint(self) -> np.ndarray:
+        """(n, n, 3) uint8 sRGB, the object's own paint on the pieces."""
+        return draw_paint(self.wrap, self.item.mesh)
+
+    def describe(self) -> str:
+        """How many pieces cover how much of it."""
+        record = self.wrap.record
+        return (
+            f"{self.name}, {len(record.pieces)} pieces of {record.material} on {record.covered:.0%} of what cameras "
+            f"see of it, {record.texel_mm:g} mm a texel"
+        )
+
+
+def wear_grey(item: TableObject, wrap: Wrap, misfit: Misfit | None, draws: Draws) -> Mesh:
+    """An object with a grey wrap on it, whose canvas is the texture of the material after the object's own."""
+    canvas = np.full((wrap.record.n_px, wrap.record.n_px, 3), GROUND, np.uint8)
+    return wear_wrap(item.mesh, wrap, canvas, draw_places(wrap, misfit, draws))
+
+
+def wrap_object(item: TableObject, wrap: Wrap, misfit: Misfit | None) -> WrappedObject:
+    """An object made ready for training what is on its wrap."""
+    mesh = wear_grey(item, wrap, None, Draws(0, 0))
+    trained = mesh.face_material == len(item.mesh.materials)
+    covered, source = find_canvas(wrap, len(item.mesh.faces))
+    return WrappedObject(item, Atlas(mesh, trained, covered, source, unwrapped=True), wrap, misfit)
+
+
+def open_plan(workspace: Workspace, item: TableObject) -> Wrap:
+    """The pieces of an object's wrap, without what is on them; they are planned by default where it has none.
+
+    Raises:
+        ToolkitError: the plan is broken or of another mesh, or no piece lies flat.
+    """
+    known = workspace.wraps()
+    for name in sorted(known, key=lambda name: (name != item.name, name)):
+        if read_json(known[name] / RECORD_FILE, WrapRecord).object == item.name:
+            wrap = read_wrap(known[name], with_pixels=False)  # pictures may be half written by a run that was killed
+            check_wrap(wrap, item)
+            return wrap
+    wrap = write_wrap(workspace.wraps_dir / item.name, plan_wrap(item))
+    record = wrap.record
+    notice(f"planned {len(record.pieces)} pieces on {record.covered:.0%} of what cameras see of '{item.name}'")
+    return wrap
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedWrap(TrainedBooster):
+    """What a run made.
+
+    Attributes:
+        wrap: pieces, canvas and record.
+        validations: per network, on held-out views; empty when the wrap was finished before.
+    """
+
+    wrap: Wrap
+    validations: list[WeatherValidation] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "wrap": str(self.files.png.parent), "preview": str(self.files.preview),
+            **self.describe_run(self.wrap.record),
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What it is, how well it is recognised, and what comes next."""
+        record, files = self.wrap.record, self.files
+        if self.was_finished:
+            yield self.was_there()
+        else:
+            yield f"{files.png.parent}: {len(record.pieces)} pieces on {record.covered:.0%} of what cameras see"
+            yield f"{files.preview}: the object turning, with the network's first guess"
+            yield from say_held_out(self.validations, "with the wrap stuck on")
+        yield (
+            f"next: toolkit print --wrap {record.name}, toolkit capture-sim --object {record.object} "
+            "--variant unpatched --variant wrapped"
+        )
+
+
+def train_wrap(
+    config: WrapTrainConfig,
+    networks: Sequence[Network],
+    workspace: Workspace,
+    *,
+    class_name: str | int | None = None,
+    restart: bool = False,
+    workers: int | None = None,
+    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedWrap:
+    """Train what is on a wrap, or take it up where an interrupted run of the same settings left it.
+
+    Args:
+        config: every setting, see `make_config` and `RECIPES`.
+        networks: at least one; the first one's labels and preprocessing lead.
+        workspace: whose folders and objects are used; a plan is made where the object has none.
+        class_name: a label of the networks, an index, or a WordNet id; None: the class that the object's spec names.
+        restart: forget what an earlier run left.
+        workers: threads that render ahead; None: one for each core; 0: none.
+        checkpoint_every_s: how much work a kill may cost.
+
+    Raises:
+        ToolkitError: the settings, the object, its plan, the photographs or a checkpoint cannot be used, or the disk
+            is full.
+    """
+    config.check_backgrounds()
+    item = load_object(workspace.object_spec(config.objects[0]))
+    wrap = open_plan(workspace, item)
+    worn = wrap_object(item, wrap, config.misfit)
+    targets = resolve_targets(networks, choose_class(class_name, [worn]))
+    find_detectors(networks)
+    record = wrap.record
+    config = config.for_networks(len(targets)).with_overrides(
+        {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
+    )
+    inputs = load_inputs(config, [worn], None, networks[0], workspace)
+    decides = [
+        METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm,
+        [one.origin_px for one in record.pieces],
+        inputs.sha256(needs_size=config.weather is not None or config.world is not None),
+        config.settings(networks[0].preprocessing.crop_px),
+    ]  # fmt: skip
+    inputs_sha256 = sha256_bytes(json.dumps(decides, sort_keys=True).encode())
+    folder = workspace.wraps_dir
+    files = BoosterFiles(
+        folder / record.name / RECORD_FILE,
+        folder / "previews" / f"{record.name}.png",
+        folder / ".training" / record.name,
+    )
+    task = WrapTask(config, targets, inputs, files, inputs_sha256, workers)
+    return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
+
+
+class WrapTask(SurfaceTask[TrainedWrap]):
+    """Training of a wrap: only the texels on its pieces are seen."""
+
+    kind = "wrap"
+
+    def find_finished(self) -> TrainedWrap | None:
+        """The wrap, where its files are whole and of the same inputs."""
+        folder = self.files.png.parent
+        if not (self.files.preview.is_file() and (folder / RECORD_FILE).is_file()):
+            return None
+        try:
+            wrap = read_wrap(folder)
+        except ToolkitError:
+            return None  # a kill while it was written; it is written again
+        trained = wrap.record.booster
+        if trained is None or trained.settings.get("inputs_sha256") != self.inputs_sha256:
+            return None
+        return TrainedWrap(wrap=wrap, files=self.files, skipped=self.inputs.backgrounds.skipped)
+
+    def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedWrap:
+        """Write the pieces' pictures and the record."""
+        (worn,) = self.inputs.objects
+        assert isinstance(worn, WrappedObject)
+        plan, misfit = worn.wrap, worn.misfit
+        kept = {name: record[name] for name in WrapTraining.model_fields if name in record}
+        trained = WrapTraining(**kept, misfit={} if misfit is None else misfit.record())
+        full = plan.record.model_copy(update={"class_name": record["class_name"], "booster": trained})
+        wrap = write_wrap(self.files.png.parent, Wrap(full, plan.pieces, pixels))
+        skipped = self.inputs.backgrounds.skipped
+        return TrainedWrap(wrap=wrap, files=self.files, validations=validations, skipped=skipped)
