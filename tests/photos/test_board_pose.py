@@ -9,8 +9,9 @@ from board_photos import photograph
 from toolkit.core.errors import ToolkitError
 from toolkit.photos.board_pose import find_board, solve_pose
 from toolkit.photos.lens import lens_from_focal
-from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard, MarkerRing, choose_ring
+from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
 from toolkit.rig.camera import Camera, look_at, orbit_pose
+from toolkit.rig.ring import MarkerRing, choose_ring
 
 PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)

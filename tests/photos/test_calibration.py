@@ -33,7 +33,8 @@ from toolkit.photos.lens import (
     write_lenses,
 )
 from toolkit.photos.photo import Photo, read_photo
-from toolkit.rig.board import CharucoBoard, write_board
+from toolkit.rig.board import CharucoBoard
+from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose, project
 
 BOARD = CharucoBoard(7, 10, 26.0, 19.5)

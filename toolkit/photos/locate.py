@@ -1,6 +1,7 @@
 """Where a photograph's camera stood, from the printed board in the photograph."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,14 +25,22 @@ def locate_by_board(workspace: Workspace) -> Locate:
     Raises:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
-    from toolkit.photos.board_pose import find_board
+    from toolkit.photos.board_pose import explain_absence, find_board
     from toolkit.photos.lens import read_lenses
-    from toolkit.rig.board import read_board
+    from toolkit.rig.board_file import read_board
 
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
-        return locate_sighting(photo, find_board(pixels, board), lenses)
+        if board.looks_the_same_turned:
+            return f"a {board.describe()} looks the same turned half round: use one with an odd and an even count"
+        sighting = find_board(pixels, board)
+        if sighting is None:
+            return explain_absence(pixels, board)
+        found = locate_sighting(photo, sighting, lenses)
+        if isinstance(found, str) or workspace.board is None:
+            return found
+        return replace(found, details={**found.details, "board": workspace.board.stem})
 
     return locate
 
