@@ -152,6 +152,8 @@ def _calibration_json(run: "CalibrationRun") -> dict[str, Any]:
             "lens": record.model_dump(mode="json") if record else None,
             "fov_deg": round(result.calibration.lens.fov_deg, 3) if result.calibration else None,
             "advice": result.calibration.advice() if result.calibration else [],
+            "flat_px": round(result.calibration.flat_px, 4) if result.calibration else None,
+            "bend_mm": round(result.calibration.bend_mm, 3) if result.calibration else None,
             "photos": _list_views(result),
         })  # fmt: skip
     skipped = [*run.unreadable, *run.without_board]

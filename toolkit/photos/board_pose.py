@@ -1,6 +1,5 @@
 """Where a photograph's camera stood, from the printed board or ring that the object stands on."""
 
-import math
 from collections import Counter
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
@@ -26,6 +25,8 @@ ENOUGH_SHARE = 0.4
 """With so many corners, or this share of the board's, no further search is made in other sizes of the picture."""
 LEAST_CORNERS = 6
 CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+CHESS_REACH = 0.35
+"""Of a square's shortest side, what is looked at round a corner to refine it."""
 SMALLEST_MARKER_SHARE = 0.006
 """Side of the smallest marker that is searched, as a share of the picture's longer side."""
 TWICE_SHARE = 0.2
@@ -225,10 +226,13 @@ class _ChessFinder:
             return None
         scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]])
         places = (grid + 0.5) * scale - 0.5
-        if scale.max() > 1:
-            reach = math.ceil(scale.max()) + 1
-            start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
-            places = cv2.cornerSubPix(full, start, (reach, reach), (-1, -1), STOP).reshape(grid.shape).astype(float)
+        steps = (
+            np.linalg.norm(np.diff(places, axis=1), axis=2).min(),
+            np.linalg.norm(np.diff(places, axis=0), axis=2).min(),
+        )
+        reach = int(np.clip(CHESS_REACH * min(steps), 2, 10))
+        start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
+        places = cv2.cornerSubPix(full, start, (reach, reach), (-1, -1), STOP).reshape(grid.shape).astype(float)
         places = self._orient(full, places)
         return np.arange(self._board.corner_count), places.reshape(-1, 2) + 0.5
 

@@ -22,7 +22,7 @@ CELLS = (8, 6)
 GOOD_COVERAGE = 0.6
 GOOD_FOCAL_SIGMA = 0.005
 """Relative standard deviation of the focal length; distances are as sure as it."""
-MOST_FOCAL_SIGMA = 0.03
+MOST_FOCAL_SIGMA = 0.05
 """Less sure than that, what EXIF says is better."""
 SLANT = 0.1
 """By this share the camera's distance must change over the board for a view to count as slanted. Seen straight on, a
@@ -37,11 +37,11 @@ corners near the frame's edge would bend it at will."""
 LARGE_RMS_PX = 1.5
 UNEVEN_PIXELS, UNEVEN_SIGMAS = 0.01, 3.0
 """Sensors have square pixels: fx and fy that differ by more than 1 %, and by more than chance, are the print's."""
-UNEVEN_PAPER = 2.5
-"""Times by which the corners' mean places on the board may exceed what their scatter between views explains."""
-LEAST_UNEVEN_SHARE = 2e-4
-"""Of the board's diagonal, 0.1 mm of A4 and a half: less is no matter."""
-ROUNDS = 6
+BEND_SIGMAS = 3.0
+LEAST_BEND_SHARE = 1e-3
+"""Of the board's diagonal, a third of a millimetre of A4: less bend is no matter."""
+BEND_ROUNDS, BEND_STOP_MM = 5, 2e-3
+ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,9 @@ class Calibration:
         refused: (index, why) of the others.
         view_px: root mean square distance of each view that was used.
         tilt_deg: angle between the board and the picture's plane, of each.
-        uneven_mm: root mean square of the corners' mean places on the board, away from where they should be.
-        is_uneven: whether that is more than chance and matters: paper that is not flat, or a print out of scale.
+        flat_px: what `reprojection_px` is with the board taken as flat, as OpenCV's own calibration has it.
+        bend_mm: from the lowest to the highest corner of the board; the lens is fitted to the bent board.
+        is_bent: whether that is more than chance and matters.
         corners_px: (n, 2) all corners that were used, in the pictures.
         residuals_px: (n, 2) where they were seen, less where the fit puts them.
     """
@@ -73,8 +74,9 @@ class Calibration:
     refused: tuple[tuple[int, str], ...]
     view_px: tuple[float, ...]
     tilt_deg: tuple[float, ...]
-    uneven_mm: float
-    is_uneven: bool
+    flat_px: float
+    bend_mm: float
+    is_bent: bool
     corners_px: np.ndarray
     residuals_px: np.ndarray
 
@@ -99,10 +101,10 @@ class Calibration:
                 f"fx and fy differ by {abs(lens.fy / lens.fx - 1):.1%}, where sensors have square pixels: measure the "
                 "board's squares across and down, the printer may have stretched it"
             )
-        if self.is_uneven:
+        if self.is_bent:
             lines.append(
-                f"the board's own corners lie {self.uneven_mm:.2g} mm off their places in all photos alike: the paper "
-                "is not flat, or its print not to scale; tape it to glass"
+                f"the board is not flat: its corners lie up to {self.bend_mm:.1f} mm out of one plane, which the lens "
+                f"allows for (as flat: {self.flat_px:.2f} px off), poses do not; tape it to glass or a board"
             )
         if self.coverage < GOOD_COVERAGE:
             lines.append(
@@ -117,7 +119,7 @@ class Calibration:
 
 
 def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
-    """Fit focal lengths, principal point and distortion to views of a board, all in pictures of one size.
+    """Fit focal lengths, principal point, distortion and the board's bend to views of it, in pictures of one size.
 
     Views, and then single corners, that do not agree with the rest are left out.
 
@@ -137,9 +139,9 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     size = (views[0].width, views[0].height)
     coverage = cover([view.corners_px for view in used.values()], size)
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
-        dropped = _drop_views(used, fit) or _drop_corners(used, fit)
+        dropped = _drop_view(used, fit) or _drop_corners(used, fit)
         if dropped is None:
             break
         refused |= dropped
@@ -153,33 +155,31 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
             "board at a slant, from several sides"
         )
     ratio = np.array([-fit.lens.fy / fit.lens.fx, 1.0]) / fit.lens.fx
-    uneven_mm, is_uneven = fit.measure_paper()
+    bend_mm, is_bent = fit.measure_bend(spread)
     return Calibration(
         fit.lens, fit.rms_px, focal_sigma_px, aspect_sigma=float(np.sqrt(ratio @ spread[:2, :2] @ ratio)),
         coverage=cover([view.corners_px for view in used.values()], size), used=tuple(used),
         refused=tuple(sorted(refused.items())), view_px=tuple(fit.view_px), tilt_deg=tuple(fit.tilts()),
-        uneven_mm=uneven_mm, is_uneven=is_uneven,
+        flat_px=fit.flat_px, bend_mm=bend_mm, is_bent=is_bent,
         corners_px=np.concatenate([view.corners_px for view in used.values()]),
         residuals_px=np.concatenate(fit.residuals),
     )  # fmt: skip
 
 
-def _drop_views(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
-    """Take out of `used` the views that lie far off; (index, why) of them, None where there are none."""
-    usual = float(np.median(fit.view_px))
-    limit = max(BAD_VIEW * usual, LEAST_OUTLIER_PX)
-    bad = {
-        index: f"its corners lie {off:.1f} px off, those of the others {usual:.1f} px: blurred, or the board bent"
-        for index, off in zip(used, fit.view_px, strict=True)
-        if off > limit
-    }
-    for index in bad:
-        del used[index]
-    return bad or None
+def _drop_view(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
+    """Take the view that lies farthest off out of `used`, which may have spoilt the others; (index, why), or None."""
+    # the median: a view with a few wrong corners loses those alone
+    off_px = [float(np.median(np.linalg.norm(one, axis=1))) for one in fit.residuals]
+    worst, usual = max(off_px), float(np.median(off_px))
+    if worst <= max(BAD_VIEW * usual, LEAST_OUTLIER_PX):
+        return None
+    index = list(used)[off_px.index(worst)]
+    del used[index]
+    return {index: f"its corners lie {worst:.1f} px off, the others' {usual:.1f} px: blurred, or the board was bent"}
 
 
 def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
-    """Take corners that lie far off out of the views, and views out of `used` that keep too few; as `_drop_views`."""
+    """Take corners that lie far off out of the views, and views out of `used` that keep too few; as `_drop_view`."""
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
     good = [np.linalg.norm(residuals, axis=1) < limit for residuals in fit.residuals]
     if all(mask.all() for mask in good):
@@ -212,15 +212,27 @@ def cover(pixels: Sequence[np.ndarray], size: tuple[int, int]) -> float:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A lens and the poses of its views, as OpenCV fits them."""
+    """A lens, the poses of its views and the bend of the board, by least squares on the corners.
+
+    Attributes:
+        views: that were fitted.
+        lens: of their pictures.
+        rotations, translations: of the board as each view's camera sees it.
+        residuals: (n, 2) of each view, pixels.
+        bend: (3,) mm, see `_bend_shapes`.
+        flat_px: root mean square of the residuals with the board taken as flat, as OpenCV's own calibration has it.
+        normal, gradient: each view's normal equations for the lens and the bend, its own pose taken out.
+    """
 
     views: list[BoardSighting]
     lens: Camera
-    free: list[int]
     rotations: Sequence[np.ndarray]
     translations: Sequence[np.ndarray]
     residuals: list[np.ndarray]
-    jacobians: list[np.ndarray]
+    bend: np.ndarray
+    flat_px: float
+    normal: np.ndarray
+    gradient: np.ndarray
 
     @property
     def rms_px(self) -> float:
@@ -236,76 +248,100 @@ class _Fit:
         return [float(np.degrees(np.arccos(min(abs(one), 1.0)))) for one in normals]
 
     def spread(self) -> np.ndarray:
-        """(k, k) covariance of fx, fy, cx, cy and the distortion: the jackknife over views.
+        """(k, k) covariance of fx, fy, cx, cy, the distortion and, last, the bend: the jackknife over views.
 
-        Corners of one view err together (a bent sheet, motion, focus), so that the scatter of single corners, as
-        OpenCV states it, is two to four times too sure. Leaving one view out moves the least-squares solution by
-        -(H - H_v)⁻¹ g_v, where H_v and g_v are that view's normal equations with its own pose taken out; the sum of
-        squares is the jackknife's variance (Efron and Tibshirani 1993, chapter 11). Few views make it
-        unsure itself: two of its deviations then hold what two of a normal one do, by Student's t.
+        Corners of one view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
+        OpenCV states it, is two to four times too sure. Without view v the least-squares solution is
+        (H - H_v)⁻¹ (g - g_v) away; the sum of the squares of how it moves is the jackknife's variance (Efron and
+        Tibshirani 1993, chapter 11). Few views make that unsure itself: by Student's t, two of the deviations that are
+        stated hold what two of a normal one do.
         """
         from scipy.stats import t as student
 
-        normal, gradient = [], []
-        for jacobian, residuals in zip(self.jacobians, self.residuals, strict=True):
-            of_pose, _ = np.linalg.qr(jacobian[:, :6])
-            # fx, fy, cx, cy and distortion follow the pose in OpenCV's Jacobian
-            of_lens = jacobian[:, 6:][:, self.free]
-            of_lens = of_lens - of_pose @ (of_pose.T @ of_lens)
-            normal.append(of_lens.T @ of_lens)
-            gradient.append(of_lens.T @ residuals.reshape(-1))
-        whole, count = np.sum(normal, axis=0), len(normal)
-        moved = np.array([np.linalg.lstsq(whole - a, -b, rcond=None)[0] for a, b in zip(normal, gradient, strict=True)])
+        normal, gradient, count = self.normal.sum(axis=0), self.gradient.sum(axis=0), len(self.views)
+        moved = np.array([
+            _solve(normal - a, gradient - b) for a, b in zip(self.normal, self.gradient, strict=True)
+        ]) - _solve(normal, gradient)  # fmt: skip
         wider = student.ppf(0.97725, count - 1) / 2
         return wider**2 * (count - 1) / count * moved.T @ moved
 
-    def measure_paper(self) -> tuple[float, bool]:
-        """Mean places of the corners on the board, root mean square in mm; whether the paper or its print is uneven."""
-        ids = np.concatenate([view.ids for view in self.views])
-        off: list[np.ndarray] = []
-        for rotation, residuals, jacobian in zip(self.rotations, self.residuals, self.jacobians, strict=True):
-            # a step along the board moves a corner as that translation of the board does
-            steps = jacobian[:, 3:6].reshape(-1, 2, 3) @ cv2.Rodrigues(rotation)[0][:, :2]
-            off.append(np.linalg.solve(steps, residuals[..., None])[..., 0])
-        places = np.concatenate(off)
-        means, chance = [], []
-        for number in np.unique(ids):
-            mine = places[ids == number]
-            if len(mine) >= LEAST_SLANTED:
-                means.append((mine.mean(axis=0) ** 2).sum())
-                chance.append((mine.var(axis=0, ddof=1) / len(mine)).sum())
-        if not means:
-            return 0.0, False
-        uneven, expected = np.sqrt(np.mean(means)), np.sqrt(np.mean(chance))
+    def measure_bend(self, spread: np.ndarray) -> tuple[float, bool]:
+        """Millimetres from the lowest to the highest corner of the board off its mean plane; whether that matters."""
         world = np.concatenate([view.world_mm for view in self.views])
-        matters = LEAST_UNEVEN_SHARE * float(np.linalg.norm(np.ptp(world, axis=0)))
-        return float(uneven), bool(uneven > UNEVEN_PAPER * expected and uneven > matters)
+        flat = np.unique(world[:, :2].round(6), axis=0)
+        height = _bend_shapes(flat, _half_diagonal(self.views)) @ self.bend
+        plane = np.c_[flat, np.ones(len(flat))]
+        height = height - plane @ np.linalg.lstsq(plane, height, rcond=None)[0]
+        bend_mm = float(np.ptp(height))
+        sure = (np.abs(self.bend) > BEND_SIGMAS * np.sqrt(np.diag(spread))[-3:]).any()
+        return bend_mm, bool(sure and bend_mm > LEAST_BEND_SHARE * 2 * _half_diagonal(self.views))
+
+
+def _solve(normal: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(normal, gradient, rcond=None)[0]
+
+
+def _half_diagonal(views: Sequence[BoardSighting]) -> float:
+    return float(max(np.linalg.norm(view.world_mm[:, :2], axis=1).max() for view in views))
+
+
+def _bend_shapes(flat: np.ndarray, half_mm: float) -> np.ndarray:
+    """(n, 3) heights of a sheet that is bent along, twisted, and bent across by 1 mm, at places (n, 2)."""
+    u, v = (flat / half_mm).T
+    return np.stack([u * u, u * v, v * v], axis=1)
 
 
 def _fit(views: list[BoardSighting], flags: int) -> _Fit:
-    size = (views[0].width, views[0].height)
-    world = [view.world_mm.astype(np.float32) for view in views]
+    """Fit a flat board as OpenCV does, then in turn its bend and the rest.
+
+    A sheet that is bent by 0.3 % of its size, all views alike, moves the focal length by 1 % and shows in no scatter.
+    """
+    size, half_mm = (views[0].width, views[0].height), _half_diagonal(views)
     pixels = [view.corners_px.astype(np.float32) for view in views]
-    try:
-        # matrix and distortion are filled in, not started from
-        _, matrix, distortion, rotations, translations = cv2.calibrateCamera(
-            world, pixels, size, np.eye(3), np.zeros(5), flags=flags
-        )
-    except cv2.error as error:
-        raise ToolkitError(
-            f"the photos do not determine a lens ({str(error.err).strip()[:60]}): take them at a slant from all sides"
-        ) from None
+    shapes = [_bend_shapes(view.world_mm[:, :2], half_mm) for view in views]
+    bend, flat_px = np.zeros(3), None
+    matrix: cv2.typing.MatLike = np.eye(3)
+    distortion: cv2.typing.MatLike = np.zeros(5)
+    free = 8 if flags & cv2.CALIB_FIX_K3 else 9
+    for _ in range(BEND_ROUNDS):
+        world = [
+            np.c_[view.world_mm[:, :2], shape @ bend].astype(np.float32)
+            for view, shape in zip(views, shapes, strict=True)
+        ]
+        try:
+            rms_px, matrix, distortion, rotations, translations = cv2.calibrateCamera(
+                world, pixels, size, matrix, distortion, flags=flags | (cv2.CALIB_USE_INTRINSIC_GUESS if flat_px else 0)
+            )
+        except cv2.error as error:
+            raise ToolkitError(
+                f"the photos do not determine a lens ({str(error.err).strip()[:60]}): take them at a slant from all "
+                "sides"
+            ) from None
+        flat_px = flat_px or rms_px
+        residuals, normal, gradient = [], [], []
+        for points, seen, shape, rotation, translation in zip(
+            world, pixels, shapes, rotations, translations, strict=True
+        ):
+            placed, jacobian = cv2.projectPoints(points.astype(float), rotation, translation, matrix, distortion)
+            residuals.append(seen - placed.reshape(-1, 2))
+            # a corner's height moves it as that translation of the board does
+            lift = (jacobian[:, 3:6] @ cv2.Rodrigues(rotation)[0][:, 2]).reshape(-1, 2, 1) * shape[:, None]
+            # fx, fy, cx, cy and the distortion follow the pose in OpenCV's Jacobian
+            design = np.c_[jacobian[:, 6 : 6 + free], lift.reshape(-1, 3)]
+            of_pose, _ = np.linalg.qr(jacobian[:, :6])
+            design = design - of_pose @ (of_pose.T @ design)
+            normal.append(design.T @ design)
+            gradient.append(design.T @ residuals[-1].reshape(-1))
+        step = _solve(np.sum(normal, axis=0), np.sum(gradient, axis=0))[-3:]
+        if np.abs(step).max() < BEND_STOP_MM:
+            break
+        bend = bend + step
     k1, k2, p1, p2, k3 = map(float, distortion.reshape(-1)[:5])
     fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     lens = Camera(size[0], size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
-    residuals, jacobians = [], []
-    for view, rotation, translation in zip(views, rotations, translations, strict=True):
-        points = view.world_mm.astype(float)
-        placed, jacobian = cv2.projectPoints(points, rotation, translation, lens.matrix, lens.coefficients)
-        residuals.append(view.corners_px - placed.reshape(-1, 2))
-        jacobians.append(jacobian)
-    free = list(range(8 if flags & cv2.CALIB_FIX_K3 else 9))
-    return _Fit(views, lens, free, rotations, translations, residuals, jacobians)
+    return _Fit(
+        views, lens, rotations, translations, residuals, bend, float(flat_px or 0), np.array(normal), np.array(gradient)
+    )
 
 
 def _why_not(view: BoardSighting, first: BoardSighting) -> str | None:

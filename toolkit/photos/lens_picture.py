@@ -1,5 +1,6 @@
 """Pictures of a calibration: where in the frame corners were seen, and what was left of their errors."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.photos.calibrate import CalibrationRun
 from toolkit.photos.lens_fit import CELLS, Calibration
 
+LONGEST_NAME = 100
 ARROW_SHARE = 0.03
 """Of the frame's width, how long the arrow of a usual error is drawn."""
 
@@ -34,13 +36,7 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
                 )  # fmt: skip
                 continue
             middle, mean = low + cell / 2, residuals[inside].mean(axis=0) * arrow
-            axes.annotate(
-                "",
-                tuple(middle + mean),
-                tuple(middle),
-                zorder=3,
-                arrowprops={"arrowstyle": "->", "color": "black", "linewidth": 1.4},
-            )
+            axes.quiver(*middle, *mean, angles="xy", scale_units="xy", scale=1, width=0.003, zorder=3)
     off = np.linalg.norm(residuals, axis=1)
     order = np.argsort(off)
     dots = axes.scatter(
@@ -64,11 +60,13 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
 
 
 def write_pictures(workspace: Workspace, run: CalibrationRun) -> list[Path]:
-    """Write `rig/preview/lens-N.png` for each lens of a run that was measured; returns the files."""
+    """Write `rig/preview/lens-CAMERA-SIZE.png` for each lens of a run that was measured; returns the files."""
     files = []
-    for number, result in enumerate(run.lenses, 1):
+    for result in run.lenses:
         if result.calibration is not None:
-            file = workspace.root / "rig" / "preview" / f"lens-{number}.png"
-            title = f"{result.camera or 'camera without a name'}, {result.size[0]}x{result.size[1]}"
+            focal = f" {result.focal_35mm_mm:g} mm" if result.focal_35mm_mm else ""
+            title = f"{result.camera or 'camera'}{focal} {result.size[0]}x{result.size[1]}"
+            name = "-".join(re.findall("[a-z0-9]+", title.lower()))[:LONGEST_NAME]
+            file = workspace.root / "rig" / "preview" / f"lens-{name}.png"
             files.append(write_bytes(file, draw_calibration(result.calibration, title)))
     return files

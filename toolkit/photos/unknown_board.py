@@ -27,7 +27,7 @@ LEAST_SHARE = 0.2
 """Of the photographs with a board, that a marker must be seen in to count as one of its own."""
 NEAR_SIDES = 4.0
 """Marker sides up to which two markers' places relative to one another are read from the smaller frame of one."""
-REFINEMENTS = 5
+REFINEMENTS = 20
 LEAST_AGREE = 0.9
 """Share of the markers whose numbers must follow from their row and column."""
 WORST_FIT = 0.2
@@ -118,9 +118,6 @@ def identify_board(folder: Path) -> FoundBoard:
         raise ToolkitError(f"{folder}: none of its photographs can be read")
     found = tell_board(pictures)
     if found is None:
-        mirrored = tell_board([picture[:, ::-1].copy() for picture in pictures])
-        if mirrored is not None and mirrored.unit.dictionary:
-            raise ToolkitError(f"{folder}: shows a mirrored board ({mirrored.describe()}): print it unmirrored")
         raise ToolkitError(
             f"{folder}: no ChArUco board, grid of markers or chessboard found in {len(pictures)} photographs: expected "
             "one board, whole in the picture, lit evenly"
@@ -132,8 +129,16 @@ def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     """Tell the board in (h, w) uint8 pictures; None where there is none.
 
     Raises:
-        ToolkitError: markers are seen, but in no layout that the kit knows.
+        ToolkitError: markers are seen, but mirrored, or in no layout that the kit knows.
     """
+    found = _tell_markers(pictures)
+    if found is None and (mirrored := _tell_markers([picture[:, ::-1].copy() for picture in pictures])):
+        raise ToolkitError(f"the photographs show a mirrored board ({mirrored.describe()}): print it unmirrored")
+    return found or _tell_chessboard(pictures)
+
+
+def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
+    """The board with markers; None where fewer than `LEAST_MARKERS` are seen in any picture."""
     few = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, FIRST_PHOTOS).round().astype(int))]
     counted = {}
     with progress("telling the board", len(FAMILIES) + len(pictures)) as bar:
@@ -146,14 +151,13 @@ def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
             views.append(_read(picture, family))
             bar.advance(note=family)
     views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
-    if views:
-        counts = Counter(number for seen in views for number in seen)
-        own = {number for number, count in counts.items() if count >= LEAST_SHARE * len(views)}
-        views = [{number: seen[number] for number in seen if number in own} for seen in views]
-        views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
-    if views:
-        return FoundBoard(_tell_layout(family, _place(views)), len(views), len(pictures))
-    return _tell_chessboard(pictures)
+    if not views:
+        return None
+    counts = Counter(number for seen in views for number in seen)
+    own = {number for number, count in counts.items() if count >= LEAST_SHARE * len(views)}
+    views = [{number: seen[number] for number in seen if number in own} for seen in views]
+    views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
+    return FoundBoard(_tell_layout(family, _place(views)), len(views), len(pictures)) if views else None
 
 
 def _read(picture: np.ndarray, family: str) -> Markers:
