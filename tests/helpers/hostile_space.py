@@ -38,7 +38,8 @@ def furnish(space: Workspace) -> None:
     from toolkit.photos.gates.check_captures import append_check
     from toolkit.photos.gates.check_photo import PhotoCheck
     from toolkit.photos.gates.result import GateResult
-    from toolkit.rig.board import DEFAULT_BOARD, write_board
+    from toolkit.rig.board import DEFAULT_BOARD
+    from toolkit.rig.board_file import write_board
     from toolkit.rig.plan import read_plan
     from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
@@ -204,7 +205,7 @@ MESH = "rig/objects/crate.obj"
 READERS = {
     "plan": Reader("rig/plan.json", _list_plan),
     "shot list": Reader("rig/shots.json", _by("rig.shot_order:read_shots", "rig/shots.json")),
-    "board": Reader("rig/board.json", _by("rig.board:read_board")),
+    "board": Reader("rig/board.json", _by("rig.board_file:read_board")),
     "lenses": Reader("rig/lens.json", _by("photos.lens:read_lenses")),
     "print profile": Reader(
         "print/profiles/p.json", _by("imaging.printer:read_print_profile", "print/profiles/p.json")

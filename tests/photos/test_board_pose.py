@@ -11,9 +11,10 @@ from toolkit.core.workspace import make_workspace
 from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink, solve_pose
 from toolkit.photos.lens import lens_from_focal
 from toolkit.photos.locate import locate_by_board
-from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard, MarkerRing, choose_ring
+from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
 from toolkit.rig.camera import Camera, look_at, orbit_pose
 from toolkit.rig.markers import get_dictionary
+from toolkit.rig.ring import MarkerRing, choose_ring
 
 PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)
@@ -237,7 +238,7 @@ def test_another_dictionary_is_named(tmp_path):
     assert find_dictionary(image) == "DICT_4X4_50", "the smallest that has all of its numbers"
     assert find_dictionary(np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)) is None
     words = locate_by_board(make_workspace(tmp_path))(None, image)
-    assert words == "no board is seen, but markers of DICT_4X4_50: the workspace's board has DICT_5X5_1000"
+    assert words == "no board is seen, but markers of DICT_4X4_50: this board has DICT_5X5_1000"
     board = CharucoBoard(5, 7, 30.0, 22.0, "DICT_4X4_50")
     assert measure_ink(image, find_board(image, board)) < 0.2, "black ink on paper"
 

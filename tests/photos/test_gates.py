@@ -44,7 +44,8 @@ from toolkit.photos.gates.framing import (
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import CharucoBoard, write_board
+from toolkit.rig.board import CharucoBoard
+from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.shot_order import ShotStep

@@ -15,7 +15,8 @@ from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, 
 from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.patch import cell_middles
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import CharucoBoard, write_board
+from toolkit.rig.board import CharucoBoard
+from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_sheets
 

@@ -23,6 +23,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.objects.load import TableObject, load_object
+from toolkit.rig.board_file import PRINTED
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
 
@@ -114,9 +115,13 @@ def shoot_like(
     return LikeResult(result, tuple(sorted(skipped)))
 
 
-def shows_board(photos_dir: Path) -> bool:
-    """Whether the cameras of a source's photographs were measured from a board, which then lies in the pictures."""
-    return any("board_corners" in record.made for record in read_manifest(photos_dir).values())
+def board_shown(photos_dir: Path) -> str | None:
+    """The board from which the cameras of a source's photographs were measured, which then lies in the pictures.
+
+    `printed` for the one that was printed last, a name in `rig/boards` for another; None where they show none.
+    """
+    made = [record.made for record in read_manifest(photos_dir).values() if "board_corners" in record.made]
+    return str(made[-1].get("board", PRINTED)) if made else None
 
 
 def read_measured(

@@ -29,9 +29,10 @@ class SimulateConfig(Config):
         None, description="Of the rig. Default: studio, with {rehearse} side."
     )
     renderer: Annotated[str, Flag(metavar="raycast|filament")] = Field("raycast", description="What draws the images.")
-    board: Annotated[bool | None, Flag()] = Field(
+    board: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
-        description="Lay the printed board under the object. Default: with {like}, where the photographs show it.",
+        description="Board under the object: printed (the one that was printed last), none, one of rig/boards, or a "
+        "TOML file. Default: none; with {like} the one that the photographs show.",
     )
     rehearse: Annotated[bool, Flag("--rehearse")] = Field(
         False,
@@ -127,10 +128,10 @@ def simulate_captures(
         ToolkitError: as `shoot_plan` and `shoot_like`, or settings that do not go together.
     """
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
-    from toolkit.captures.like import MAX_PX, shoot_like, shows_board
+    from toolkit.captures.like import MAX_PX, board_shown, shoot_like
     from toolkit.captures.rehearsal import make_rehearsal
     from toolkit.captures.shoot import ShootSettings
-    from toolkit.rig.board import read_board
+    from toolkit.rig.board_file import read_board, with_board
     from toolkit.rig.requests import PAIR
 
     corruptions: Sequence[Corruption] = ()
@@ -148,9 +149,10 @@ def simulate_captures(
     left_out, board, engine = None, config.board, engine or EngineConfig()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
     if folder and board is None:
-        board = shows_board(folder)
-    if board:
-        settings = replace(settings, board=read_board(space))
+        board = board_shown(folder)
+    if board not in (None, "none"):
+        chosen = with_board(space, board)
+        settings = replace(settings, board=read_board(chosen))
     if folder:
         found = shoot_like(
             space, folder, settings, config.source, objects, variants, max_px=config.max_px or MAX_PX, engine=engine
@@ -185,7 +187,12 @@ def _shoot_plan(
     if set(variants) & set(ON_PAPER):
         for line in list_misfits(space, names, plan):
             errors.print(f"note: {line}", markup=False, soft_wrap=True)
-    words = ["sim", space.patch_set, "board" if config.board else None, "rehearsed" if config.rehearse else None]
+    words = [
+        "sim",
+        space.patch_set,
+        "board" if config.board not in (None, "none") else None,
+        "rehearsed" if config.rehearse else None,
+    ]
     source = config.source or "-".join(filter(None, words))
     with engine.open() as workers:
         return shoot_plan(space, plan, names, variants, settings, source, engine=workers)

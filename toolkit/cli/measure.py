@@ -1,5 +1,6 @@
 """`toolkit calibrate` and `toolkit print-profile`: a camera's lens and a printer's colours, from photographs."""
 
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,12 +13,30 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.names import is_file_name
 
 if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace as Space
     from toolkit.photos.calibrate import CalibrationRun, LensResult
     from toolkit.photos.prints.profile_photos import ProfileRun
+
+SHOWN_VIEWS = 3
 
 
 def calibrate(
     photos: Annotated[Path, typer.Argument(help="Folder with photos of the printed board, from several sides.")],
+    board: options.Board = None,
+    find_board: Annotated[
+        bool,
+        typer.Option("--find-board", help="Tell kind, dictionary and layout of a board that others printed instead."),
+    ] = False,
+    square_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            help="With --find-board: side of a square; of a grid of markers, from one's left edge to the next one's.",
+        ),
+    ] = None,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace a lens in rig/lens.json that was measured better.")
+    ] = False,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
@@ -27,13 +46,18 @@ def calibrate(
     from toolkit.core.workspace import open_workspace
     from toolkit.photos.calibrate import calibrate_folder
     from toolkit.photos.lens import write_lenses
-    from toolkit.rig.board import read_board
+    from toolkit.photos.lens_picture import write_pictures
+    from toolkit.rig.board_file import read_board, with_board
 
     space = open_workspace(workspace)
-    board = read_board(space)
-    run = calibrate_folder(photos, board)
-    list_skipped(run.unreadable)
-    list_skipped((name, f"no {board.describe()} found in it") for name in run.without_board)
+    if find_board:
+        _find_board(photos, space, square_mm, as_json)
+        return
+    if square_mm is not None:
+        raise FieldError("goes with {find_board}", {"square_mm": square_mm})
+    printed = read_board(with_board(space, board))
+    run = calibrate_folder(photos, printed)
+    list_skipped([*run.unreadable, *run.without_board])
     records = [record for result in run.lenses if (record := result.record()) is not None]
     for result in run.lenses:
         if result.calibration is None:
@@ -41,16 +65,55 @@ def calibrate(
         else:
             list_skipped((result.names[index], why) for index, why in result.calibration.refused)
     if not records:
-        why = run.lenses[0].why if run.lenses else f"the {board.describe()} was found in none of the photos"
+        why = run.lenses[0].why if run.lenses else _say_none_found(run, printed.describe())
         raise ToolkitError(f"{photos}: no lens could be calibrated: {why}")
-    file = write_lenses(space, records)
+    file, better = write_lenses(space, records, replace)
+    pictures = write_pictures(space, run)
+    for old, new in better:
+        warn(
+            f"kept the lens that was there, whose focal length is known to {old.focal_sigma_px} px, this one's to "
+            f"{new.focal_sigma_px} px; --replace takes the new one"
+        )
     if as_json:
-        show_json(_calibration_json(run))
+        show_json(_calibration_json(run) | {"kept_older": len(better), "pictures": [str(one) for one in pictures]})
     else:
         _report_lenses(run)
+        for picture in pictures:
+            say(f"where corners were seen, and what was left of their errors: {picture}")
         say(f"wrote {file}; next: toolkit import PHOTOS/")
     if run.unreadable:
         raise typer.Exit(1)
+
+
+def _say_none_found(run: "CalibrationRun", described: str) -> str:
+    whys = {why for _, why in run.without_board}
+    also = f"; {whys.pop()}" if len(whys) == 1 and "no board is seen" not in whys else ""
+    return (
+        f"the {described} was found in none of the photos{also}; 'toolkit calibrate --find-board PHOTOS/' tells which "
+        "board they show"
+    )
+
+
+def _find_board(photos: Path, space: "Space", square_mm: float | None, as_json: bool) -> None:
+    """Tell which board photographs show, ask for its one length, and write it."""
+    from toolkit.photos.unknown_board import identify_board
+    from toolkit.rig.board_file import boards_dir, write_spec
+
+    found = identify_board(photos)
+    if square_mm is None and not as_json and sys.stdin.isatty():
+        say(found.describe())
+        square_mm = typer.prompt(f"{found.length_name}, in mm", type=float, err=True)
+    if square_mm is None:
+        raise ToolkitError(
+            f"{found.describe()}; measure {found.length_name} and add --square-mm MM to the same command"
+        )
+    spec = found.measured(square_mm)
+    file = write_spec(boards_dir(space) / f"{found.name}.toml", spec)
+    if as_json:
+        show_json({"file": str(file), "photos": found.photos, "of": found.of, **spec.model_dump(exclude_none=True)})
+        return
+    say(found.describe())
+    say(f"wrote {file}; next: toolkit calibrate {photos} --board {found.name}")
 
 
 def _describe(result: "LensResult") -> str:
@@ -71,6 +134,9 @@ def _report_lenses(run: "CalibrationRun") -> None:
         )
         error, view, covered = f"{found.reprojection_px:.2f}", f"{found.lens.fov_deg:.1f}°", f"{found.coverage:.0%}"
         rows.append((_describe(result), photos, error, view, focal_px, covered))
+        order = sorted(zip(found.view_px, found.used, strict=True), reverse=True)[:SHOWN_VIEWS]
+        worst = ", ".join(f"{result.names[index]} {off:.2f}" for off, index in order)
+        notes.append(f"{_describe(result)}: farthest off, px: {worst}")
         notes += [f"{_describe(result)}: {line}" for line in found.advice()]
     show_table(("lens", "photos", "error, px", "field of view", "focal length, px", "frame covered"), rows)
     for note in notes:
@@ -86,9 +152,25 @@ def _calibration_json(run: "CalibrationRun") -> dict[str, Any]:
             "lens": record.model_dump(mode="json") if record else None,
             "fov_deg": round(result.calibration.lens.fov_deg, 3) if result.calibration else None,
             "advice": result.calibration.advice() if result.calibration else [],
+            "flat_px": round(result.calibration.flat_px, 4) if result.calibration else None,
+            "bend_mm": round(result.calibration.bend_mm, 3) if result.calibration else None,
+            "photos": _list_views(result),
         })  # fmt: skip
-    skipped = [*run.unreadable, *((name, "no board found") for name in run.without_board)]
+    skipped = [*run.unreadable, *run.without_board]
     return {"lenses": lenses, "skipped": [list(pair) for pair in skipped]}
+
+
+def _list_views(result: "LensResult") -> list[dict[str, Any]]:
+    """What became of each photograph that shows the board."""
+    found = result.calibration
+    if found is None:
+        return []
+    rows = zip(found.used, found.view_px, found.tilt_deg, strict=True)
+    used = [
+        {"photo": result.names[index], "error_px": round(off, 4), "tilt_deg": round(tilt, 1)}
+        for index, off, tilt in rows
+    ]
+    return used + [{"photo": result.names[index], "refused": why} for index, why in found.refused]
 
 
 def print_profile(

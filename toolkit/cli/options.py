@@ -74,6 +74,14 @@ Patches = Annotated[
     str | None,
     typer.Option("--patches", metavar="NAME", help="Subfolder of print/patches; default: print/patches."),
 ]
+Board = Annotated[
+    str | None,
+    typer.Option(
+        "--board",
+        metavar="NAME",
+        help="The board in the photographs: one of rig/boards, or a TOML file. Default: the one printed last.",
+    ),
+]
 Objects = Annotated[
     list[str] | None,
     typer.Option("--object", metavar="NAME", help="Only this object; repeat for more. Default: all."),

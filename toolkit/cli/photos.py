@@ -33,6 +33,7 @@ def import_(
             "--ask/--no-ask", help="Ask about photographs in doubt. Default: only at a terminal.", show_default=False
         ),
     ] = None,
+    board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -45,8 +46,9 @@ def import_(
     from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures, make_check
     from toolkit.photos.importing.import_photos import import_photos
+    from toolkit.rig.board_file import with_board
 
-    space = open_workspace(workspace).with_patches(patches)
+    space = with_board(open_workspace(workspace).with_patches(patches), board)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
     result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)
@@ -110,6 +112,7 @@ def _shorten(poses: Sequence[int]) -> str:
 
 def check(
     source: options.RealSource = "real",
+    board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -121,8 +124,9 @@ def check(
     """
     from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures
+    from toolkit.rig.board_file import with_board
 
-    space = open_workspace(workspace).with_patches(patches)
+    space = with_board(open_workspace(workspace).with_patches(patches), board)
     report = check_captures(space, source)
     if as_json:
         show_json(report.to_json())

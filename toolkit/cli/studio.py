@@ -34,6 +34,7 @@ def studio(
     weights: options.WeightsFile = None,
     source: options.RealSource = "real",
     device: options.Device = "auto",
+    board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -43,6 +44,7 @@ def studio(
     Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.core.workspace import open_workspace
+    from toolkit.rig.board_file import with_board
     from toolkit.studio.serve import listen, require_extra
 
     require_extra()
@@ -53,7 +55,7 @@ def studio(
     from toolkit.studio.serve import end_on_signal, make_server
     from toolkit.studio.session import open_session
 
-    space = open_workspace(workspace).with_patches(patches)
+    space = with_board(open_workspace(workspace).with_patches(patches), board)
     session = open_session(space, source)
 
     def load() -> "Classifier":

@@ -23,10 +23,12 @@ class Workspace:
         root: the folder.
         patch_set: the sub-folder of `print/patches` that is worked with, such as `rig18` for patches of that
             classifier; None for the patches that lie in `print/patches` itself.
+        board: file of the board in the photographs; None for the one that was printed last.
     """
 
     root: Path
     patch_set: str | None = None
+    board: Path | None = None
 
     @property
     def plan_file(self) -> Path:

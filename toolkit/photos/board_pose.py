@@ -1,127 +1,37 @@
 """Where a photograph's camera stood, from the printed board or ring that the object stands on."""
 
+from collections import Counter
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from toolkit.imaging.colour import LINEAR_OF_CODE
+from toolkit.photos.corners import STOP, grow_corners, refine_marker
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.plane_pose import PhotoPose, fit_plane_pose
-from toolkit.rig.board import Board, CharucoBoard
+from toolkit.rig.board import Board, CharucoBoard, Chessboard
 from toolkit.rig.camera import Camera
 from toolkit.rig.markers import get_dictionary
-
-ANCHORS = 16
-"""Known points nearest to a corner, from which it is predicted; so few that a lens's distortion matters little."""
-REACH_SQUARES = 3.0
-"""A corner is predicted from no farther than this."""
-MOST_SHIFT = 0.15
-"""How far a corner may lie from its prediction, in squares."""
-LEAST_CONTRAST_SHARE = 0.35
-LEAST_CONTRAST = 8.0
-"""Grey levels between the darker of two light squares and the lighter of two dark ones, and the share of what is usual
-on the board, that a corner must have."""
-PASSES = 3
-STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
-
-
-def grow_corners(
-    grey: np.ndarray, board: CharucoBoard, found: dict[int, np.ndarray], markers: dict[int, np.ndarray]
-) -> dict[int, np.ndarray]:
-    """Corners (2,) by number: those `found`, and all others of the board that can be seen near them.
-
-    Args:
-        grey: (h, w) uint8.
-        board: that is in the picture.
-        found: corners that are known.
-        markers: corners (4, 2) of the markers that were read, by number.
-    """
-    world = board.object_points()[:, :2]
-    marker_mm = board.marker_points(sorted(markers))[..., :2].reshape(-1, 2)
-    marker_px = np.concatenate([markers[number] for number in sorted(markers)]).reshape(-1, 2)
-    corners = dict(found)
-    for _ in range(PASSES):
-        known = sorted(corners)
-        anchors_mm = np.concatenate([marker_mm, world[known]])
-        anchors_px = np.concatenate([marker_px, np.array([corners[i] for i in known]).reshape(-1, 2)])
-        tried = {
-            i: _see_corner(grey, board, i, anchors_mm, anchors_px) for i in range(len(world))
-        }  # those known before too: they tell what contrast is usual
-        seen = {i: one for i, one in tried.items() if one is not None}
-        if not seen:
-            break
-        usual = float(np.percentile([contrast for _, contrast in seen.values()], 75))
-        limit = max(LEAST_CONTRAST, LEAST_CONTRAST_SHARE * usual)
-        new = {i: place for i, (place, contrast) in seen.items() if contrast >= limit and i not in corners}
-        corners |= new
-        if not new:
-            break
-    return corners
-
-
-def _see_corner(
-    grey: np.ndarray, board: CharucoBoard, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
-) -> tuple[np.ndarray, float] | None:
-    """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
-    at_mm = board.object_points([number])[0, :2]
-    away = np.linalg.norm(anchors_mm - at_mm, axis=1)
-    near = np.argsort(away, kind="stable")[:ANCHORS]
-    if len(near) < 4 or away[near[0]] > REACH_SQUARES * board.square_mm:
-        return None
-    homography, _ = cv2.findHomography(anchors_mm[near], anchors_px[near])
-    if homography is None:
-        return None
-    square, gap = board.square_mm, (board.square_mm - board.marker_mm) / 2
-    around = np.array([[0, 0], [square, 0], [0, square], [-square, 0], [0, -square]]) + at_mm
-    places = cv2.perspectiveTransform(around[None], homography)[0]
-    if not np.isfinite(places).all():
-        return None
-    side = float(np.linalg.norm(places[1:] - places[0], axis=1).min())
-    window = int(np.clip(0.9 * side * gap / square, 2, 10))
-    rim = window + 3
-    h, w = grey.shape
-    if side < 6 or not (rim <= places[0, 0] < w - rim and rim <= places[0, 1] < h - rim):
-        return None
-    start = places[:1].astype(np.float32).reshape(1, 1, 2)
-    place = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), STOP).reshape(2)
-    if np.linalg.norm(place - places[0]) > max(MOST_SHIFT * side, 1.0):
-        return None
-    return place, _contrast(grey, board, number, homography, place - places[0])
-
-
-def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
-    """Grey levels by which the light squares round a corner are lighter than the dark ones, the worst pair."""
-    at_mm, gap = board.object_points([number])[0, :2], (board.square_mm - board.marker_mm) / 2
-    steps = np.array([(s, t) for s in (0.35, 0.8) for t in (0.35, 0.8)]) * gap
-    # by world axes: down the page is +x, to its right +y
-    quadrants = np.array([(-1, -1), (1, 1), (-1, 1), (1, -1)])
-    points = (quadrants[:, None] * steps[None] + at_mm).reshape(1, -1, 2)
-    places = (cv2.perspectiveTransform(points, homography)[0] + shift).astype(np.float32)
-    values = cv2.remap(
-        grey, places[:, 0].copy(), places[:, 1].copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    means = values.reshape(4, len(steps)).astype(float).mean(axis=1)
-    row, column = divmod(number, board.columns - 1)
-    # the square to the upper left of a corner is black where row and column are both even or both odd
-    black, white = (means[:2], means[2:]) if (row + column) % 2 == 0 else (means[2:], means[:2])
-    return float(white.min() - black.max())
-
 
 SEARCH_SIDE_PX = 1600
 """Longer side of the picture in which markers are searched first; their corners are then refined in the full one."""
 COARSE_SIDE_PX = 800
+LEAST_OTHERS = 4
 SMALL_SIDE_PX = 1000
 """Pictures up to this size are also searched enlarged: a module of 2 px is too small for the detector's threshold."""
 ENOUGH_CORNERS = 24
 ENOUGH_SHARE = 0.4
 """With so many corners, or this share of the board's, no further search is made in other sizes of the picture."""
 LEAST_CORNERS = 6
+CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+CHESS_REACH = 0.35
+"""Of a square's shortest side, what is looked at round a corner to refine it."""
 SMALLEST_MARKER_SHARE = 0.006
 """Side of the smallest marker that is searched, as a share of the picture's longer side."""
-MARKER_MODULES = 7
-MODULES_IN_WINDOW = 0.8
+TWICE_SHARE = 0.2
+"""Of the markers that were read; where more are there twice, two boards are in the picture."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +51,10 @@ class BoardSighting:
     width: int
     height: int
 
+    def keep(self, mask: np.ndarray) -> "BoardSighting":
+        """The same with some of its corners: (n,) bool."""
+        return replace(self, ids=self.ids[mask], corners_px=self.corners_px[mask], world_mm=self.world_mm[mask])
+
 
 def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     """Find a board's corners, to a fraction of a pixel, however much of it the object covers.
@@ -150,13 +64,13 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
 
     Args:
         image: (h, w, 3) uint8 sRGB, upright.
-        board: which board; the user's own is `toolkit.rig.board.read_board`.
+        board: which board; the user's own is `toolkit.rig.board_file.read_board`.
 
     Returns:
-        What was found, or None with fewer than `LEAST_CORNERS` corners.
+        What was found, or None with fewer than `LEAST_CORNERS` corners, or where the board is there twice.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    finder = _CharucoFinder(board) if isinstance(board, CharucoBoard) else _RingFinder(board)
+    finder = _make_finder(board)
     enough = min(ENOUGH_CORNERS, ENOUGH_SHARE * len(finder.world_mm))
     best: tuple[np.ndarray, np.ndarray] | None = None
     for searched in _versions(grey):
@@ -185,7 +99,7 @@ def find_dictionary(image: np.ndarray) -> str | None:
 
     Of a family's sizes it is the smallest that has all the numbers that were read.
     """
-    grey = _shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
+    grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
 
     def read(name: str) -> np.ndarray:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
@@ -211,6 +125,32 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     return float(dark / max(bright, 1e-6))
 
 
+def explain_absence(image: np.ndarray, board: Board) -> str:
+    """Why `find_board` finds none: it is there twice, mirrored, or another one; "no board is seen" where nothing is.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB, upright.
+        board: that was looked for.
+    """
+    grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
+    finder = _make_finder(board)
+    if finder.sees_two(grey):
+        return "the board is seen twice: only one may be in the picture"
+    mirrored = finder.find(grey[:, ::-1].copy(), grey[:, ::-1].copy()) if board.marker_ids else None
+    if mirrored is not None and len(mirrored[0]) >= LEAST_CORNERS:
+        return "the board is seen mirrored: print it unmirrored, or switch off the front camera's mirror"
+    there = find_dictionary(image)
+    if there is not None and there.rpartition("_")[0] != board.dictionary.rpartition("_")[0]:
+        return f"no board is seen, but markers of {there}: this board has {board.dictionary or 'no markers'}"
+    others = finder.list_others(grey)
+    if len(others) >= LEAST_OTHERS:
+        shown = ", ".join(map(str, others[:3]))
+        return (
+            f"no board is seen, but markers {shown}… of {board.dictionary}, which are not on it: is it another board?"
+        )
+    return "no board is seen"
+
+
 def solve_pose(sighting: BoardSighting, lens: Camera) -> PhotoPose | None:
     """The camera of a sighting; None where its corners fit no camera above the table.
 
@@ -229,64 +169,172 @@ def solve_pose(sighting: BoardSighting, lens: Camera) -> PhotoPose | None:
 def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
     """The picture at the sizes and contrasts in which markers are searched, the likeliest first."""
     longer = max(grey.shape)
-    first = _shrink(grey, SEARCH_SIDE_PX)
+    first = shrink(grey, SEARCH_SIDE_PX)
     yield first
     if longer <= SMALL_SIDE_PX:
         yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     if longer > SEARCH_SIDE_PX:
-        yield _shrink(grey, 2 * SEARCH_SIDE_PX)
+        yield shrink(grey, 2 * SEARCH_SIDE_PX)
     if longer > COARSE_SIDE_PX:
-        yield _shrink(grey, COARSE_SIDE_PX)
+        yield shrink(grey, COARSE_SIDE_PX)
     yield cv2.createCLAHE(4.0, (8, 8)).apply(cv2.GaussianBlur(first, (0, 0), 1.0))
 
 
-def _shrink(grey: np.ndarray, side_px: int) -> np.ndarray:
+def shrink(grey: np.ndarray, side_px: int) -> np.ndarray:
+    """(h, w) uint8 whose longer side is so many pixels at most."""
     share = side_px / max(grey.shape)
     return grey if share >= 1 else cv2.resize(grey, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 
 
-class _CharucoFinder:
+class _MarkerFinder:
+    """Outer corners of markers that lie apart."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self.world_mm = board.object_points()
+        self._places = {marker_id: place for place, marker_id in enumerate(board.marker_ids)}
+        dictionary = get_dictionary(board.dictionary)
+        self._modules = dictionary.markerSize + 2
+        self._markers = cv2.aruco.ArucoDetector(dictionary, detector_parameters())
+
+    def find(self, full: np.ndarray, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Corner numbers (n,) and pixels (n, 2) in the full picture, from markers found in the searched one.
+
+        Corner 4 k + i is corner i of the board's marker k.
+        """
+        markers = self._read(full, searched)
+        if not markers:
+            return None
+        numbers = np.concatenate([4 * self._places[marker_id] + np.arange(4) for marker_id in markers])
+        return numbers, np.concatenate(list(markers.values())) + 0.5
+
+    def sees_two(self, grey: np.ndarray) -> bool:
+        """Whether many of the board's markers are in the picture twice."""
+        return _are_two(_find_markers(self._markers, self._places, grey, grey)[1])
+
+    def list_others(self, grey: np.ndarray) -> list[int]:
+        """Numbers of the markers of its dictionary that are seen and not on it."""
+        _, ids, _ = self._markers.detectMarkers(grey)
+        return sorted({int(one) for one in ids.ravel()} - set(self._places)) if ids is not None else []
+
+    def _read(self, full: np.ndarray, searched: np.ndarray) -> dict[int, np.ndarray]:
+        """Corners (4, 2) of the board's markers by number; none where the board is there twice."""
+        corners, ids = _find_markers(self._markers, self._places, full, searched)
+        if _are_two(ids):
+            return {}
+        counts = Counter(ids.tolist())
+        return {
+            int(marker_id): refine_marker(full, marker, self._modules)
+            for marker_id, marker in zip(ids, corners, strict=True)
+            if counts[int(marker_id)] == 1  # of a marker that is there twice, nobody knows which is meant
+        }
+
+
+class _CharucoFinder(_MarkerFinder):
     """Inner corners of a chessboard, each between two white squares whose markers name it."""
 
     def __init__(self, board: CharucoBoard) -> None:
-        self._board = board
-        self.world_mm = board.object_points()
-        self._known = frozenset(board.marker_ids)
-        self._markers = cv2.aruco.ArucoDetector(get_dictionary(board.dictionary), _detector_parameters())
-        self._corners = cv2.aruco.CharucoDetector(board.to_cv(), cv2.aruco.CharucoParameters(), _detector_parameters())
+        super().__init__(board)
+        self._squares = board
+        self._corners = cv2.aruco.CharucoDetector(board.to_cv(), cv2.aruco.CharucoParameters(), detector_parameters())
 
     def find(self, full: np.ndarray, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Corner numbers (n,) and pixels (n, 2) in the full picture, from markers found in the searched one."""
-        corners, ids = _find_markers(self._markers, self._known, full, searched)
-        if len(ids) == 0:
+        """As `_MarkerFinder.find`; corners are numbered from the upper left, row by row."""
+        markers = self._read(full, searched)
+        if not markers:
             return None
-        found, numbers, _, _ = self._corners.detectBoard(full, markerCorners=corners, markerIds=ids.reshape(-1, 1))
+        corners = [marker.astype(np.float32) for marker in markers.values()]
+        ids = np.array(list(markers), np.int32).reshape(-1, 1)
+        found, numbers, _, _ = self._corners.detectBoard(full, markerCorners=corners, markerIds=ids)
         named = {}
         if found is not None and len(found):
             named = dict(zip(numbers.reshape(-1).tolist(), found.reshape(-1, 2), strict=True))
-        markers = dict(zip(ids.tolist(), corners, strict=True))
-        places = grow_corners(full, self._board, named, markers)
+        places = grow_corners(full, self._squares, named, markers)
         if not places:
             return None
         order = sorted(places)
         return np.array(order), np.array([places[number] for number in order], float) + 0.5
 
 
-class _RingFinder:
-    """Outer corners of markers that lie apart."""
+class _ChessFinder:
+    """Inner corners of a chessboard without markers, all of them or none."""
 
-    def __init__(self, ring: Board) -> None:
-        self.world_mm = ring.object_points()
-        self._places = {marker_id: place for place, marker_id in enumerate(ring.marker_ids)}
-        self._markers = cv2.aruco.ArucoDetector(get_dictionary(ring.dictionary), _detector_parameters())
+    def __init__(self, board: Chessboard) -> None:
+        self._board = board
+        self.world_mm = board.object_points()
 
     def find(self, full: np.ndarray, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """As `_CharucoFinder.find`; corner 4 k + i is corner i of the ring's marker k."""
-        corners, ids = _find_markers(self._markers, self._places, full, searched)
-        if len(ids) == 0:
+        """As `_CharucoFinder.find`."""
+        grid = self._find_grid(searched)
+        if grid is None or self._find_grid(_blank(searched, grid)) is not None:
             return None
-        numbers = np.concatenate([4 * self._places[int(marker_id)] + np.arange(4) for marker_id in ids])
-        return numbers, np.concatenate([_refine_marker(full, marker) for marker in corners]).astype(float) + 0.5
+        scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]])
+        places = (grid + 0.5) * scale - 0.5
+        steps = (
+            np.linalg.norm(np.diff(places, axis=1), axis=2).min(),
+            np.linalg.norm(np.diff(places, axis=0), axis=2).min(),
+        )
+        reach = int(np.clip(CHESS_REACH * min(steps), 2, 10))
+        start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
+        places = cv2.cornerSubPix(full, start, (reach, reach), (-1, -1), STOP).reshape(grid.shape).astype(float)
+        places = self._orient(full, places)
+        return np.arange(self._board.corner_count), places.reshape(-1, 2) + 0.5
+
+    def sees_two(self, grey: np.ndarray) -> bool:
+        """Whether a second board is left when the first is painted over."""
+        grid = self._find_grid(grey)
+        return grid is not None and self._find_grid(_blank(grey, grid)) is not None
+
+    def list_others(self, grey: np.ndarray) -> list[int]:
+        """It has no markers."""
+        return []
+
+    def _find_grid(self, grey: np.ndarray) -> np.ndarray | None:
+        """(rows, columns, 2) corners as OpenCV orders them."""
+        size = (self._board.columns - 1, self._board.rows - 1)
+        found, corners = cv2.findChessboardCornersSB(grey, size, flags=CHESS_FLAGS)
+        return corners.reshape(size[1], size[0], 2).astype(float) if found else None
+
+    def _orient(self, grey: np.ndarray, grid: np.ndarray) -> np.ndarray:
+        """The same corners from the board's upper left one, which is known by the black square beyond it."""
+        right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if right[0] * down[1] - right[1] * down[0] < 0:  # a board is never seen from behind
+            grid = grid[:, ::-1]
+        turned = grid[::-1, ::-1]
+        if self._board.looks_the_same_turned:
+            return grid if grid[0, 0].sum() <= turned[0, 0].sum() else turned
+        return grid if _starts_black(grey, grid) else turned
+
+
+def _blank(grey: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """The picture with a board painted over in its own mean."""
+    hull = cv2.convexHull(grid.reshape(-1, 2).astype(np.float32)).round().astype(np.int32)
+    return cv2.fillConvexPoly(grey.copy(), hull, float(grey[tuple(hull[:, 0, ::-1].mean(axis=0).astype(int))]))
+
+
+def _starts_black(grey: np.ndarray, grid: np.ndarray) -> bool:
+    """Whether the squares on the diagonal of the first inner one, which are like the upper left one, are the dark."""
+    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    at = centres.astype(np.float32)
+    light = cv2.remap(grey, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR).astype(float)
+    rows, columns = np.indices(light.shape)
+    like_first = (rows + columns) % 2 == 0
+    return bool(light[like_first].mean() < light[~like_first].mean())
+
+
+Finder = _MarkerFinder | _ChessFinder
+
+
+def _make_finder(board: Board) -> Finder:
+    if isinstance(board, CharucoBoard):
+        return _CharucoFinder(board)
+    return _ChessFinder(board) if isinstance(board, Chessboard) else _MarkerFinder(board)
+
+
+def _are_two(ids: np.ndarray) -> bool:
+    """Whether so many markers are there twice that two boards must be."""
+    twice = sum(count > 1 for count in Counter(ids.tolist()).values())
+    return twice > 1 and twice > TWICE_SHARE * len(set(ids.tolist()))
 
 
 def _find_markers(
@@ -303,16 +351,8 @@ def _find_markers(
     return [((corners[i].reshape(4, 2) + half) * scale - half).astype(np.float32) for i in mine], numbers[mine]
 
 
-def _refine_marker(full: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(4, 2) corners moved to where the picture's gradients meet, in a window of less than a module of the marker."""
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    window = int(np.clip(MODULES_IN_WINDOW * sides.min() / MARKER_MODULES, 2, 12))
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
-    refined = cv2.cornerSubPix(full, corners.reshape(4, 1, 2).copy(), (window, window), (-1, -1), stop)
-    return refined.reshape(4, 2)
-
-
-def _detector_parameters() -> cv2.aruco.DetectorParameters:
+def detector_parameters() -> cv2.aruco.DetectorParameters:
+    """How markers are looked for."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = 4 * SMALLEST_MARKER_SHARE
     parameters.adaptiveThreshWinSizeMax = 43  # large squares in a soft picture

@@ -72,6 +72,9 @@ def lens_from_exif(photo: Photo, sensor_width_mm: float | None = None) -> Camera
 
 SAME_FOCAL = 0.02
 """Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of one lens of a phone."""
+LESS_SURE = 1.1
+"""Times by which a standard deviation must exceed another for a lens to be called worse: the same photographs with one
+more or less change it by less."""
 SENSOR_TURNS = {6: 1, 3: 2, 8: 3}
 """Quarter turns clockwise that bring stored pixels upright, by EXIF orientation."""
 
@@ -85,7 +88,7 @@ class LensRecord(BaseModel):
         width, height, fx, fy, cx, cy: pixels, as the sensor stores them; pixel (0, 0)'s centre at (0.5, 0.5).
         distortion: OpenCV's k1, k2, p1, p2, k3.
         reprojection_px: root mean square error of the calibration.
-        focal_sigma_px: standard deviation of fx.
+        focal_sigma_px: standard deviation of fx, from leaving photographs out.
         views: photographs used.
         coverage: share of the frame that held corners of the board.
     """
@@ -113,6 +116,12 @@ class LensRecord(BaseModel):
         """Whether both are of one camera, focal length and size, so that the newer one replaces the older."""
         sizes = (self.width, self.height) == (other.width, other.height)
         return sizes and self.camera == other.camera and _same_focal(self.focal_35mm_mm, other.focal_35mm_mm)
+
+    def is_surer_than(self, other: "LensRecord") -> bool:
+        """Whether its focal length is known better, by more than a tenth; no where one of the two does not say."""
+        if self.focal_sigma_px is None or other.focal_sigma_px is None:
+            return False
+        return LESS_SURE * self.focal_sigma_px / self.fx < other.focal_sigma_px / other.fx
 
 
 class LensFile(BaseModel):
@@ -153,11 +162,31 @@ def read_lenses(workspace: Workspace) -> list[LensRecord]:
     return read_json(file, LensFile).lenses if file.is_file() else []
 
 
-def write_lenses(workspace: Workspace, records: list[LensRecord]) -> Path:
-    """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced."""
-    kept = [old for old in read_lenses(workspace) if not any(old.same_lens(new) for new in records)]
-    made = LensFile(lenses=[*kept, *records])
-    return write_json(lens_file(workspace), made.model_dump(mode="json", exclude_none=True))
+def write_lenses(
+    workspace: Workspace, records: list[LensRecord], replace: bool = False
+) -> tuple[Path, list[tuple[LensRecord, LensRecord]]]:
+    """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced.
+
+    One that is less sure than the one that is there does not replace it.
+
+    Args:
+        workspace: whose file is meant.
+        records: that were measured now.
+        replace: also by a worse one.
+
+    Returns:
+        The file, and (old, new) of the old lenses that were kept instead.
+    """
+    there = read_lenses(workspace)
+    kept = []
+    for new in records:
+        better = next((old for old in there if old.same_lens(new) and old.is_surer_than(new)), None)
+        if better is not None and not replace:
+            kept.append((better, new))
+    added = [new for new in records if not any(new is worse for _, worse in kept)]
+    others = [old for old in there if not any(old.same_lens(new) for new in added)]
+    made = LensFile(lenses=[*others, *added])
+    return write_json(lens_file(workspace), made.model_dump(mode="json", exclude_none=True)), kept
 
 
 def lens_for(photo: Photo, workspace: Workspace, sensor_width_mm: float | None = None) -> LensChoice:

@@ -25,23 +25,25 @@ def locate_by_board(workspace: Workspace) -> Locate:
     Raises:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
-    from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink
+    from toolkit.photos.board_pose import explain_absence, find_board, measure_ink
     from toolkit.photos.lens import read_lenses
-    from toolkit.rig.board import read_board
+    from toolkit.rig.board_file import read_board
 
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
+        if board.looks_the_same_turned:
+            return f"a {board.describe()} looks the same turned half round: use one with an odd and an even count"
         sighting = find_board(pixels, board)
-        located = locate_sighting(photo, sighting, lenses)
         if sighting is None:
-            there = find_dictionary(pixels)
-            if there is not None and there.rpartition("_")[0] != board.dictionary.rpartition("_")[0]:
-                return f"no board is seen, but markers of {there}: the workspace's board has {board.dictionary}"
-        elif isinstance(located, PosedCamera):
-            ink = round(measure_ink(pixels, sighting), 3)
-            return replace(located, details={**located.details, "board_ink": ink})
-        return located
+            return explain_absence(pixels, board)
+        found = locate_sighting(photo, sighting, lenses)
+        if isinstance(found, str):
+            return found
+        details = {**found.details, "board_ink": round(measure_ink(pixels, sighting), 3)}
+        if workspace.board is not None:
+            details["board"] = workspace.board.stem
+        return replace(found, details=details)
 
     return locate
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 DICTIONARY = "DICT_5X5_1000"
 """One dictionary for everything that is printed: markers of a board, a ring and a colour strip never share a number."""
 DICTIONARIES = {f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)} | {
+    "DICT_ARUCO_ORIGINAL": 1024,
+    "DICT_ARUCO_MIP_36h12": 250,
     "DICT_APRILTAG_16h5": 30,
     "DICT_APRILTAG_25h9": 35,
     "DICT_APRILTAG_36h10": 2320,
@@ -57,6 +59,20 @@ def count_markers(dictionary: str) -> int:
     if dictionary not in DICTIONARIES:
         raise one_of("dictionary of markers", dictionary, list(DICTIONARIES))
     return DICTIONARIES[dictionary]
+
+
+def require_ids(what: str, dictionary: str, first_id: int, count: int) -> None:
+    """Check that a dictionary has the markers of a sheet.
+
+    Raises:
+        ToolkitError: there is none of that name, or it ends before them.
+    """
+    known = count_markers(dictionary)
+    if not 0 <= first_id <= known - count:
+        raise ToolkitError(
+            f"{what}: markers {first_id} to {first_id + count - 1} of {dictionary}: it has 0 to {known - 1}; choose "
+            "another dictionary or first_id"
+        )
 
 
 def get_dictionary(name: str) -> "cv2.aruco.Dictionary":

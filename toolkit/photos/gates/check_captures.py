@@ -25,6 +25,7 @@ from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, S
 from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
 from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots
@@ -38,7 +39,7 @@ VERSION = 3
 def hash_setup(workspace: Workspace) -> str:
     """Hash of all but the image that a photograph's results follow from: the rig, patches, objects, measures."""
     digest = hashlib.sha256(f"gates {VERSION}".encode())
-    for file in (workspace.root / "rig" / "board.json", workspace.root / "rig" / "lens.json", workspace.plan_file):
+    for file in (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file):
         digest.update(file.read_bytes() if file.is_file() else b"none")
     for name, file in sorted(workspace.patches().items()):
         digest.update(f"{name} {sha256_file(file)}".encode())

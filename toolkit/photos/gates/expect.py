@@ -16,7 +16,8 @@ from toolkit.photos.gates.solid import Solid
 from toolkit.photos.gates.which_object import KnownObjects
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
-from toolkit.rig.board import Board, read_board
+from toolkit.rig.board import Board
+from toolkit.rig.board_file import read_board
 from toolkit.rig.mount import MountedSheet, attach
 from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster, mount_printed
 

@@ -243,19 +243,20 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
     found = {divmod(number, board.columns - 1): place for number, place in places}
     worst = None
     for step in ((0, 1), (1, 0)):
-        edges = sorted(_list_edges(found, step), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
+        edges = sorted(_list_edges(found, step, board), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
         widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:
             worst = max(worst or 0.0, float(np.median(widths)))
     return worst
 
 
-def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int]) -> list[Edge]:
+def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int], board: CharucoBoard) -> list[Edge]:
     """Both ends (2,) of each edge between corners that lie `step` apart, and the vector (2,) over its white square.
 
     Args:
         found: corners (2,) by row and column of the inner corners.
         step: rows and columns from one end of an edge to the other.
+        board: says which squares are white.
     """
     edges: list[Edge] = []
     for (row, column), start in found.items():
@@ -267,8 +268,7 @@ def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int])
             line = [found.get((r + sign * step[1], c + sign * step[0])) for sign in (-1, 0, 1)]
             sides += [after - before for before, after in pairwise(line) if before is not None and after is not None]
         if sides:
-            # the upper left square is black, so the one to the lower right of a corner is white where their sum is odd
-            after_is_white = (row + column) % 2 == 1
+            after_is_white = not board.is_black(row + 1, column + 1)
             edges.append((start, end, np.mean(sides, axis=0) * (1 if after_is_white else -1)))
     return edges
 

@@ -29,7 +29,7 @@ from toolkit.printing.shot_list.tour import (
     find_legs,
     name_change,
 )
-from toolkit.rig.board import read_board
+from toolkit.rig.board_file import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.requests import ShotListConfig
 from toolkit.rig.shot_order import (

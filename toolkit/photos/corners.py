@@ -1,0 +1,171 @@
+"""Corners of a board in a picture, to a fraction of a pixel."""
+
+import cv2
+import numpy as np
+
+from toolkit.rig.board import CharucoBoard
+
+ANCHORS = 16
+"""Known points nearest to a corner, from which it is predicted; so few that a lens's distortion matters little."""
+REACH_SQUARES = 3.0
+"""A corner is predicted from no farther than this."""
+MOST_SHIFT = 0.15
+"""How far a corner may lie from its prediction, in squares."""
+LEAST_CONTRAST_SHARE = 0.35
+LEAST_CONTRAST = 8.0
+"""Grey levels between the darker of two light squares and the lighter of two dark ones, and the share of what is usual
+on the board, that a corner must have."""
+PASSES = 3
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
+
+
+def grow_corners(
+    grey: np.ndarray, board: CharucoBoard, found: dict[int, np.ndarray], markers: dict[int, np.ndarray]
+) -> dict[int, np.ndarray]:
+    """Corners (2,) by number: those `found`, and all others of the board that can be seen near them.
+
+    Args:
+        grey: (h, w) uint8.
+        board: that is in the picture.
+        found: corners that are known.
+        markers: corners (4, 2) of the markers that were read, by number.
+    """
+    world = board.object_points()[:, :2]
+    marker_mm = board.marker_points(sorted(markers))[..., :2].reshape(-1, 2)
+    marker_px = np.concatenate([markers[number] for number in sorted(markers)]).reshape(-1, 2)
+    corners = dict(found)
+    for _ in range(PASSES):
+        known = sorted(corners)
+        anchors_mm = np.concatenate([marker_mm, world[known]])
+        anchors_px = np.concatenate([marker_px, np.array([corners[i] for i in known]).reshape(-1, 2)])
+        tried = {
+            i: _see_corner(grey, board, i, anchors_mm, anchors_px) for i in range(len(world))
+        }  # those known before too: they tell what contrast is usual
+        seen = {i: one for i, one in tried.items() if one is not None}
+        if not seen:
+            break
+        usual = float(np.percentile([contrast for _, contrast in seen.values()], 75))
+        limit = max(LEAST_CONTRAST, LEAST_CONTRAST_SHARE * usual)
+        new = {i: place for i, (place, contrast) in seen.items() if contrast >= limit and i not in corners}
+        corners |= new
+        if not new:
+            break
+    return corners
+
+
+def _see_corner(
+    grey: np.ndarray, board: CharucoBoard, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
+) -> tuple[np.ndarray, float] | None:
+    """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
+    at_mm = board.object_points([number])[0, :2]
+    away = np.linalg.norm(anchors_mm - at_mm, axis=1)
+    near = np.argsort(away, kind="stable")[:ANCHORS]
+    if len(near) < 4 or away[near[0]] > REACH_SQUARES * board.square_mm:
+        return None
+    homography, _ = cv2.findHomography(anchors_mm[near], anchors_px[near])
+    if homography is None:
+        return None
+    square, gap = board.square_mm, (board.square_mm - board.marker_mm) / 2
+    around = np.array([[0, 0], [square, 0], [0, square], [-square, 0], [0, -square]]) + at_mm
+    places = cv2.perspectiveTransform(around[None], homography)[0]
+    if not np.isfinite(places).all():
+        return None
+    side = float(np.linalg.norm(places[1:] - places[0], axis=1).min())
+    window = int(np.clip(0.9 * side * gap / square, 2, 10))
+    rim = window + 3
+    h, w = grey.shape
+    if side < 6 or not (rim <= places[0, 0] < w - rim and rim <= places[0, 1] < h - rim):
+        return None
+    start = places[:1].astype(np.float32).reshape(1, 1, 2)
+    place = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), STOP).reshape(2)
+    if np.linalg.norm(place - places[0]) > max(MOST_SHIFT * side, 1.0):
+        return None
+    return place, _contrast(grey, board, number, homography, place - places[0])
+
+
+def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
+    """Grey levels by which the light squares round a corner are lighter than the dark ones, the worst pair."""
+    at_mm, gap = board.object_points([number])[0, :2], (board.square_mm - board.marker_mm) / 2
+    steps = np.array([(s, t) for s in (0.35, 0.8) for t in (0.35, 0.8)]) * gap
+    # by world axes: down the page is +x, to its right +y
+    quadrants = np.array([(-1, -1), (1, 1), (-1, 1), (1, -1)])
+    points = (quadrants[:, None] * steps[None] + at_mm).reshape(1, -1, 2)
+    places = (cv2.perspectiveTransform(points, homography)[0] + shift).astype(np.float32)
+    values = cv2.remap(
+        grey, places[:, 0].copy(), places[:, 1].copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    means = values.reshape(4, len(steps)).astype(float).mean(axis=1)
+    # the square to the upper left of a corner has the corner's own row and column
+    starts_black = board.is_black(*divmod(number, board.columns - 1))
+    black, white = (means[:2], means[2:]) if starts_black else (means[2:], means[:2])
+    return float(white.min() - black.max())
+
+
+MODULES_IN_REACH = 0.6
+"""How far to both sides of a marker's outline its edge is looked for, in modules: white paper and black border are
+wider than that."""
+ALONG = np.linspace(0.12, 0.88, 24)
+"""Places along a side, away from its corners, where blur rounds the outline."""
+STEP_PX = 0.25
+LEAST_REACH_PX, MOST_REACH_PX = 1.5, 12.0
+LINE_ROUNDS = 3
+STRAY_PX = 0.3
+"""An edge that lies farther from its side's line counts the less."""
+
+
+def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.ndarray:
+    """(4, 2) corners of a marker: where the straight lines through its four sides meet.
+
+    A corner's own surroundings may hold a neighbour's corner or a module's, and `cv2.cornerSubPix` then goes there. The
+    sides are long and lie alone; AprilTag's detector refines in the same way (Wang and Olson, 2016).
+
+    Args:
+        grey: (h, w) uint8.
+        corners: (4, 2) roughly, clockwise, pixel centres at integers.
+        modules: across the marker, its black border included.
+
+    Returns:
+        The same, better; the given ones where an outline is not seen.
+    """
+    corners = np.asarray(corners, float)
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    reach = float(np.clip(MODULES_IN_REACH * lengths.min() / modules, LEAST_REACH_PX, MOST_REACH_PX))
+    steps = np.arange(-reach, reach + STEP_PX / 2, STEP_PX)
+    outwards = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.maximum(lengths, 1e-9)[:, None]
+    places = corners[:, None, None] + ALONG[:, None, None] * sides[:, None, None]
+    places = (places + steps[:, None] * outwards[:, None, None]).astype(np.float32)
+    flat = np.ascontiguousarray(places.reshape(4 * len(ALONG), len(steps), 2))
+    x, y = flat[..., 0].copy(), flat[..., 1].copy()
+    light = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
+    # outwards it gets lighter; the centroid of the squared rise is the edge
+    rise = np.diff(light.reshape(4, len(ALONG), len(steps)), axis=2).clip(0) ** 2
+    weight = rise.sum(axis=2)
+    offset = (rise * (steps[1:] + steps[:-1]) / 2).sum(axis=2) / np.maximum(weight, 1e-9)
+    if (weight.sum(axis=1) <= 0).any():
+        return corners
+    ends = np.stack([_fit_line(one, by) for one, by in zip(offset, weight, strict=True)])
+    starts = corners + ends[:, :1] * outwards
+    stops = corners + sides + ends[:, 1:] * outwards
+    return _meet(np.roll(starts, 1, axis=0), np.roll(stops, 1, axis=0), starts, stops, corners)
+
+
+def _fit_line(offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(2,) offsets at both ends of a side, by weighted least squares that trust stray edges less."""
+    design = np.stack([1 - ALONG, ALONG], axis=1)
+    root = np.sqrt(weight)
+    for _ in range(LINE_ROUNDS):
+        ends = np.linalg.lstsq(design * root[:, None], offset * root, rcond=None)[0]
+        stray = np.abs(offset - design @ ends)
+        root = np.sqrt(weight) * np.minimum(1, STRAY_PX / np.maximum(stray, 1e-9))
+    return ends
+
+
+def _meet(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """(4, 2) where the lines a-b and c-d cross; `otherwise` where they are parallel."""
+    first, second, gap = b - a, d - c, c - a
+    turn = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    if (np.abs(turn) < 1e-9).any():
+        return otherwise
+    share = (gap[:, 0] * second[:, 1] - gap[:, 1] * second[:, 0]) / turn
+    return a + share[:, None] * first
