@@ -212,6 +212,8 @@ def retexture_photos(workspace: Workspace, photos: Sequence[Path], config: Retex
     for k, file in enumerate(bare):
         number = numbers[k] if paired else len(files) + 1 + k
         photo = read_photo(file)
+        if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
+            continue
         made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         content = encode_like(photo, None)
         _write(root, name, "unpatched", number, photo, content, None, made, photo.sha256)

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import sparse
 
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.photos.prints.align import Drawn, PatchWarp, draw_patch, fit_warp, follow, sample_image
+from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.photos.prints.align import Drawn, PatchWarp, fit_warp, follow, place_cut, sample_image
 from toolkit.photos.prints.colour_cube import cube_weights, solve_cube
 from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
 
@@ -30,6 +30,7 @@ RGB = np.linalg.inv(YCC)
 MOST_TEXELS = 3000
 TEXEL_SAMPLES = (3, 8)
 COLOUR_ROUNDS = 3
+ROBUST_ROUNDS = 5
 LEAST_TEXELS = 60
 DARK = 0.02
 MOST_GAIN = 0.7
@@ -37,15 +38,24 @@ MOST_GAIN = 0.7
 KERNEL_PX = 9
 KERNEL_SAMPLES = 12_000
 KERNEL_RIDGE = 1e-3
-REFINE_PX = 900.0
+REFINE_PX = 600.0
+MEASURED_PX = 640
 REFINE_STIFFNESS = 0.005
+RIPPLE_DEGREE = 5
+RIPPLE_TERMS = 21
+LEAST_POINTS = 80
+"""Of the 225 that are followed."""
+RIPPLE_RIDGE = 1.0
+COARSE_PX = 8
+"""What changes slowly is worked out at every eighth pixel."""
 NOISE_LEVELS = 8
 LEAST_OF_LEVEL = 0.03
-DEVIATION = 1.4826
-"""A normal one's over the median of its distances from 0."""
-EDGE_SLOPE = 0.15
+WIDE_PX, NARROW_PX = 5, 3
+QUARTER = 0.8
+"""Lower quartile over root mean square of the deviation of some ten independent values."""
 HIDES = (0.09, 5.0)
 """What hides the patch differs from it by so much, luma and chroma together, and by so many medians of the rest."""
+FEW_PX = 4.0
 LEAST_HIDDEN = 6.0
 """Texels: what is smaller is the fit's own miss."""
 FEATHER_PX = (0.5, 2.0)
@@ -58,6 +68,7 @@ class PrintedLook:
 
     Attributes:
         warp: the patch in the photo's own pixels.
+        ripple: (21, 2) coefficients of `ripple_terms`: by how much (u, v) differ from the warp's, as paper is wavy.
         nodes: (nodes³, 3) luma and chroma of each of the cube's colours.
         light: (5, 3) coefficients of `light_terms` for red, green and blue.
         kernels: (3, 9, 9) for luma and the two chromas.
@@ -68,6 +79,7 @@ class PrintedLook:
     """
 
     warp: PatchWarp
+    ripple: np.ndarray
     nodes: np.ndarray
     light: np.ndarray
     kernels: np.ndarray
@@ -86,6 +98,13 @@ def light_terms(uv: np.ndarray) -> np.ndarray:
     """(..., 5) slopes and curves over the patch, all 0 at its middle."""
     x, y = 2 * uv[..., 0] - 1, 2 * uv[..., 1] - 1
     return np.stack([x, y, x * x, x * y, y * y], axis=-1)
+
+
+def ripple_terms(uv: np.ndarray) -> np.ndarray:
+    """(..., 21) the products of Legendre polynomials of u and v, from -1 to 1, up to degree five together."""
+    degrees = np.add.outer(np.arange(RIPPLE_DEGREE + 1), np.arange(RIPPLE_DEGREE + 1)) <= RIPPLE_DEGREE
+    both = np.polynomial.legendre.legvander2d(2 * uv[..., 0] - 1, 2 * uv[..., 1] - 1, [RIPPLE_DEGREE] * 2)
+    return np.asarray(both[..., degrees.ravel()])
 
 
 def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarray) -> PrintedLook:
@@ -109,16 +128,30 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
     delta = np.zeros((3, KERNEL_PX, KERNEL_PX))
     delta[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
     look = PrintedLook(
-        sighting.warp, nodes, light, delta, np.zeros((NOISE_LEVELS, 3)), np.zeros(2), delta_e, sighting.shown
+        sighting.warp,
+        np.zeros((RIPPLE_TERMS, 2)),
+        nodes,
+        light,
+        delta,
+        np.zeros((NOISE_LEVELS, 3)),
+        np.zeros(2),
+        delta_e,
+        sighting.shown,
     )
     look = _refine_place(image, look, patch_pixels)
-    scene = Scene(image, look, patch_pixels)
-    look = replace(look, kernels=_fit_kernels(scene))
-    scene = Scene(image, look, patch_pixels)
-    noise, grain_px = _measure_noise(scene)
-    inside = scene.cover > 0.99
-    shown = float(1 - scene.hidden[inside].mean()) if inside.any() else 0.0
-    return replace(look, noise=noise, grain_px=grain_px, shown=shown)
+    part, moved = _cut_middle(image, look.warp)
+    look = replace(look, kernels=_fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels)))
+    noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
+    return replace(look, noise=noise, grain_px=grain_px)
+
+
+def _cut_middle(image: np.ndarray, warp: PatchWarp) -> tuple[np.ndarray, PatchWarp]:
+    """The photo round the patch's middle, enough to measure blur and noise by, and the patch's warp there."""
+    (x, y), (h, w) = warp.corners.mean(axis=0), image.shape[:2]
+    left, top = int(np.clip(x - MEASURED_PX / 2, 0, w)), int(np.clip(y - MEASURED_PX / 2, 0, h))
+    move = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
+    part = image[top : top + MEASURED_PX, left : left + MEASURED_PX]
+    return part, PatchWarp(move @ warp.homography, warp.bend)
 
 
 def read_texels(image: np.ndarray, sighting: PatchSighting, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -210,29 +243,42 @@ class Scene:
     def __init__(self, image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray) -> None:
         """Draw the known patch; see `fit_look` for the arguments."""
         self.look = look
-        outline = draw_patch(np.zeros((8, 8, 1), np.float32), look.warp, image.shape)
-        if outline is None:
+        placed = place_cut(look.warp, image.shape)
+        if placed is None:
             raise ToolkitError("the patch lies outside of the photo")
-        self.left, self.top, self.uv = outline.left, outline.top, outline.uv.astype(np.float32)
-        du, dv = (np.abs(np.stack(np.gradient(self.uv[..., k]))).sum(axis=0) for k in (0, 1))
+        self.left, self.top, uv = placed
+        self.uv = uv.astype(np.float32)
+        if look.ripple.any():
+            coarse = self.uv[::COARSE_PX, ::COARSE_PX]
+            self.uv = self.uv - self._enlarge((ripple_terms(np.clip(coarse, 0, 1)) @ look.ripple).astype(np.float32))
+        du, dv = (sum(np.abs(part) for part in np.gradient(self.uv[..., k])) for k in (0, 1))
         self._step = np.stack([du, dv], axis=-1)
         edges = np.clip(np.minimum(self.uv, 1 - self.uv) / np.maximum(self._step, 1e-9) + 0.5, 0, 1)
         self.cover = edges.prod(axis=-1)
-        self._cut = outline.cut(image)
+        h, w = uv.shape[:2]
+        self._cut = image[self.top : self.top + h, self.left : self.left + w]
         self.seen = _to_ycc(self._cut / np.float32(255))
         outside = (self.cover < 0.01).astype(np.float32)
-        light = srgb_to_linear(self._cut / np.float32(255))
+        light = LINEAR_OF_CODE[self._cut]
         near = cv2.GaussianBlur(outside, (0, 0), 3.0)[..., None]
         around = cv2.GaussianBlur(light * outside[..., None], (0, 0), 3.0) / np.maximum(near, 1e-3)
         self._around = np.where(outside[..., None] > 0, light, around)
+        gain = np.exp(light_terms(self.uv[::COARSE_PX, ::COARSE_PX]) @ look.light).astype(np.float32)
+        self._gain = self._enlarge(gain)
         self.drawn = self.draw(patch_pixels)
         self.hidden = self._find_hidden(patch_pixels.shape[0])
+
+    def _enlarge(self, coarse: np.ndarray) -> np.ndarray:
+        """(h, w, c) from its values at every eighth pixel."""
+        h, w = self.uv.shape[:2]
+        y, x = np.mgrid[:h, :w].astype(np.float32) / COARSE_PX + np.float32(0.5)
+        return sample_image(coarse, np.stack([x, y], axis=-1))
 
     def draw(self, pixels: np.ndarray) -> np.ndarray:
         """(h, w, 3) float32 luma and chroma: a patch (n, n, 3) uint8 sRGB in this place, without noise."""
         colours = srgb_to_linear(self.look.colours(pixels))
         light = draw_texels(colours, self.uv, self._step)
-        light *= np.exp(light_terms(self.uv) @ self.look.light).astype(np.float32)
+        light *= self._gain
         cover = self.cover[..., None].astype(np.float32)
         ycc = _to_ycc(linear_to_srgb(cover * light + (1 - cover) * self._around))
         return np.stack([_filter(ycc[..., k], self.look.kernels[k]) for k in range(3)], axis=-1)
@@ -243,10 +289,15 @@ class Scene:
             return np.zeros(self.cover.shape, np.float32)
         texel_px = max(self.look.warp.side_px / n, 1.0)
         miss = (self.seen - self.drawn) * inside[..., None]
-        near = np.maximum(cv2.GaussianBlur(inside.astype(np.float32), (0, 0), texel_px), 1e-3)
-        # the mean over a texel or two: noise and a shift by a part of a texel vanish in it
-        mean = cv2.GaussianBlur(miss, (0, 0), texel_px) / near[..., None]
+        # the mean over a texel or two, in which noise and a shift by a part of a texel vanish; few pixels tell it
+        scale = min(1.0, FEW_PX / texel_px)
+        small, part = (cv2.resize(one, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for one in (
+            miss.astype(np.float32), inside.astype(np.float32)
+        ))  # fmt: skip
+        near = np.maximum(cv2.GaussianBlur(part, (0, 0), scale * texel_px), 1e-3)
+        mean = cv2.GaussianBlur(small, (0, 0), scale * texel_px) / near[..., None]
         size = np.linalg.norm(mean, axis=-1)
+        size = cv2.resize(size, inside.shape[::-1], interpolation=cv2.INTER_LINEAR)
         least = max(HIDES[0], HIDES[1] * float(np.median(size[inside])))
         weak = ((size > least / 2) & inside).astype(np.uint8)
         count, labels = cv2.connectedComponents(weak)
@@ -285,6 +336,10 @@ class Scene:
             parts.append(grain * sigma)
         return np.stack(parts, axis=-1)
 
+    def misfit(self) -> float:
+        """Mean distance of the photo's luma and the drawn patch's."""
+        return float(np.abs(self.seen - self.drawn)[..., 0][self.cover > 0.99].mean())
+
     def grey_drawn(self) -> Drawn:
         """The known patch's luma, as the alignment takes it."""
         inside = self.cover > 0.99
@@ -304,7 +359,7 @@ def draw_texels(texels: np.ndarray, uv: np.ndarray, step: np.ndarray) -> np.ndar
     """
     n = texels.shape[0]
     wide = float(np.median(step) * n)
-    source = texels.astype(np.float32)
+    source: np.ndarray = texels.astype(np.float32)
     if wide > 1:  # several texels in a pixel: the line below is a texel wide, the rest is blurred here
         source = cv2.GaussianBlur(source, (0, 0), np.sqrt((wide**2 - 1) / 12) + 1e-3, borderType=cv2.BORDER_REPLICATE)
     place = uv * n - 0.5
@@ -326,16 +381,35 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
     """Align once more, with the printed colours and nearly the photo's own size; kept where it fits better."""
     scale = min(1.0, REFINE_PX / look.warp.side_px)
     small = shrink_image(image, scale)
-    at_scale = replace(look, warp=look.warp.scaled(scale))
-    scene = Scene(small, at_scale, patch_pixels)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
-    uv, pixels = follow(grey, scene.grey_drawn(), at_scale.warp)
-    better = replace(at_scale, warp=fit_warp(uv, pixels, at_scale.warp, REFINE_STIFFNESS, 0.3))
-    before, after = (
-        float(np.abs((one.seen - one.drawn)[..., 0])[one.cover > 0.99].mean())
-        for one in (scene, Scene(small, better, patch_pixels))
-    )
-    return replace(look, warp=better.warp.scaled(1 / scale)) if after < before else look
+    best = replace(look, warp=look.warp.scaled(scale))
+    scene = Scene(small, best, patch_pixels)
+    for is_ripple in (False, True):
+        uv, pixels = follow(grey, scene.grey_drawn(), best.warp)
+        if is_ripple:
+            better = replace(best, ripple=_fit_ripple(uv, best.warp.to_patch(pixels) - uv))
+        else:
+            better = replace(best, warp=fit_warp(uv, pixels, best.warp, REFINE_STIFFNESS, 0.3))
+        tried = Scene(small, better, patch_pixels)
+        if tried.misfit() < scene.misfit():
+            best, scene = better, tried
+    inside = scene.cover > 0.99
+    shown = float(1 - scene.hidden[inside].mean()) if inside.any() else 0.0
+    return replace(best, warp=best.warp.scaled(1 / scale), shown=shown)
+
+
+def _fit_ripple(uv: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """(21, 2) coefficients of how far points (k, 2) lie from where the warp has them, by robust least squares."""
+    ripple = np.zeros((RIPPLE_TERMS, 2))
+    if len(uv) < LEAST_POINTS:
+        return ripple
+    terms, weight = ripple_terms(uv), np.ones(len(uv))
+    for _ in range(ROBUST_ROUNDS):
+        normal = terms.T @ (terms * weight[:, None]) + RIPPLE_RIDGE * np.eye(RIPPLE_TERMS)
+        ripple = np.linalg.solve(normal, terms.T @ (apart * weight[:, None]))
+        miss = np.linalg.norm(apart - terms @ ripple, axis=1)
+        weight = 1 / (1 + (miss / (2 * np.median(miss) + 1e-9)) ** 2)
+    return ripple
 
 
 def _fit_kernels(scene: Scene) -> np.ndarray:
@@ -366,42 +440,39 @@ def _fit_kernels(scene: Scene) -> np.ndarray:
     return np.stack(kernels)
 
 
-def _measure_noise(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarray]:
     """(levels, 3) deviation of luma and chromas by level of luma, and (2,) how smooth their noise is, pixels."""
     miss = scene.seen - scene.drawn
-    miss = miss - cv2.GaussianBlur(miss, (0, 0), 3.0)  # what the colours miss is no noise
+    # about the mean of so many pixels each way: what the colours miss is no noise
+    wide = WIDE_PX if texel_px > 1.5 * WIDE_PX else NARROW_PX
+    apart = miss - cv2.blur(miss, (wide, wide))
+    spread = np.sqrt(np.maximum(cv2.blur(apart**2, (wide, wide)), 0) * wide**2 / (wide**2 - 1))
     good = (scene.cover > 0.99) & (scene.hidden < 0.01)
-    flat = good & ~_near_edges(scene.drawn[..., 0])
-    if flat.sum() > 500:
-        good = flat
     if good.sum() < 100:
         return np.zeros((NOISE_LEVELS, 3)), np.zeros(2)
     level = np.clip(np.rint(scene.drawn[..., 0][good] * (NOISE_LEVELS - 1)), 0, NOISE_LEVELS - 1).astype(int)
-    values = miss[good]
-    whole = DEVIATION * np.median(np.abs(values), axis=0)
+    values = spread[good]
     # a level that few pixels have, as overshoot beside an edge is, takes its neighbours' noise
     known = np.flatnonzero(np.bincount(level, minlength=NOISE_LEVELS) > LEAST_OF_LEVEL * len(level))
-    found = np.stack([DEVIATION * np.median(np.abs(values[level == step]), axis=0) for step in known])
+    # the quietest quarter lies within texels; elsewhere a shift by a part of a pixel looks like noise
+    found = np.stack([np.percentile(values[level == step], 25, axis=0) / QUARTER for step in known])
     steps = np.arange(NOISE_LEVELS)
     noise = np.stack([np.interp(steps, known, found[:, channel]) for channel in range(3)], axis=1)
-    pairs = good[:, 1:] & good[:, :-1]
+    quiet = good & (spread[..., 0] < 2 * np.interp(scene.drawn[..., 0] * (NOISE_LEVELS - 1), steps, noise[:, 0]))
+    pairs = quiet[:, 1:] & quiet[:, :-1]
+    miss = miss - cv2.GaussianBlur(miss, (0, 0), 3.0)
+    whole = noise.mean(axis=0)
     grain = []
     for channels in ((0,), (1, 2)):
         alike = []
         for channel in channels:
             limit = 4 * max(whole[channel], 1e-6)
             one = np.clip(miss[..., channel], -limit, limit)
-            alike.append((one[:, 1:] * one[:, :-1])[pairs].mean() / max(float((one[good] ** 2).mean()), 1e-12))
+            alike.append((one[:, 1:] * one[:, :-1])[pairs].mean() / max(float((one[quiet] ** 2).mean()), 1e-12))
         # white noise through a Gaussian: neighbours correlate by exp(-1 / (4 σ²))
         likeness = float(np.clip(np.mean(alike), 0.0, 0.9))
         grain.append(0.0 if likeness < 0.01 else 0.5 / np.sqrt(-np.log(likeness)))
     return noise, np.array(grain)
-
-
-def _near_edges(luma: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels where the drawn patch itself changes, so that a miss is one of place."""
-    slope = np.abs(cv2.Sobel(luma, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(luma, cv2.CV_32F, 0, 1))
-    return np.asarray(slope > EDGE_SLOPE)
 
 
 def _smooth_noise(white: np.ndarray, sigma_px: float) -> np.ndarray:
