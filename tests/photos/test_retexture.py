@@ -15,8 +15,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.photos.prints.colour_cube import bending, cube_weights, solve_cube
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.photos.prints.look import _smooth_noise, draw_texels
-from toolkit.photos.retexture import KnownPatch, RetextureConfig, fit_photo, retexture_photos
+from toolkit.photos.retexture import retexture_photos
+from toolkit.photos.retexture_config import RetextureConfig
 
 SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
 N, SIDE = 24, 240
@@ -204,3 +206,18 @@ def test_real_photographs_predict_each_other() -> None:
     # of all same-scene pairs the median was 2.9; these two are among the easier
     assert summarise(found.others)["delta_e_median"] < 2.5
     assert summarise(found.own)["delta_e_median"] < 2.0
+
+
+def test_a_profile_of_photographed_patches_prints_as_their_printer_does(tmp_path: Path) -> None:
+    from toolkit.imaging.printer import print_colours, white_paper
+    from toolkit.photos.prints.profile_photos import profile_patches
+
+    known = [KnownPatch(f"p{seed}", make_patch(seed)) for seed in (1, 2)]
+    for patch in known:
+        save(tmp_path / f"{patch.name}.png", photograph(patch.pixels))
+    run = profile_patches([tmp_path], known, "desk")
+    assert run.profile.held_out.median < 2.5 < run.profile.without.median / 2
+    colours = np.random.default_rng(3).integers(40, 216, (20, 1, 3)).astype(np.uint8)
+    truth = linear_to_srgb(print_truth(colours) / print_truth(np.full((1, 1, 3), 255, np.uint8)) * white_paper())
+    said = print_colours(run.profile, colours / 255.0)
+    assert np.median(apart(255 * said, 255 * truth)) < 3

@@ -17,8 +17,9 @@ from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import decode_image
 from toolkit.models.network import Classifier
 from toolkit.photos.prints.find import rectify_patch
+from toolkit.photos.prints.fitted_photo import FittedPhoto, fit_photo, list_files, read_known
 from toolkit.photos.prints.look import read_texels
-from toolkit.photos.retexture import FittedPhoto, encode_like, fit_photo, list_files, read_known
+from toolkit.photos.retexture import encode_like
 
 RECTIFIED_PX = 400
 BANDS = 4

@@ -94,6 +94,18 @@ class PrintedLook:
         return np.clip(encoded, 0, 1).reshape(pixels.shape)
 
 
+def even_texels(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n², 3) linear light of each texel as a share of bare paper's in the same place, and (n²,) 1 where it shows.
+
+    Paper is what the look makes of the file's white: no margin is needed.
+    """
+    seen, trust = read_texels(image, sighting, n)
+    steps = (np.arange(n) + 0.5) / n
+    light = np.exp(light_terms(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)) @ look.light)
+    white = srgb_to_linear(look.colours(np.full((1, 1, 3), 255, np.uint8))[0, 0])
+    return srgb_to_linear(seen) / light / white, trust
+
+
 def light_terms(uv: np.ndarray) -> np.ndarray:
     """(..., 5) slopes and curves over the patch, all 0 at its middle."""
     x, y = 2 * uv[..., 0] - 1, 2 * uv[..., 1] - 1
