@@ -27,6 +27,7 @@ from toolkit.rig.plan import plan_objects as plan_objects
 from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
+from toolkit.photos.retexture import retexture as retexture
 from toolkit.photos.retexture_config import RetextureConfig as RetextureConfig
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures

@@ -17,7 +17,7 @@ from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, s
 from toolkit.photos.prints.colour_cube import bending, cube_weights, solve_cube
 from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.photos.prints.look import _smooth_noise, draw_texels
-from toolkit.photos.retexture import retexture_photos
+from toolkit.photos.retexture import retexture
 from toolkit.photos.retexture_config import RetextureConfig
 
 SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
@@ -160,7 +160,7 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     save(folder / "c.jpg", photograph(make_patch(3)))
     bare = save(tmp_path / "bare.jpg", photograph(make_patch(4)))
     config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare,))
-    run = retexture_photos(workspace, [folder], config)
+    run = retexture(workspace, [folder], config)
     assert [Path(path).name for path, _ in run.skipped] == ["b.jpg", "c.jpg"]
     assert "mirrored" in run.skipped[0][1] and "not found" in run.skipped[1][1]
     found = read_captures(run.folder)
@@ -175,7 +175,7 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
         assert one.quantization == other.quantization  # type: ignore[attr-defined]
         assert other.getexif()[0x0110] == "A phone" and one.layer == other.layer  # type: ignore[attr-defined]
     before = {file: file.stat().st_mtime_ns for file in run.folder.rglob("*.jpg") if "patch" in file.parent.name}
-    retexture_photos(workspace, [folder], config)
+    retexture(workspace, [folder], config)
     assert {file: file.stat().st_mtime_ns for file in before} == before
 
 
@@ -189,7 +189,7 @@ def test_a_patch_that_is_there_twice_is_refused(tmp_path: Path) -> None:
 def test_what_is_no_patch_is_said(workspace: Workspace, tmp_path: Path) -> None:
     wide = save(tmp_path / "wide.png", np.zeros((20, 30, 3), np.uint8))
     with pytest.raises(ToolkitError, match="expected the square file that was printed"):
-        retexture_photos(workspace, [tmp_path], RetextureConfig(found=(str(wide),), given=("nobody",)))
+        retexture(workspace, [tmp_path], RetextureConfig(found=(str(wide),), given=("nobody",)))
 
 
 @pytest.mark.slow

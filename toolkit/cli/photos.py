@@ -178,13 +178,13 @@ def retexture(
     """
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.photos.retexture import retexture_photos
+    from toolkit.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
     if check:
         _check_retexture(space, photos, config, (model, weights, device), as_json)
         return
-    run = retexture_photos(space, photos, config)
+    run = run_retexture(space, photos, config)
     list_skipped(run.skipped)
     if as_json:
         show_json({

@@ -64,7 +64,7 @@ def make_controls(size_px: int, seed: int) -> dict[str, KnownPatch]:
     return {"grey-patch": KnownPatch("grey", grey), "random-patch": KnownPatch("random", noise)}
 
 
-def retexture_photos(workspace: Workspace, photos: Sequence[Path], config: RetextureConfig) -> RetextureRun:
+def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureConfig) -> RetextureRun:
     """Put other patches in the place of a printed one, into `captures/retextured/OBJECT/VARIANT`.
 
     Beside those that are asked for come a grey patch and one of random texels, and the photographs as they were taken;
