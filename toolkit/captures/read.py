@@ -43,6 +43,7 @@ class Capture:
         booster_sha256: of what was on the object, where the manifest has it.
         is_rendered: the manifest says that a renderer made it.
         is_by_plan: likewise, and that its camera is the plan's: no photograph's (`--like`) and no rehearsal's.
+        is_retextured: by the manifest a true photograph, in which another patch was put in the printed one's place.
         corruption: (name, severity) that it has, or gets where `cut_px` is None; None for an image as it was taken.
         cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
             that is corrupted when it is read, after it was resized and cut for the network.
@@ -62,6 +63,7 @@ class Capture:
     booster_sha256: str | None = None
     is_rendered: bool = False
     is_by_plan: bool = False
+    is_retextured: bool = False
     corruption: tuple[str, int] | None = None
     cut_px: int | None = None
     failed_gates: tuple[str, ...] = ()
@@ -166,7 +168,10 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
     if any(capture.object == POOLED for capture in chosen):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
     return CaptureFolder(
-        root, tuple(chosen), tuple(unread), (*_note_files(found, stray), *_note_doubles(chosen), *copies)
+        root,
+        tuple(chosen),
+        tuple(unread),
+        (*_note_files(found, stray), *_note_retextured(chosen), *_note_doubles(chosen), *copies),
     )
 
 
@@ -266,6 +271,7 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         booster_sha256=record.booster_sha256,
         is_rendered="renderer" in record.made,
         is_by_plan="renderer" in record.made and not {"like", "rehearsed"} & record.made.keys(),
+        is_retextured="retextured" in record.made,
         **_read_corruption(record.made),
     )
 
@@ -296,6 +302,14 @@ def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
     if stray:
         notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {_some(stray)}")
     return notes
+
+
+def _note_retextured(captures: list[Capture]) -> list[str]:
+    counts = Counter((one.object, one.variant) for one in captures if one.is_retextured)
+    if not counts:
+        return []
+    named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))
+    return [f"retextured, true photographs with another patch in the printed one's place: {named}"]
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:

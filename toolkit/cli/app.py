@@ -81,6 +81,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         ),
         "import": Entry("photos:import_", "import photographs, tell object and pose"),
         "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
+        "retexture": Entry("photos:retexture", "put another patch into photographs of a printed one"),
         "calibrate": Entry("measure:calibrate", "measure a camera's lens"),
         "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
     },

@@ -176,8 +176,17 @@ def _list_views(result: "LensResult") -> list[dict[str, Any]]:
 def print_profile(
     photos: Annotated[list[Path], typer.Argument(help="Photographs of the printed page, or a folder of them.")],
     class_name: Annotated[
-        str, typer.Option("--class", metavar="NAME", help="The patch on it, by file name or by class.")
-    ],
+        str | None, typer.Option("--class", metavar="NAME", help="The patch on it, by file name or by class.")
+    ] = None,
+    from_patch: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--from-patch",
+            metavar="PATCH",
+            help="In place of --class: photographs of this patch, cut out and anywhere; its name, or a PNG of its "
+            "texels. Repeat for several: each is then predicted from the others.",
+        ),
+    ] = None,
     paper: Annotated[
         str,
         typer.Option(
@@ -205,14 +214,21 @@ def print_profile(
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.imaging.printer import write_print_profile
-    from toolkit.photos.prints.profile_photos import choose_printed, profile_photos
+    from toolkit.photos.prints.fitted_photo import read_known
+    from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos
     from toolkit.printing.page import parse_paper
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
     space = open_workspace(workspace).with_patches(patches)
-    patch, size_mm = choose_printed(space, class_name, size_mm)
-    run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
+    if (class_name is None) == (from_patch is None):
+        raise FieldError("give one of {class_name} and {from_patch}", {})
+    if from_patch is not None:
+        known = [read_known(space, one) for one in from_patch]
+        run = profile_patches(photos, known, name or known[0].name, by)
+    else:
+        patch, size_mm = choose_printed(space, str(class_name), size_mm)
+        run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
     list_skipped(run.skipped)
     file = write_print_profile(out or space.root / "print" / "profiles" / f"{run.profile.name}.json", run.profile)
     if as_json:
@@ -234,10 +250,10 @@ def _profile_json(run: "ProfileRun", file: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _report_profile(run: "ProfileRun", file: Path, expected_mm: float) -> None:
+def _report_profile(run: "ProfileRun", file: Path, expected_mm: float | None) -> None:
     for photo in run.photos:
-        size = "sheet's edges not seen"
-        if photo.size_mm is not None:
+        size = "sheet's edges not seen" if expected_mm is not None else f"side {photo.side_px:.0f} px"
+        if photo.size_mm is not None and expected_mm is not None:
             size = f"{photo.size_mm:.1f} mm of {expected_mm:.1f} mm"
         strip = "strip read" if photo.has_strip else "no strip"
         bias = ", ".join(
@@ -251,4 +267,5 @@ def _report_profile(run: "ProfileRun", file: Path, expected_mm: float) -> None:
         f"{file}: model '{profile.model}' of {profile.n_samples} samples; print against file {profile.without}, "
         f"against the profile, on parts it was not fitted to, {profile.held_out}"
     )
-    say(f"next: toolkit train-patch --class {profile.patch} --data rig --print-profile {file}")
+    name = "NAME" if expected_mm is None else profile.patch
+    say(f"next: toolkit train-patch --class {name} --data rig --print-profile {file}")

@@ -1,4 +1,4 @@
-"""`toolkit import` and `toolkit check`: photographs from a camera or phone, and what is to be taken again."""
+"""`toolkit import`, `check` and `retexture`: photographs from a camera, retakes, other patches put into them."""
 
 import sys
 from collections.abc import Sequence
@@ -12,8 +12,10 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.severities import list_spans
 from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.retexture_config import RetextureConfig
 
 if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace
     from toolkit.photos.gates.check_captures import CheckReport
     from toolkit.photos.importing.import_photos import ImportResult
 
@@ -151,3 +153,93 @@ def _report_check(report: "CheckReport", folder: Path) -> None:
     say(f"{passed} of {len(report.photos)} photographs pass every gate that was checked")
     if report.retakes:
         say(f"to take again: {folder}/{RETAKE_FILE}")
+
+
+@from_config(config=RetextureConfig)
+def retexture(
+    photos: Annotated[
+        list[Path], typer.Argument(metavar="PHOTOS...", help="Photographs of the printed patch, or folders of them.")
+    ],
+    config: RetextureConfig,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Predict true photographs of several known patches from one another, and compare."
+        ),
+    ] = False,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    device: options.Device = "auto",
+    patches: options.Patches = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.
+
+    With --check nothing is written: photographs whose names differ only in the patch's are predicted from each other,
+    and networks are asked whether they answer alike.
+    """
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.retexture import retexture as run_retexture
+
+    space = open_workspace(workspace).with_patches(patches)
+    if check:
+        _check_retexture(space, photos, config, (model, weights, device), as_json)
+        return
+    run = run_retexture(space, photos, config)
+    list_skipped(run.skipped)
+    if as_json:
+        show_json({
+            "folder": str(run.folder), "object": run.object, "variants": list(run.variants),
+            "photos": [{"name": name, **facts} for name, facts in run.photos],
+            "skipped": [{"path": path, "reason": reason} for path, reason in run.skipped],
+            "bare": run.bare, "paired": run.paired,
+        })  # fmt: skip
+    else:
+        rows = [
+            (name, facts["found"], f"{facts['confidence']:.2f}", f"{facts['side_px']:.0f}", f"{facts['delta_e']:.1f}",
+             f"{facts['shown']:.0%}")
+            for name, facts in run.photos
+        ]  # fmt: skip
+        show_table(("photograph", "found", "confidence", "side, px", "fit, ΔE00", "shows"), rows)
+        bare = f", {run.bare} bare ones {'paired' if run.paired else 'not paired'} with them" if run.bare else ""
+        say(f"retextured {len(run.photos)} photographs{bare}: {run.folder / run.object}: {', '.join(run.variants)}")
+        say(f"next: toolkit eval {run.folder}")
+    if run.skipped:
+        raise typer.Exit(1)
+
+
+def _check_retexture(
+    space: "Workspace",
+    photos: list[Path],
+    config: RetextureConfig,
+    networks: tuple[list[str] | None, list[Path] | None, str],
+    as_json: bool,
+) -> None:
+    """Run and show `retexture --check`."""
+    from toolkit.core.console import list_skipped
+    from toolkit.models.load import load_classifiers
+    from toolkit.photos.retexture_check import check_retexture, summarise
+
+    model, weights, device = networks
+    classifiers = load_classifiers(model, weights, device, space.classifiers_dir)
+    found = check_retexture(space, photos, config.found, classifiers, config.seed)
+    list_skipped(found.skipped)
+    if as_json:
+        show_json(found.to_json())
+        return
+    rows = []
+    for what, part in (("its own patch put back", found.own), ("from another patch's photograph", found.others)):
+        short = summarise(part)
+        if short["n"]:
+            alike = ", ".join(f"{name} {hits} of {n}" for name, (hits, n) in short["alike"].items())
+            error = f"{short['delta_e_median']:.1f} (90 % below {short['delta_e_p90']:.1f})"
+            rows.append((what, str(short["n"]), error, f"{short['sharpness']:.2f}", f"{short['noise']:.2f}", alike))
+    show_table(("predicted", "n", "ΔE00 by texel", "sharpness", "noise", "answered alike"), rows)
+    for name, (hits, n) in found.two_true.items():
+        if n:
+            say(f"{name}: two true photographs of one patch, not of one place, are answered alike in {hits} of {n}")
+    if not found.others:
+        say("no two photographs' names differ only in the patch's: name them as PATCH_PLACE.jpg to compare patches")

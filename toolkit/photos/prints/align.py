@@ -215,6 +215,25 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
         warp: where it lies.
         shape: of the photo, (h, w, …).
     """
+    placed = place_cut(warp, shape)
+    if placed is None:
+        return None
+    left, top, uv = placed
+    h, w = uv.shape[:2]
+    source = _enlarge(patch, warp)
+    m = source.shape[0]
+    fine = cv2.resize((uv * m).astype(np.float32), (w * SAMPLES, h * SAMPLES), interpolation=cv2.INTER_LINEAR)
+    picture = cv2.resize(sample_image(source, fine), (w, h), interpolation=cv2.INTER_AREA).reshape(h, w, -1)
+    reach = np.abs(np.stack(np.gradient(uv, axis=(0, 1)), -1)).sum(axis=-1) / 2
+    inside = ((uv > reach) & (uv < 1 - reach)).all(axis=-1)
+    return Drawn(picture, inside, left, top, uv)
+
+
+def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.ndarray] | None:
+    """The cut of the photo that holds the patch: left, top, and (h, w, 2) places on the patch of pixels' centres.
+
+    None where the photo, of `shape`, shows none of it.
+    """
     rim = np.linspace(0, 1, 9)
     outline = np.concatenate([np.stack([rim, 0 * rim + k], 1) for k in (0, 1)])
     outline = warp.to_pixels(np.concatenate([outline, outline[:, ::-1]]))
@@ -223,14 +242,7 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
     if (high - low < 4).any():
         return None
     w, h = (int(x) for x in high - low)
-    uv = _look_back(warp, w, h, low)
-    source = _enlarge(patch, warp)
-    m = source.shape[0]
-    fine = cv2.resize((uv * m).astype(np.float32), (w * SAMPLES, h * SAMPLES), interpolation=cv2.INTER_LINEAR)
-    picture = cv2.resize(sample_image(source, fine), (w, h), interpolation=cv2.INTER_AREA).reshape(h, w, -1)
-    reach = np.abs(np.stack(np.gradient(uv, axis=(0, 1)), -1)).sum(axis=-1) / 2
-    inside = ((uv > reach) & (uv < 1 - reach)).all(axis=-1)
-    return Drawn(picture, inside, int(low[0]), int(low[1]), uv)
+    return int(low[0]), int(low[1]), _look_back(warp, w, h, low)
 
 
 def _look_back(warp: PatchWarp, w: int, h: int, low: np.ndarray) -> np.ndarray:

@@ -177,7 +177,35 @@ def fit_colours(
         patch_pixels: (n, n, 3) uint8 sRGB, the file.
         strips: the colour strip in photos of the same print; its colours are shares of its own white.
     """
-    samples = _gather(colours, patch_pixels, strips)
+    return _fit_samples(_gather(colours, patch_pixels, strips))
+
+
+def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> FittedColours:
+    """Fit the transform to texels of several photographs, and choose its form by whole patches that are held out.
+
+    Args:
+        patches: of each photograph: the file (n, n, 3) uint8 sRGB; (n², 3) linear light of its texels as a share of
+            paper's; (n²,) weights, 0 where one is hidden. Photographs of one file are held out together; of one file
+            alone, parts of it are.
+    """
+    kinds = [file.tobytes() for file, _, _ in patches]
+    which = [sorted(set(kinds)).index(kind) for kind in kinds]
+    files, folds = [], []
+    for (file, _, trust), number in zip(patches, which, strict=True):
+        n = file.shape[0]
+        rows, columns = np.mgrid[:n, :n] * CELLS // n
+        cells = ((columns + 2 * rows) % FOLDS).ravel()
+        folds.append((cells if len(set(which)) == 1 else np.full(n * n, number))[trust > 0])
+        files.append(file.reshape(-1, 3)[trust > 0] / 255.0)
+    stated = np.concatenate(files)
+    seen = np.concatenate([part[trust > 0] for _, part, trust in patches])
+    terms = {power: raise_terms(stated, power, MODELS["cubic"]) for power in POWERS}
+    weight = np.ones((len(stated), 1))
+    return _fit_samples(_Samples(terms, srgb_to_linear(stated), seen, weight, np.concatenate(folds)))
+
+
+def _fit_samples(samples: _Samples) -> FittedColours:
+    """The form and its power that predict what is held out best, fitted to all."""
     of_patch = samples.fold >= 0
     answers = {
         (name, power): _cross_validate(samples, power, exponents)
@@ -248,7 +276,7 @@ def _cross_validate(samples: _Samples, power: float, exponents: tuple[Exponents,
     """The error on every part of the patch by what was fitted to the others."""
     terms = _columns(samples, power, exponents)
     said = np.zeros_like(samples.seen)
-    for fold in range(FOLDS):
+    for fold in np.unique(samples.fold[samples.fold >= 0]):
         held = samples.fold == fold
         fit = _solve(terms[~held], samples.seen[~held], samples.weight[~held])
         said[held] = terms[held] @ fit

@@ -12,9 +12,17 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
 from toolkit.objects.records import Patch, read_patch
 from toolkit.photos.photo import list_photos, load_pixels, read_photo
-from toolkit.photos.prints.colours import ColourComparison, PrintedColours, compare_colours, read_colours
+from toolkit.photos.prints.colours import (
+    ColourComparison,
+    PrintedColours,
+    compare_colours,
+    compare_texels,
+    read_colours,
+)
 from toolkit.photos.prints.find import find_patch
-from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, read_strip
+from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, fit_texels, read_strip
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files
+from toolkit.photos.prints.look import even_texels
 from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
 from toolkit.printing.page import Paper
 from toolkit.printing.print_patches import choose_wearer, say_sizes, select_patches
@@ -128,8 +136,51 @@ def profile_photos(
         raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
     fitted = fit_colours(colours, patch.pixels, strips)
     made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
-    profile = _make_profile(fitted, patch, name or patch.record.name, tuple(photo.sha256 for photo in photos), made)
+    about, hashes = patch.record, tuple(photo.sha256 for photo in photos)
+    profile = _make_profile(fitted, about.name, about.png_sha256, name or about.name, hashes, made)
     return ProfileRun(profile, tuple(photos), tuple(skipped), fitted.tried, tuple(_warn(photos, expected_mm)))
+
+
+def profile_patches(
+    paths: Sequence[Path], patches: Sequence[KnownPatch], name: str, by: str | None = None
+) -> ProfileRun:
+    """Fit a print profile to photographs of patches whose files are known, cut tight or not: white is their own.
+
+    Args:
+        paths: photographs, or folders of them.
+        patches: that may be printed in them; where there are several, `held_out` is of a whole patch that the profile
+            was not fitted to.
+        name: of the profile.
+        by: who measured.
+
+    Raises:
+        ToolkitError: no photo shows one of the patches.
+    """
+    files = list_files(paths)
+    parts, photos, skipped = [], [], []
+    with progress("reading prints", len(files)) as bar:
+        for file in files:
+            try:
+                found = fit_photo(file, patches)
+                pixels = found.patch.pixels
+                seen, trust = even_texels(found.image, found.sighting, found.look, pixels.shape[0])
+            except ToolkitError as error:
+                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
+            else:
+                parts.append((pixels, seen, trust))
+                colour = compare_texels(pixels.reshape(-1, 3)[trust > 0], seen[trust > 0])
+                side_px = found.look.warp.side_px
+                photos.append((ProfiledPhoto(file.name, found.photo.sha256, side_px, colour, False, None), found.patch))
+            bar.advance(note=file.name)
+    if not photos:
+        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
+    fitted = fit_texels(parts)
+    used = list({patch.name: patch for _, patch in photos}.values())
+    made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
+    hashes = tuple(photo.sha256 for photo, _ in photos)
+    profile = _make_profile(fitted, "+".join(patch.name for patch in used), used[0].sha256, name, hashes, made)
+    shown = tuple(photo for photo, _ in photos)
+    return ProfileRun(profile, shown, tuple(skipped), fitted.tried, ())
 
 
 def _read_print(
@@ -154,11 +205,11 @@ def _read_print(
 
 
 def _make_profile(
-    fitted: FittedColours, patch: Patch, name: str, photos: tuple[str, ...], made: ProfileMade
+    fitted: FittedColours, patch: str, patch_sha256: str, name: str, photos: tuple[str, ...], made: ProfileMade
 ) -> PrintProfile:
     coefficients = tuple((float(r), float(g), float(b)) for r, g, b in fitted.coefficients.round(6))
     return PrintProfile(
-        name=name, patch=patch.record.name, patch_sha256=patch.record.png_sha256, model=fitted.model,
+        name=name, patch=patch, patch_sha256=patch_sha256, model=fitted.model,
         power=fitted.power, exponents=fitted.exponents, coefficients=coefficients, paper_linear=white_paper(),
         photos=photos, n_samples=fitted.n_samples, strip_cells=fitted.strip_cells, without=fitted.without,
         held_out=fitted.held_out, made=made,

@@ -1,0 +1,195 @@
+"""Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.
+
+What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval` reads as any capture folder.
+"""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, JpegImagePlugin
+
+from toolkit import __version__
+from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
+from toolkit.core.console import progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.names import is_file_name
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import open_image
+from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files, read_known
+from toolkit.photos.retexture_config import RetextureConfig
+
+RETEXTURED = "retextured"
+AS_TAKEN = "as-taken"
+CONTROL_GREY = 128
+JPEG_QUALITY = 95
+ORIENTATION = 0x0112
+VERSION = 1
+"""Raised when the same photograph and patches give other pixels."""
+
+
+@dataclass(frozen=True)
+class RetextureRun:
+    """What a run made.
+
+    Attributes:
+        folder: `captures/retextured`.
+        object: name of the object's folder.
+        variants: names, each with as many images as photographs.
+        photos: (file's name, facts) of each photograph that was used.
+        skipped: (path, reason) of those that could not be.
+        bare: how many true photographs without a patch lie beside them.
+        paired: whether these are paired with the others.
+    """
+
+    folder: Path
+    object: str
+    variants: tuple[str, ...]
+    photos: tuple[tuple[str, dict[str, Any]], ...]
+    skipped: tuple[tuple[str, str], ...]
+    bare: int
+    paired: bool
+
+
+def make_controls(size_px: int, seed: int) -> dict[str, KnownPatch]:
+    """By variant: a grey patch, and one of random texels."""
+    grey = np.full((size_px, size_px, 3), CONTROL_GREY, np.uint8)
+    noise = Draws(seed, 0, "retexture").of("random patch").integers(0, 256, (size_px, size_px, 3), np.uint8)
+    return {"grey-patch": KnownPatch("grey", grey), "random-patch": KnownPatch("random", noise)}
+
+
+def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureConfig) -> RetextureRun:
+    """Put other patches in the place of a printed one, into `captures/retextured/OBJECT/VARIANT`.
+
+    Beside those that are asked for come a grey patch and one of random texels, and the photographs as they were taken;
+    `unpatched` are the true ones without a patch. One that was made from the same inputs before is kept.
+
+    Args:
+        workspace: where patches are known and the result goes.
+        photos: photographs, or folders of them.
+        config: what is found, and what takes its place.
+
+    Raises:
+        ToolkitError: a patch is unknown, or none of the photographs shows it.
+    """
+    files = list_files(photos)
+    found = [read_known(workspace, name) for name in config.found]
+    given = [read_known(workspace, name) for name in config.given]
+    if not given:
+        raise FieldError("expected the patch that takes the printed one's place", {"given": ()})
+    names = ["patched", "other-patch", *(patch.name for patch in given[2:])]
+    variants = dict(zip(names, given, strict=False)) | make_controls(given[0].pixels.shape[0], config.seed)
+    name = config.object or _name_object(photos[0])
+    root = workspace.source_dir(RETEXTURED)
+    done, kept, skipped = read_manifest(root) if root.is_dir() else {}, [], []
+    with progress("retexturing", len(files)) as bar:
+        for number, file in enumerate(files, 1):
+            try:
+                kept.append(_retexture(root, name, number, file, found, variants, config.seed, done))
+            except ToolkitError as error:
+                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
+            bar.advance(note=file.name)
+    if not kept:
+        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
+    bare = list_files(config.bare) if config.bare else []
+    numbers = [number for number, _, _ in kept]
+    paired = len(bare) == len(numbers)
+    for k, file in enumerate(bare):
+        number = numbers[k] if paired else len(files) + 1 + k
+        photo = read_photo(file)
+        if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
+            continue
+        made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
+        content = encode_like(photo, None)
+        _write(root, name, "unpatched", number, photo, content, None, made, photo.sha256)
+    shown = tuple((one, facts) for _, one, facts in kept)
+    return RetextureRun(root, name, (*variants, AS_TAKEN), shown, tuple(skipped), len(bare), paired)
+
+
+def _name_object(path: Path) -> str:
+    folder = (path if path.is_dir() else path.parent).resolve().name
+    if not is_file_name(folder):
+        raise FieldError(f"give a name: the folder's, '{folder}', cannot be one", {"object": None})
+    return folder
+
+
+def _retexture(
+    root: Path, name: str, number: int, file: Path, found: Sequence[KnownPatch], variants: dict[str, KnownPatch],
+    seed: int, done: dict[str, CaptureRecord],
+) -> tuple[int, str, dict[str, Any]]:  # fmt: skip
+    """Number, name and facts of one photograph, its variants written."""
+    photo = read_photo(file)
+    inputs = {
+        variant: sha256_bytes(repr((VERSION, photo.sha256, [one.sha256 for one in found], patch.sha256, seed)).encode())
+        for variant, patch in variants.items()
+    }
+    paths = {variant: _path(name, variant, number, photo) for variant in variants}
+    records = [done.get(paths[variant]) for variant in variants]
+    if all(is_finished(root, one, inputs[variant]) for one, variant in zip(records, variants, strict=True)):
+        first = records[0]
+        assert first is not None
+        return number, photo.name, dict(first.made[RETEXTURED])
+    fitted = fit_photo(file, found)
+    facts = fitted.facts()
+    made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
+    pictures = fitted.with_patches(list(variants.values()), Draws(seed, number, "retexture"))
+    for (variant, patch), picture in zip(variants.items(), pictures, strict=True):
+        content = encode_like(photo, picture)
+        _write(root, name, variant, number, photo, content, patch.sha256, made, inputs[variant])
+    taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
+    _write(root, name, AS_TAKEN, number, photo, encode_like(photo, None), fitted.patch.sha256, taken, photo.sha256)
+    return number, photo.name, facts
+
+
+def _suffix(photo: Photo) -> str:
+    return SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
+
+
+def _path(name: str, variant: str, number: int, photo: Photo) -> str:
+    return f"{name}/{variant}/pose_{number:02d}{_suffix(photo)}"
+
+
+def _write(
+    root: Path, name: str, variant: str, number: int, photo: Photo, content: bytes, booster_sha256: str | None,
+    made: dict[str, Any], inputs_sha256: str,
+) -> None:  # fmt: skip
+    path = _path(name, variant, number, photo)
+    write_bytes(root / path, content, root.parent)
+    append_record(root, CaptureRecord(
+        path=path, object=name, variant=variant, pose_id=number, booster_sha256=booster_sha256,
+        image_sha256=sha256_bytes(content), made=made, inputs_sha256=inputs_sha256,
+    ))  # fmt: skip
+
+
+def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
+    """A picture (h, w, 3) uint8 sRGB, upright, as the photograph's file is: JPEG with its tables and EXIF, or PNG.
+
+    None is the photograph itself: its own bytes where it is a JPEG or PNG.
+    """
+    if picture is None and photo.kind in ("jpeg", "png"):
+        return photo.path.read_bytes()
+    if picture is None:
+        picture = load_pixels(photo)
+    buffer = io.BytesIO()
+    if photo.kind == "png":
+        Image.fromarray(picture).save(buffer, "PNG")
+        return buffer.getvalue()
+    how: dict[str, Any] = {"quality": JPEG_QUALITY}
+    if photo.kind == "jpeg":
+        with open_image(photo.path) as original:
+            exif = original.getexif()
+            if isinstance(original, JpegImagePlugin.JpegImageFile):
+                how = {"qtables": original.quantization, "subsampling": JpegImagePlugin.get_sampling(original)}
+        if len(exif):
+            exif[ORIENTATION] = 1  # the picture is upright already
+            how["exif"] = exif.tobytes()
+        if how.get("subsampling") == -1:
+            del how["subsampling"]
+    Image.fromarray(picture).save(buffer, "JPEG", **how)
+    return buffer.getvalue()
