@@ -161,7 +161,7 @@ def put_light_objects(folder: Path) -> None:
 
     from toolkit.objects.load import BUILTIN
 
-    trimesh.creation.box((270, 200, 90)).export(folder / "rig/objects/box.obj")
+    trimesh.creation.box((270, 200, 90)).subdivide().export(folder / "rig/objects/box.obj")
     for name in BUILTIN:
         spec = f'class = "{name}"\nmesh = "box.obj"\nlength_mm = 270\n[patch]\nsize_mm = 88\n'
         (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
