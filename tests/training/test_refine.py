@@ -80,8 +80,10 @@ def make_space(folder):
         if isinstance(layer, torch.nn.BatchNorm2d):
             layer.running_mean.normal_(0, 0.1)
             layer.running_var.uniform_(0.5, 2)
+        if isinstance(layer, torch.nn.Linear):
+            layer.weight.data.mul_(20)  # so that answers depend on the picture
     save_file(module.state_dict(), space.classifiers_dir / "own.safetensors")
-    about = {"arch": "cifar_resnet8", "labels": ["red", "green", "blue"], "size": 16}
+    about = {"arch": "cifar_resnet8", "labels": ["red", "green", "blue"], "size": 16, "name": "own"}
     (space.classifiers_dir / "own.json").write_text(json.dumps(about))
     return space
 
@@ -348,3 +350,27 @@ def test_rho_zero_draws_as_before():
             pass
         counts.append(asked)
     assert counts == [[0, 1, 2], [0, 0, 1, 1, 2, 2]]
+
+
+@pytest.mark.slow
+def test_two_processes_make_the_network_of_one(colours, tmp_path):
+    """Its weights move as those of one process do, to the rounding of bfloat16; the first process alone speaks."""
+    spaces = [make_space(tmp_path / name) for name in ("one", "two")]
+    typed = ["refine-network", "new", "--data", colours, "--model", "own", "--device", "cpu", "--steps", "6"]
+    typed += ["--batch", "6", "--lr", "0.05", "--flat", "sam", "--robust", "l2:0.5", "--workspace"]
+    torchrun = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "toolkit"]
+    for start, space in zip(([sys.executable, "-m", "toolkit"], torchrun), spaces, strict=True):
+        done = subprocess.run(
+            [*map(str, (*start, *typed, space.root))], env=os.environ | {"OMP_NUM_THREADS": "1"},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0 and done.stdout.count("new: held-out photographs") == 1, done.stderr
+    own, *both = (
+        load_file(space.classifiers_dir / f"{name}.safetensors")
+        for space, name in ((spaces[0], "own"), (spaces[0], "new"), (spaces[1], "new"))
+    )
+    moved, apart = (
+        torch.cat([(a[name].float() - b[name].float()).flatten() for name in own if "running" not in name]).norm()
+        for a, b in ((both[0], own), (both[0], both[1]))
+    )
+    assert apart < 0.15 * moved

@@ -36,7 +36,9 @@ class RefineConfig(Config):
         exclude=True,
         description="Photographs in a folder for each class; a fixed fifth is held out. May be repeated.",
     )
-    flat: Annotated[Literal["sam", "swa"] | None, Flag(metavar="sam|swa", group=PATH, typed=str)] = Field(
+    flat: Annotated[
+        Literal["sam", "swa"] | None, Expect("sam or swa"), Flag(metavar="sam|swa", group=PATH, typed=str)
+    ] = Field(
         None,
         description="To a flat minimum: sam takes each gradient a little up the slope, which doubles the time; swa "
         "averages the weights of the second half of the steps.",

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch.nn.functional import cross_entropy, kl_div, log_softmax
 from torch.nn.utils import clip_grad_norm_
+from torchvision.transforms.functional import center_crop
 
 from toolkit import __version__
 from toolkit.core.console import progress
@@ -81,10 +82,11 @@ class RefineInputs:
 
 
 class RefineTask(TrainingTask[list[ClassifierRecord]]):
-    """A copy of a network goes down the KL from the frozen network's answers to the same views.
+    """A copy of a network goes down the KL from the frozen network's answers to the same photographs.
 
-    The copy stays in eval mode: batch normalisation goes by the statistics of the given weights, folded ones too, and
-    nothing updates them. The views are augmented, and the teacher sees them as the student does (Beyer et al. 2022).
+    The copy sees varied views, the teacher the photograph as it is: of the same view both would say the same, and
+    nothing would move. The copy stays in eval mode: batch normalisation goes by the statistics of the given weights,
+    folded ones too, and nothing updates them.
     """
 
     kind = "refinement"
@@ -167,10 +169,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             return network.logits(images).to(torch.float64 if images.dtype == torch.float64 else torch.float32)
 
     def _draw_views(self, step: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """This process's views of a step, and the teacher's answers to them; then the student's worst are taken.
+        """This process's views of a step, robust ones at their worst, and the teacher's answers to the photographs.
 
-        The worst ones are those at which it is least sure of the teacher's answer: the KL itself has no gradient where
-        both networks are still the same (as Zhang et al. 2019 say of TRADES, section 4).
+        The worst ones are those at which the student is least sure of what the teacher answers.
         """
         pack, teacher = self.inputs.data.train, self.inputs.teacher
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
@@ -178,7 +179,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         rng = Draws(self.config.seed, step, self.kind).of("augmentation")
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
         with torch.no_grad():
-            wanted = self._ask(teacher, views)
+            wanted = self._ask(teacher, current().share(center_crop(raw, [teacher.preprocessing.crop_px] * 2)) / 255)
         if self.config.robust is not None:
             labels = wanted.argmax(1)
             views = find_worst_images(
@@ -216,10 +217,10 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         contents = [self._read_kept(step) for step in self.config.kept_steps[:-1]] + [_pack(self.student)]
         names, (n, attacked) = self.config.names, self._count_tested()
         with progress("Testing on held-out photographs", (n + attacked) * (len(names) + 1)) as bar:
-            before = self._test(self.inputs.teacher, bar.advance)
+            before = self._test(self.inputs.teacher, bar.advance, None)
             records = []
             for name, step, content in zip(names, self.config.kept_steps, contents, strict=True):
-                after = self._test(self._unpack(content), bar.advance)
+                after = self._test(self._unpack(content), bar.advance, before.answers)
                 record = self._describe(name, content, step, before, after, history)
                 # the record last: where it is, the weights are whole
                 write_bytes(self._file(name), content)
@@ -254,16 +255,18 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         """The attack that networks are tested under."""
         return Attack(norm="l2", eps=TEST_EPS, steps=TEST_STEPS)
 
-    def _test(self, network: Classifier, advance: Callable[[int], None]) -> Tested:
-        """Answers to the held-out photographs and to the first of them when attacked, in single precision."""
+    def _test(self, network: Classifier, advance: Callable[[int], None], taught: np.ndarray | None) -> Tested:
+        """Answers to the held-out photographs and to the first of them when attacked, in single precision.
+
+        `taught` are the teacher's answers, None where it is tested itself.
+        """
         pack, (n, most) = self.inputs.data.held_out, self._count_tested()
-        clean, taught, moved = (np.zeros(count, np.int64) for count in (n, n, most))
+        clean, moved = (np.zeros(count, np.int64) for count in (n, most))
         for start in range(0, n, TEST_BATCH):
             part = slice(start, start + TEST_BATCH)
             batch = torch.stack([network.preprocess(image) for image in pack.images[part]]).to(network.device)
             with torch.no_grad():
                 clean[part] = network.logits(batch).argmax(1).cpu().numpy()
-                taught[part] = self.inputs.teacher.logits(batch).argmax(1).cpu().numpy()
             advance(len(batch))
             some = batch[: max(most - start, 0)]
             if len(some):
@@ -272,6 +275,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
                 with torch.no_grad():
                     moved[start : start + len(some)] = network.logits(worst).argmax(1).cpu().numpy()
                 advance(len(some))
+        taught = clean if taught is None else taught
         return Tested(clean, _count(clean, pack.classes, taught), _count(moved, pack.classes[:most], taught[:most]))
 
     def _describe(
