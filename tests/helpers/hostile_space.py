@@ -92,6 +92,8 @@ def furnish(space: Workspace) -> None:
         "std": [0.2, 0.2, 0.2], "filter_name": "BILINEAR",
     }  # fmt: skip
     (own / "mine.json").write_text(json.dumps(labels))
+    several = {"name": "several", "networks": ["several-01", "several-02"], "inputs_sha256": "ab" * 32}
+    (own / "several.json").write_text(json.dumps(several))
     profile = {
         "schema_version": 1, "name": "p", "patch": "crate", "patch_sha256": "0" * 64, "model": "linear", "power": 2.2,
         "exponents": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "coefficients": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -166,6 +168,12 @@ def _read_labels(root: Path) -> None:
     choose_labels(weights, own.labels, ["a"] * 1000, 2)
 
 
+def _read_set(root: Path) -> None:
+    from toolkit.models.find import read_set
+
+    read_set("several", root / "rig/classifiers")
+
+
 def _load_classifier(root: Path) -> None:
     from toolkit.models.load import load_classifier
 
@@ -213,6 +221,7 @@ READERS = {
     "patch record": Reader("print/patches/crate.json", _by("objects.records:read_patch", "print/patches/crate.png")),
     "patch": Reader("print/patches/crate.png", _by("objects.records:read_patch", "print/patches/crate.png"), "bytes"),
     "labels": Reader("rig/classifiers/mine.json", _read_labels),
+    "network set": Reader("rig/classifiers/several.json", _read_set),
     "weights": Reader("rig/classifiers/mine.safetensors", _load_classifier, "bytes"),
     "object": Reader("rig/objects/crate.toml", _by("objects.load:load_object", "rig/objects/crate.toml"), "toml"),
     "mesh": Reader(MESH, _by("objects.load:load_object", "rig/objects/crate.toml"), "bytes"),

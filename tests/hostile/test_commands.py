@@ -51,6 +51,7 @@ COMMANDS = {
     "landing boost": ("landing", "boost", "nobody"),
     "landing fly": ("landing", "fly", "nobody"),
     "train-classifier": ("train-classifier", "--data", "nowhere", "--name", "new"),
+    "refine-network": ("refine-network", "new", "--data", "nowhere"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
 }

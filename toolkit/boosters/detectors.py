@@ -108,12 +108,16 @@ def load_networks(
     """What boosters are trained against: classifiers or detectors by name; see `load_classifiers`, `load_detector`.
 
     Args:
-        models, weights, device, folder: as for these.
+        models, weights, device, folder: as for these; the name of a set stands for its networks.
         may_mix: whether some may be the one and some the other: to judge, for none is trained against both.
 
     Raises:
         ToolkitError: as these, two of one name, or some are the one and some the other and may not be.
     """
+    from toolkit.models.find import expand_sets
+
+    if not may_mix:  # a network that is left out is one of its own, and no checkpoint of those that train
+        models = expand_sets(models, folder)
     networks = _load_each(models, weights, device, folder, may_mix)
     names = [one.name for one in networks]
     twice = next((name for name in names if names.count(name) > 1), None)

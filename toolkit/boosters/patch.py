@@ -309,7 +309,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         config, pixels, data = self.config, quantise(self.pixels), self._data
         printed = from_picture(pixels, self._device)
         held_out = stack_on_device(data.held_out, self._device)
-        clear = config.model_copy(update={"corrupted": None}).appearance()
+        clear = config.model_copy(update={"corrupted": None, "cutout": None}).appearance()
         with progress("Validating", count_placements(len(held_out))) as bar:
             validations = validate_patch(printed, held_out, self.targets, clear, config.seed, advance=bar.advance)
         corrupted: list[Validation] = []

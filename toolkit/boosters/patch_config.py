@@ -12,6 +12,7 @@ from toolkit.boosters.pixel_config import (
     AUGMENTATION,
     CORRUPTED_HELP,
     STEPS,
+    TRANSFER,
     WORLD_FILL,
     CameraParts,
     MeetsCorruptions,
@@ -25,6 +26,7 @@ from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
 from toolkit.boosters.transforms.show import Appearance
+from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
@@ -64,6 +66,9 @@ class PatchConfig(PixelConfig):
     )
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
         None, description="Inks and paper of a desktop printer."
+    )
+    cutout: Annotated[Cutout | None, Later, Flag("--cutout", group=TRANSFER)] = Field(
+        None, description="Hide a square of the patch, a sixth of it, in nine of ten steps."
     )
     glare: Annotated[TapeGlare | None, Flag(group=AUGMENTATION)] = Field(
         None, description="Shine and strips of the tape."

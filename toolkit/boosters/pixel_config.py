@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from toolkit.boosters.transforms.base import STAGES, Transform
 from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
+from toolkit.boosters.transforms.transfer import BlockShuffle
 from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
@@ -64,6 +65,9 @@ class PixelConfig(Config):
     )
     jitter: Annotated[Jitter | None, Later, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="Show each network the photographs a little larger or smaller, and moved."
+    )
+    block_shuffle: Annotated[BlockShuffle | None, Later, Flag("--block-shuffle", group=TRANSFER)] = Field(
+        None, description="Show each network half of the photographs in blocks that are shuffled and turned."
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
         0.0, description="How much of the earlier steps' direction each step keeps."
@@ -173,6 +177,7 @@ class PixelConfig(Config):
             smoothing = "none"
         objective = None if self.objective == "cross-entropy" else self.objective
         transfer: dict[str, object] = {"ensemble": self.ensemble, "objective": objective, "jitter": self.jitter}
+        transfer["block shuffle"] = self.block_shuffle
         transfer["momentum"] = self.momentum or None
         return [
             ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),

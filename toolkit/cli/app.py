@@ -90,6 +90,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
+        "refine-network": Entry("refine_network:refine_network", "refine a network so that boosters carry over"),
         "train-patches": Entry(
             "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
         ),

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import read_json
+from toolkit.core.names import FolderName, is_folder_name
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
 from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
@@ -70,6 +72,59 @@ class HeldOut(BaseModel):
         return {name: value for name, value in dump(self).items() if name != "under_attack" or value is not None}
 
 
+class Answers(BaseModel):
+    """What a network says of photographs.
+
+    Attributes:
+        n: how many.
+        correct: of these, answers that are the photograph's class.
+        agreed: answers that are the teacher's to the photograph as it is.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    n: int
+    correct: int
+    agreed: int
+
+
+class Refinement(BaseModel):
+    """What became of a network that was refined by its own answers.
+
+    Attributes:
+        teacher, teacher_sha256: the network that it was, and the hash of its weights' file.
+        attack: norm, eps, steps and step size of the attack that it was tested under, each network by its own gradient.
+        before, after: of held-out photographs as they are.
+        before_attacked, after_attacked: of the first of them, moved by the attack.
+        step: of the training at which these weights were taken, counted from 1.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    teacher: str
+    teacher_sha256: str
+    attack: dict[str, Any]
+    before: Answers
+    after: Answers
+    before_attacked: Answers
+    after_attacked: Answers
+    step: int
+
+
+class NetworkSet(BaseModel):
+    """`rig/classifiers/NAME.json`: networks that boosters are trained on together, by one name.
+
+    Attributes:
+        name: of the set.
+        networks: names of its networks, files beside it.
+        inputs_sha256: hash of all that decides their weights.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1] = 1
+    name: str
+    networks: list[FolderName] = Field(min_length=2)
+    inputs_sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
 class ClassifierRecord(BaseModel):
     """How a classifier came to be, and how to feed and read it; a `LabelsFile` with more in it.
 
@@ -84,6 +139,7 @@ class ClassifierRecord(BaseModel):
         settings: every hyper-parameter.
         final: mean loss and accuracy of the last steps, on augmented training images.
         held_out: accuracy of the weights as written.
+        refined: of a network that `toolkit refine-network` made; else absent.
         sha256: of the weights' file.
         toolkit_version: of the program that trained it.
     """
@@ -104,8 +160,13 @@ class ClassifierRecord(BaseModel):
     settings: dict[str, Any]
     final: dict[str, float]
     held_out: HeldOut
+    refined: Refinement | None = None
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     toolkit_version: str
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "refined" or value is not None}
 
 
 BUNDLED = "rig18"
@@ -167,12 +228,40 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
             "one with 'toolkit train-classifier --data everyday --name NAME'",
             {"model": BUNDLED},
         )
+    if (several := read_set(model, folder)) is not None:
+        raise FieldError(
+            f"is a set of {len(several.networks)} networks, which train-patch and train-texture take: "
+            f"name one of them here, such as {several.networks[-1]}",
+            {"model": model},
+        )
     known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
     if name not in known and may_be_detector(name):
         raise FieldError("is a detector: 'toolkit eval' takes it, here a classifier is expected", {"model": model})
     if name not in known:
         raise one_of("model", name, known if name != model else [*own, *known])
     return Found(name, weights)
+
+
+def read_set(name: str, folder: Path | None) -> NetworkSet | None:
+    """The set of networks of that name in `folder`; None where there is none.
+
+    Raises:
+        ToolkitError: its file is damaged.
+    """
+    file = None if folder is None or not is_folder_name(name) else folder / f"{name}.json"
+    if file is None or not file.is_file() or name in list_own(folder) or name in list_architectures():
+        return None
+    return read_json(file, NetworkSet)
+
+
+def expand_sets(models: Sequence[str] | None, folder: Path | None) -> list[str]:
+    """Names of networks, in the place of each set those of its networks.
+
+    Raises:
+        ToolkitError: a set's file is damaged.
+    """
+    found = [(name, read_set(name, folder)) for name in models or ()]
+    return [one for name, several in found for one in ([name] if several is None else several.networks)]
 
 
 def brings_weights(model: str, folder: Path | None = None) -> bool:

@@ -147,18 +147,10 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
     def _normalise(self, batch: torch.Tensor) -> torch.Tensor:
         return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
 
-    def _choose(self, step: int, count: int) -> np.ndarray:
-        """Numbers of the images of a step: every image once in each epoch's own order."""
-        size = self.config.batch
-        epoch, k = divmod(step, max(count // size, 1))
-        # 0x0E tells these draws from others of the same seed and number
-        order = np.random.default_rng([self.config.seed, epoch, 0x0E]).permutation(count)
-        # sorted: images lie in a file, which is read forwards
-        return np.sort(order[k * size : (k + 1) * size])
-
     def _draw_batch(self, pack: Pack, step: int, phase: str) -> tuple[torch.Tensor, np.ndarray]:
         """Images in [0, 1], augmented, with their pictures, some corrupted; and their classes."""
-        chosen, draws = self._choose(step, len(pack.images)), Draws(self.config.seed, step, phase)
+        draws = Draws(self.config.seed, step, phase)
+        chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
         images, classes = pack.images[chosen], pack.classes[chosen]
         raw = torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(self._device)
 
@@ -213,7 +205,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
                 with torch.no_grad():
                     answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
                 if attack is not None:
-                    worst = find_worst_images(batch, partial(_measure_losses, classifier, classes), attack)
+                    worst = find_worst_images(batch, partial(measure_losses, classifier, classes), attack)
                     with torch.no_grad():
                         attacked[part] = classifier.logits(worst).argmax(1).cpu().numpy()
                 bar.advance(len(batch))
@@ -234,7 +226,8 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         return batch, torch.from_numpy(np.ascontiguousarray(classes)).to(classifier.device)
 
 
-def _measure_losses(classifier: Classifier, classes: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
+def measure_losses(classifier: Classifier, classes: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
+    """(b,) cross-entropy of (b, 3, h, w) images, differentiable."""
     return cross_entropy(classifier.logits(images), classes, reduction="none")
 
 
@@ -244,6 +237,15 @@ def _summarise_attack(attack: Attack, right: np.ndarray) -> UnderAttack:
         norm=attack.norm, eps=attack.eps, steps=attack.steps, step_size=attack.step_size,
         n=n, correct=correct, accuracy=correct / n, ci95=wilson_interval(correct, n),
     )  # fmt: skip
+
+
+def choose_images(seed: int, step: int, batch: int, count: int) -> np.ndarray:
+    """Which of `count` images a step shows, sorted: every image once in each epoch's own order."""
+    epoch, k = divmod(step, max(count // batch, 1))
+    # 0x0E tells these draws from others of the same seed and number
+    order = np.random.default_rng([seed, epoch, 0x0E]).permutation(count)
+    # sorted: images lie in a file, which is read forwards
+    return np.sort(order[k * batch : (k + 1) * batch])
 
 
 def find_finished(file: Path, inputs_sha256: str) -> ClassifierRecord | None:

@@ -21,7 +21,16 @@ from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.spec import read_spec
-from toolkit.training.images import CIFAR_PREFIX, CifarImage, LabelledFile, find_classes, list_cifar, load_square
+from toolkit.training.images import (
+    CIFAR_PREFIX,
+    CifarImage,
+    FolderClasses,
+    LabelledFile,
+    find_classes,
+    find_photographs,
+    list_cifar,
+    load_square,
+)
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
 PACKAGE = Path(__file__).parents[1]
@@ -102,8 +111,20 @@ def open_source(data: str, workspace: Workspace, counts: RenderCounts, download:
         return _rig(workspace, counts)
     if data.startswith(CIFAR_PREFIX):
         return _cifar(Path(data.removeprefix(CIFAR_PREFIX)), download)
-    found = find_classes(Path(data), counts.held_out, counts.seed)
-    kinds = sorted({one.label for one in found.train})
+    return _photographs(data, find_classes(Path(data), counts.held_out, counts.seed))
+
+
+def open_photographs(folder: str, held_out: float) -> DataSource:
+    """The photographs of a folder, a fixed share held out whatever their classes; see `find_photographs`.
+
+    Raises:
+        ToolkitError: a folder that is missing or has no classes.
+    """
+    return _photographs(folder, find_photographs(Path(folder), held_out))
+
+
+def _photographs(data: str, found: FolderClasses) -> DataSource:
+    kinds = sorted({one.label for one in (*found.train, *found.held_out)})
     record = {"source": Path(data).resolve().name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
     return DataSource(found.train, found.held_out, found.skipped, record, "", words, found.how)
@@ -190,16 +211,18 @@ def list_classes(sources: Sequence[DataSource]) -> TrainingClasses:
     return TrainingClasses(labels, {label: index for index, label in enumerate(labels)})
 
 
-def keep_classes(sources: Sequence[DataSource], classifier: Classifier) -> TrainingClasses:
+def keep_classes(sources: Sequence[DataSource], classifier: Classifier, field: str = "init") -> TrainingClasses:
     """All classes of a classifier; the data's are found among them by WordNet id or by label.
+
+    Errors name `field` as what chose the classifier.
 
     Raises:
         ToolkitError: the data has a class that the classifier has not.
     """
     index_of: dict[str, int] = {}
     for source in sources:
-        names = sorted({item.label for item in source.train})
-        index_of |= match_classes(names, classifier, Path(source.record["source"]), "init")
+        names = sorted({item.label for item in (*source.train, *source.held_out)})
+        index_of |= match_classes(names, classifier, Path(source.record["source"]), field)
     return TrainingClasses(tuple(classifier.labels), index_of)
 
 
@@ -263,7 +286,8 @@ def load_training_set(
     about = load_json(place / "about.json")
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
-    _check_classes(classes, train, skipped)
+    offered = {item.label for source in sources for item in source.train}
+    _check_classes({label: classes.index_of[label] for label in sorted(offered)}, train, skipped)
     record = {
         "sources": [source.record for source in sources],
         "trained_on": {"images": len(train.images), "sha256": train.sha256},
@@ -363,9 +387,9 @@ def _open_pack(place: Path, name: str, about: dict[str, Any], px: int) -> Pack:
     return Pack(images, classes, about["sha256"])
 
 
-def _check_classes(classes: TrainingClasses, train: Pack, skipped: Sequence[tuple[str, str]]) -> None:
+def _check_classes(index_of: Mapping[str, int], train: Pack, skipped: Sequence[tuple[str, str]]) -> None:
     filled = set(train.classes.tolist())
-    label = next((label for label, index in classes.index_of.items() if index not in filled), None)
+    label = next((label for label, index in index_of.items() if index not in filled), None)
     if label is not None:
         path, reason = next((one for one in skipped if label in one[0]), ("", "none found"))
         raise ToolkitError(f"class '{label}': none of its images can be used; {path}: {reason}")

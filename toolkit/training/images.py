@@ -171,6 +171,21 @@ def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]
     return files, skipped
 
 
+def find_photographs(folder: Path, share: float) -> FolderClasses:
+    """The photographs of a folder with one folder per class, a fixed share of all held out, whatever their classes.
+
+    Which are held out goes by their names alone: the same in every run, and where photographs are added nearly so.
+
+    Raises:
+        ToolkitError: no such folder, no class in it, or a class without images.
+    """
+    files, skipped = _list_classes(_check_folder(Path(folder), "a folder with one folder per class"))
+    order = sorted(files, key=lambda one: (crc32(f"{one.label}/{one.path.name}".encode()), one.path))
+    chosen = set(order[: round(share * len(files))])
+    parts = [tuple(one for one in files if (one in chosen) == wanted) for wanted in (False, True)]
+    return FolderClasses(parts[0], parts[1], tuple(skipped), f"{share:.0%} of the photographs, by their names")
+
+
 def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share: float, seed: int) -> FolderClasses:
     """Hold out a share of each class, at least one image, but never the last one."""
     train: list[LabelledFile] = []

@@ -31,6 +31,7 @@ SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
 LAST_LR_SHARE = 0.05
 """Of the falling schedules: the learning rate stays above this share, for pixels half an 8-bit level."""
 CYCLE_FIRST_SHARE, CYCLE_LAST_SHARE = 0.04, 1e-4
+TINY = 1e-12
 LOSS = "loss"
 SHOWN = {"accuracy": "recognised {:.0%}"}
 Made = TypeVar("Made")
@@ -50,6 +51,8 @@ class FitConfig:
         warm_up: of `one-cycle`, the share of the steps in which the learning rate rises.
         momentum, nesterov: of `sgd`.
         weight_decay: of `sgd` and `adam`, for parameters of two dimensions or more, not for biases and normalisation.
+        rho: length by which parameters go up the gradient before the gradient that moves them is taken, for a flat
+            minimum (SAM; Foret et al. 2021, equations 2 and 3); 0: it is taken where they are. A step then costs two.
     """
 
     steps: int
@@ -61,6 +64,7 @@ class FitConfig:
     momentum: float = 0.9
     nesterov: bool = False
     weight_decay: float = 0.0
+    rho: float = 0.0
 
     def __post_init__(self) -> None:
         if self.optimiser not in OPTIMISERS:
@@ -135,7 +139,7 @@ class TrainingTask(ABC, Generic[Made]):
         """The loss of a step, a scalar, and further figures for the history.
 
         It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before. Of
-        several processes each gives the mean over its part of the batch.
+        several processes each gives the mean over its part of the batch. With `FitConfig.rho` a step asks twice.
         """
 
     @abstractmethod
@@ -166,6 +170,9 @@ class TrainingTask(ABC, Generic[Made]):
 
     def constrain(self) -> None:
         """Put the moved parameters back to where they are allowed."""
+
+    def watch(self, step: int) -> None:
+        """Look at the parameters that the step has moved: to add them to a mean in `buffers`, or to keep a copy."""
 
     def show(self) -> None:
         """Draw how far it is; called at every checkpoint, and after the last step."""
@@ -302,9 +309,10 @@ class _Fitting:
             try:
                 for step in range(len(self.history), self.config.steps):
                     before = {name: value.clone() for name, value in self.task.buffers().items()}
-                    draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
-                    torch.manual_seed(draw + current().rank)
                     figures = self._find_gradients(step)
+                    if self.config.rho:
+                        with self._climbed():
+                            self._find_gradients(step)
                     with _hold_interrupts():
                         self._move(step)
                         self.history.append(figures)
@@ -317,6 +325,8 @@ class _Fitting:
     def _find_gradients(self, step: int) -> dict[str, float]:
         import torch
 
+        draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
+        torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():
             parameter.grad = None
         loss, figures = self.task.loss(step)
@@ -335,6 +345,24 @@ class _Fitting:
             )
         return figures
 
+    @contextmanager
+    def _climbed(self) -> Iterator[None]:
+        """Within, the parameters lie `rho` up their gradient, the way by which the loss rises fastest."""
+        import torch
+
+        before = {name: value.detach().clone() for name, value in self._parameters.items()}
+        found = {name: value.grad for name, value in self._parameters.items() if value.grad is not None}
+        length = torch.stack([gradient.norm() for gradient in found.values()]).norm().clamp_min(TINY)
+        try:
+            with torch.no_grad():
+                for name, gradient in found.items():
+                    self._parameters[name].add_(gradient * (self.config.rho / length))
+            yield
+        finally:
+            with torch.no_grad():
+                for name, value in before.items():
+                    self._parameters[name].copy_(value)
+
     def _move(self, step: int) -> None:
         import torch
 
@@ -350,6 +378,7 @@ class _Fitting:
                     group["lr"] = lr
                 self._optimiser.step()
             self.task.constrain()
+            self.task.watch(step)
 
     def state(self) -> dict[str, np.ndarray]:
         """All that a later run needs to go on: parameters, buffers, the optimiser's state, the history."""
