@@ -5,6 +5,7 @@
 # make validate  pages, meshes, PDFs and the package before validators that others wrote
 # make bench   speed against the peers, as ratios in one run
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
+# make reference  write what the pages take from the code: commands, fields of files, names, packages
 # make site    the documentation as a site in ./site; it opens from disk
 # make docs    measure the results anew and draw the figures: about two hours
 
@@ -13,7 +14,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test test-all fuzz validate bench lint docs docs-benchmark docs-training site setup clean
+.PHONY: demo test test-all fuzz validate bench lint docs docs-benchmark docs-training reference site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -60,6 +61,9 @@ CITY ?= ../shared/worlds/kaykit-city
 docs-training: setup
 	docs/scripts/run-parts $(BIN)/toolkit
 	docs/scripts/run-objects $(BIN)/toolkit "$(MESHES)" "$(CITY)"
+
+reference: setup
+	$(BIN)/python docs/scripts/reference.py
 
 site: setup .venv/.site
 	$(BIN)/mkdocs build --strict --quiet

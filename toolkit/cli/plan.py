@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
 
-POSES = (*Pattern.model_fields, "resolution", "fov", "preview")
-"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned."""
+POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")
+"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned, whatever seed
+orders the shots."""
 
 
 @from_config(pattern=Pattern, listing=ShotListConfig)
