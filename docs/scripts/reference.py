@@ -7,13 +7,13 @@ A page says where, and `make reference` writes what stands between: `<!-- comman
 import ast
 import importlib
 import re
+import sys
 import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import tomllib
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
