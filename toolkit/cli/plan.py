@@ -98,7 +98,7 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
         show_json(asdict(made))
         return
     if made.replaced:
-        say("note: rig/shots.json held other shots, or another order, before")
+        say("note: rig/shots.json was replaced; it held other shots or another order")
     for note in made.notes:
         remark(note)
     say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")

@@ -101,7 +101,7 @@ def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
             f"{path}: cannot read a mesh from '{path.suffix}' files, expected one of {' '.join(SUFFIXES)}"
         )
     if not path.is_file():
-        raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
+        raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
     pieces = _read_pieces(path, max_parts)
     count = sum(len(piece.faces) for piece in pieces)
     if not count:
