@@ -1,4 +1,4 @@
-# make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
+# make demo    set up, then every step in ./demo: print files, 144 images, table and report
 # make test    set up, then the quick tests, one process for each core; PYTEST_ARGS="tests/rig -x" for some
 # make test-all  and those that take long: trainings, whole roads, kills and resumptions; CI runs this
 # make fuzz    attack every reader and command with bad input, others each time: some minutes; FUZZ=1000 for hours

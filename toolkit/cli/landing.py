@@ -64,9 +64,7 @@ def show_collected(collected: "Collected") -> None:
 @from_config(overrides=TRAINING)
 def train(
     overrides: options.Overrides,
-    datasets: Annotated[
-        list[str], typer.Argument(metavar="DATASET...", help="Names below captures/landing, or folders.")
-    ],
+    datasets: Annotated[list[str], typer.Argument(metavar="DATASET...", help="Names in captures/landing, or folders.")],
     recipe: str,
     baselines: Annotated[
         bool, typer.Option("--baselines", help="Measure features + homography and an AprilTag on held-out frames too.")

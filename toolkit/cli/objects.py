@@ -61,7 +61,7 @@ def demo(
     device: options.Device = "auto",
     quiet: options.Quiet = False,
 ) -> None:
-    """Walk the whole road in a new workspace: plan, print, shoot 144 images, evaluate, report.
+    """Run every step in a new workspace: plan, print, shoot 144 images, evaluate, report.
 
     With a ResNet-18 of ImageNet where its weights are on this machine or can be downloaded, else with the bundled
     classifier rig18 and the patches for it.
