@@ -19,7 +19,7 @@ def init(
     entry: EntryFolder, *, config: EntryConfig, patches: options.Patches = None,
     workspace: options.Workspace = None, quiet: options.Quiet = False, as_json: options.Json = False,
 ) -> None:  # fmt: skip
-    """Make an entry from this workspace's boosters: their files, and entry.json, in which you fill in how they were made."""
+    """Make an entry from this workspace's boosters: their files, and an entry.json for you to complete."""
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.entry import ENTRY, init_entry
 
