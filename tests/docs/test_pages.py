@@ -70,7 +70,7 @@ def test_what_comes_from_the_code_is_current() -> None:
     assert stale == [], f"run 'make reference': {', '.join(stale)}"
     for page in PAGES:
         assert not [line for line in PART.sub("", read_page(page)).splitlines() if line.startswith("<!-- ")], page
-    assert fill_page("<!-- layers -->\nold\n<!-- end -->").count("old") == 0
+    assert fill_page("<!-- layers -->\nstale\n<!-- end -->").count("stale") == 0
 
 
 def test_the_reference_has_every_command_and_option() -> None:

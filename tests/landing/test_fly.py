@@ -81,7 +81,10 @@ def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path
     record = made.records[0]
     filmed = film_episode(space, QUICK, made, record, 2)
     loop = Image.open(BytesIO(filmed.encode_webp()))
-    assert (loop.format, loop.size, loop.n_frames) == ("WEBP", (640, 346), -(-len(filmed.frames) // 2))
+    assert (loop.format, loop.size) == ("WEBP", (640, 346))
+    assert (
+        len(record.track) // 2 <= loop.n_frames <= len(filmed.frames) // 2 + 1
+    )  # the last, which stays, is stored once
     results, pairs = write_summary(tmp_path, QUICK, made, 2)
     page = write_report(QUICK, replace(made, folder=tmp_path), results, pairs, space, [filmed]).report.read_text()
     assert page.count("data:image/webp;base64,") == 1

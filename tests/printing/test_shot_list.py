@@ -154,7 +154,7 @@ def test_the_first_page_measures_the_sheet_on_the_object(listed):
     assert numbers.count("25") >= 2 and numbers.count("50") >= 2 and numbers.count("5") >= 2
     text = listed.pages[0].extract_text()
     assert "sheet 50.0 mm" in text and "patch 40.0 mm" in text and "seen from above" in text
-    assert "toolkit print --board" in text and f"{2 * COUNT} shots at {COUNT} places" in text
+    assert "toolkit print --board" in text and f"{2 * COUNT} shots at {COUNT} poses" in text
 
 
 @pytest.mark.slow
