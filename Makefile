@@ -1,4 +1,4 @@
-# make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
+# make demo    set up, then every step in ./demo: print files, 144 images, table and report
 # make test    set up, then the quick tests, one process for each core; PYTEST_ARGS="tests/rig -x" for some
 # make test-all  and those that take long: trainings, whole roads, kills and resumptions; CI runs this
 # make fuzz    attack every reader and command with bad input, others each time: some minutes; FUZZ=1000 for hours
@@ -8,6 +8,7 @@
 # make versions  note the versions that the tests ran with in scripts/tested-versions.txt; to have the same:
 #              pip install -c scripts/tested-versions.txt -e .
 # make test-lowest  the tests with the lowest versions that pyproject.toml allows, in .venv-lowest; Python 3.10
+# make reference  write what the pages take from the code: commands, fields of files, names, packages
 # make site    the documentation as a site in ./site; it opens from disk
 # make docs    measure the results anew and draw the figures: about two hours
 
@@ -16,7 +17,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test test-all test-lowest versions fuzz validate bench lint docs docs-benchmark docs-training site setup clean
+.PHONY: demo test test-all test-lowest versions fuzz validate bench lint docs docs-benchmark docs-training reference site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -72,6 +73,9 @@ test-lowest: setup .venv/.test
 	$(BIN)/python scripts/versions lowest > .venv-lowest/versions.txt
 	.venv-lowest/bin/python -m pip install --quiet -c .venv-lowest/versions.txt -e ".[test]"
 	.venv-lowest/bin/python -m pytest -n logical --maxprocesses 8 --dist worksteal -m "not slow" $(PYTEST_ARGS)
+
+reference: setup
+	$(BIN)/python docs/scripts/reference.py
 
 site: setup .venv/.site
 	$(BIN)/mkdocs build --strict --quiet

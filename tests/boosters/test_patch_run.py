@@ -116,7 +116,7 @@ def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, 
     finally:
         torch.set_num_threads(threads)
     assert resumed.resumed_from == (5 if when == "checkpoint" else 12)
-    assert f"going on after step {resumed.resumed_from} of 12; restart begins anew" in told
+    assert f"going on after step {resumed.resumed_from} of 12; restart begins again" in told
     assert resumed.files.png.read_bytes() == whole.files.png.read_bytes()
     assert resumed.patch.record == whole.patch.record
     assert files_below(tmp_path / "killed") == files_below(tmp_path / "whole"), "nothing lost, nothing twice"

@@ -128,7 +128,8 @@ def test_what_writes_into_rig_makes_no_workspace_of_any_folder(tmp_path, monkeyp
     outcome = CliRunner().invoke(app, words)
     assert isinstance(outcome.exception, ToolkitError)
     assert str(outcome.exception) == (
-        "this is no workspace: go into one or name it with --workspace; 'toolkit init FOLDER' makes one"
+        "this folder is not in a workspace: change into one, or name one with --workspace; "
+        "'toolkit init FOLDER' makes one"
     )
     assert not list(tmp_path.iterdir())
 

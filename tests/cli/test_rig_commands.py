@@ -51,6 +51,13 @@ def test_jitter_follows_its_seed(space):
     assert planned(1) == planned(1) != planned(2)
 
 
+def test_a_seed_orders_the_shots_of_the_poses_that_are_planned(space):
+    call("plan", "--count", 4, "--elevation", 40, 40, "--resolution", 64, 48, "--quiet")
+    planned = space.plan_file.read_bytes()
+    call("plan", "--shot-list", "--seed", 3, "--quiet")
+    assert space.plan_file.read_bytes() == planned
+
+
 def test_plan_as_json_is_the_file(space):
     result = call("plan", "--count", 4, "--json")
     printed = json.loads(result.stdout)

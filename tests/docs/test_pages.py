@@ -49,7 +49,9 @@ def test_no_figure_is_left_over() -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_tables_can_be_read(page: str) -> None:
-    rows = [line for line in FENCE.sub("", read_page(page)).splitlines() if line.startswith("|")]
+    from reference import PART
+
+    rows = [line for line in PART.sub("", FENCE.sub("", read_page(page))).splitlines() if line.startswith("|")]
     cells = [re.sub(r"!?\[([^]]*)\]\([^)]*\)", r"\1", cell).strip() for row in rows for cell in row.split("|")]
     assert [cell for cell in cells if len(cell) > WIDEST_CELL] == []
 
@@ -60,22 +62,22 @@ def test_every_page_is_in_the_site() -> None:
     assert sorted(f"docs/{one}" for one in listed) == sorted(set(PAGES) - {"README.md"})
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if "<!-- " in read_page(page)])
-def test_what_comes_from_the_code_is_there(page: str) -> None:
-    from mkdocs_hooks import MARKER, on_page_markdown
+def test_what_comes_from_the_code_is_current() -> None:
+    from reference import PART, fill_page, list_pages
 
-    markers = [line for line in read_page(page).splitlines() if line.startswith("<!-- ")]
-    assert all(MARKER.fullmatch(line) for line in markers), markers
-    made = on_page_markdown(read_page(page))
-    assert not MARKER.search(made)
-    assert "nosuch" not in made
+    assert {file.name for file in list_pages()} >= {"commands.md", "python.md", "files.md", "contributing.md"}
+    stale = [file.name for file in list_pages() if fill_page(text := file.read_text(encoding="utf-8")) != text]
+    assert stale == [], f"run 'make reference': {', '.join(stale)}"
+    for page in PAGES:
+        assert not [line for line in PART.sub("", read_page(page)).splitlines() if line.startswith("<!-- ")], page
+    assert fill_page("<!-- layers -->\nstale\n<!-- end -->").count("stale") == 0
 
 
 def test_the_reference_has_every_command_and_option() -> None:
     """What the real help lists, the page lists."""
     import subprocess
 
-    from mkdocs_hooks import write_part
+    from reference import write_part
 
     page = write_part("commands", None)
     program = [sys.executable, "-m", "toolkit"]
@@ -91,8 +93,18 @@ def test_the_reference_has_every_command_and_option() -> None:
         assert options - {"--help"} <= set(re.findall(r"--[a-z-]+", part))
 
 
+def test_the_commands_without_quiet_or_json_are_named() -> None:
+    """The page says that all others have both."""
+    text, *parts = re.split(r"^### toolkit ", read_page("docs/reference/commands.md"), flags=re.MULTILINE)
+    said = next(line for line in text.splitlines() if "`--quiet` leaves it out" in line)
+    for flag in ("--quiet", "--json"):
+        without = {part.splitlines()[0] for part in parts if flag not in part}
+        named = re.search(rf"([^;.]*) ha(?:s|ve) no (?:progress bar and no )?`{flag}`", said)
+        assert named and set(re.findall(r"`([^`]+)`", named[1])) == without, flag
+
+
 def test_a_field_of_a_file_is_explained() -> None:
-    from mkdocs_hooks import write_part
+    from reference import write_part
 
     rows = write_part("fields", "toolkit.objects.spec.ObjectSpec").splitlines()
     assert any(row.startswith("| `class` | text or whole number | required | the category") for row in rows)

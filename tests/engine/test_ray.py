@@ -95,7 +95,7 @@ def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask, lo
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        ("127.0.0.1:1", "nobody answers at Ray's address 127.0.0.1:1"),
+        ("127.0.0.1:1", "no Ray answers at the address 127.0.0.1:1"),
         ("nowhere", "expected HOST:PORT"),
         ("127.0.0.1:99999", "expected HOST:PORT"),
     ],

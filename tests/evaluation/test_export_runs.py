@@ -78,7 +78,7 @@ def test_a_damaged_table_is_a_line(evaluated, tmp_path):
     file = tmp_path / "all.parquet"
     write_parquet(file, evaluated, [open_run(evaluated, "night")])
     file.write_bytes(file.read_bytes()[:-20])
-    with pytest.raises(ToolkitError, match="is no Parquet file, or damaged"):
+    with pytest.raises(ToolkitError, match="is not a Parquet file, or is damaged"):
         read_parquet(file)
 
 

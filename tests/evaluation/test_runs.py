@@ -190,7 +190,7 @@ def test_parts_are_shown_where_all_is_asked_for(evaluated):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("racer", "'racer' is no condition: expected FIELD=VALUE"),
+        ("racer", "'racer' is not a condition: expected FIELD=VALUE"),
         ("objct=racer", "no field of a run called 'objct': did you mean object?"),
         ("object>racer", "> compares numbers"),
         ("share>much", "> compares numbers"),
@@ -209,11 +209,11 @@ def test_a_condition_that_means_nothing_is_refused(text, words):
             {"schema_version": 2, "groups": []},
             "was written by a newer toolkit (schema_version 2, this one reads up to 1)",
         ),
-        ({"hello": 1}, "is no result of toolkit: expected a schema_version"),
-        ([1, 2], "is no result of toolkit"),
-        ({"schema_version": True, "groups": []}, "is no result of toolkit"),
-        ({"schema_version": 1, "losses": [3]}, "is no result of toolkit: expected groups or cells"),
-        ({"schema_version": 1, "kind": "eval"}, "is no result of toolkit: expected groups or cells"),
+        ({"hello": 1}, "is not a result of toolkit: expected a schema_version"),
+        ([1, 2], "is not a result of toolkit"),
+        ({"schema_version": True, "groups": []}, "is not a result of toolkit"),
+        ({"schema_version": 1, "losses": [3]}, "is not a result of toolkit: expected groups or cells"),
+        ({"schema_version": 1, "kind": "eval"}, "is not a result of toolkit: expected groups or cells"),
         ({"schema_version": 1, "groups": 5}, "is damaged (field 'groups'"),
         ({"schema_version": 1, "kind": "wraps", "groups": []}, "is of a kind 'wraps' that this toolkit does not know"),
         (
@@ -239,7 +239,7 @@ def test_an_unknown_run_is_named(evaluated):
     with pytest.raises(ToolkitError, match="no run called 'nihgt': did you mean night"):
         open_run(evaluated, "nihgt")
     (evaluated.eval_dir / "empty").mkdir()
-    with pytest.raises(ToolkitError, match=r"empty is no finished run: it holds no summary\.json"):
+    with pytest.raises(ToolkitError, match=r"empty is not a finished run: it has no summary\.json"):
         open_run(evaluated, "empty")
 
 

@@ -1,10 +1,13 @@
 """Closed loops: a classical finder lands, cells and pairs are counted right, runs go on, films show the flight."""
 
 import json
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import pytest
+from PIL import Image
 from scipy.stats import binomtest
 from test_boost import make_regressor
 
@@ -76,7 +79,16 @@ def test_regressors_see_as_they_were_trained(tmp_path: Path) -> None:
 def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path) -> None:
     space, made = flown
     record = made.records[0]
-    film = cv2.VideoCapture(str(film_episode(space, QUICK, made, record, 2, tmp_path / "one.mp4")))
+    filmed = film_episode(space, QUICK, made, record, 2)
+    loop = Image.open(BytesIO(filmed.encode_webp()))
+    assert (loop.format, loop.size) == ("WEBP", (640, 346))
+    assert (
+        len(record.track) // 2 <= loop.n_frames <= len(filmed.frames) // 2 + 1
+    )  # the last, which stays, is stored once
+    results, pairs = write_summary(tmp_path, QUICK, made, 2)
+    page = write_report(QUICK, replace(made, folder=tmp_path), results, pairs, space, [filmed]).report.read_text()
+    assert page.count("data:image/webp;base64,") == 1
+    film = cv2.VideoCapture(str(filmed.write(tmp_path / "one.mp4")))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(record.track) + 10
     assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
     shown, first = film.read()

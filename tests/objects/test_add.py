@@ -307,7 +307,7 @@ def test_nothing_is_written_through_a_link(space, elsewhere, tmp_path, linked):
         (space.objects_dir / "m").mkdir()
         (space.objects_dir / "m" / "deep").symlink_to(outside)
     before = files_below(tmp_path / "space"), list(outside.iterdir())
-    with pytest.raises(ToolkitError, match=r"is a link, or lies below one: nothing is written|leads out of its folder"):
+    with pytest.raises(ToolkitError, match=r"is a link, or lies below one: nothing is written|leads outside"):
         add_object(space, elsewhere / "m.obj", MUG)
     after = files_below(tmp_path / "space"), list(outside.iterdir())
     assert [name for name in after[0] if name not in before[0]] == (["rig/objects/m/m.obj"] if "deep" in linked else [])

@@ -277,7 +277,10 @@ def test_command_prints_the_strip_alone(space):
     ("arguments", "says"),
     [
         (["--board", "--ring"], "--board --ring: expected one of them"),
-        (["--board", "--class", "racer"], "--board: printed alone: print patches by a call of their own"),
+        (
+            ["--board", "--class", "racer"],
+            "--board: cannot be printed together with patches: print it in a call of its own",
+        ),
         (["--square-mm", "3"], "--square-mm 3: goes with --board"),
         (["--ring-mm", "200", "--board"], "goes with --ring"),
         (["--board", "--marker-mm", "26"], "expected at most 23.4 mm"),

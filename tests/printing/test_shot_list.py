@@ -71,13 +71,23 @@ def listed(space):
 
 
 def cards(listed):
-    """Pose id and text of every card: the strip of the page from its word 'place' to the next card's."""
+    """Pose id and text of every card: the strip of the page from its word 'pose' to the next card's."""
     mm = POINTS_PER_MM
     for page in listed.pages[1:]:
-        tops = [word["top"] for word in page.extract_words() if word["text"] == "place" and word["x0"] < 25 * mm]
+        tops = [word["top"] for word in page.extract_words() if word["text"] == "pose" and word["x0"] < 25 * mm]
         for top, bottom in zip(tops, [*tops[1:], page.height - 14 * mm], strict=True):
             text = page.crop((0, top - 3 * mm, page.width, bottom - 3 * mm)).extract_text()
-            yield int(re.search(r"pose (\d+)", text)[1]), text
+            yield (
+                int(
+                    max(
+                        page.within_bbox((10 * mm, top - mm, 26 * mm, top + 14 * mm)).extract_words(
+                            extra_attrs=["size"]
+                        ),
+                        key=lambda word: word["size"],
+                    )["text"]
+                ),
+                text,
+            )
 
 
 @pytest.mark.slow
@@ -144,7 +154,7 @@ def test_the_first_page_measures_the_sheet_on_the_object(listed):
     assert numbers.count("25") >= 2 and numbers.count("50") >= 2 and numbers.count("5") >= 2
     text = listed.pages[0].extract_text()
     assert "sheet 50.0 mm" in text and "patch 40.0 mm" in text and "seen from above" in text
-    assert "toolkit print --board" in text and f"{2 * COUNT} shots at {COUNT} places" in text
+    assert "toolkit print --board" in text and f"{2 * COUNT} shots at {COUNT} poses" in text
 
 
 @pytest.mark.slow

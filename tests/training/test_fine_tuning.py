@@ -73,7 +73,7 @@ def test_without_it_the_classes_are_the_folders(init, by_wnid, tmp_path):
 
 def test_folders_that_are_no_class_of_the_weights(init, tmp_path):
     folder = write_colours(tmp_path / "set", 4)
-    with pytest.raises(ToolkitError, match=r"set/blue: 'blue' is no class of .* \(3 of 3 folders\): .* with init"):
+    with pytest.raises(ToolkitError, match=r"set/blue: 'blue' is not a class of .* \(3 of 3 folders\): .* with init"):
         fine_tune(folder, init, make_workspace(tmp_path / "space"), keep_labels=True)
     with pytest.raises(ToolkitError, match="keep_labels keeps those of init"):
         ClassifierConfig(name="x", data=("rig",), keep_labels=True)

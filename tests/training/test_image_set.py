@@ -55,7 +55,9 @@ def test_imagenet_classes_by_wordnet_id_and_label_and_never_by_a_name_of_two(tmp
 
 def test_labels_that_do_not_match_the_classifier_are_one_clear_error(tmp_path, hue):
     write_photos(tmp_path / "data", 1, ["red", "mauve", "teal"])
-    with pytest.raises(ToolkitError, match=r"data/mauve: 'mauve' is no class of hue .* \(2 of 3 folders\).*with model"):
+    with pytest.raises(
+        ToolkitError, match=r"data/mauve: 'mauve' is not a class of hue .* \(2 of 3 folders\).*with model"
+    ):
         open_images(str(tmp_path / "data"), hue)
 
 

@@ -137,5 +137,5 @@ def test_processes_that_do_not_meet_say_so(rank, agent, words, monkeypatch):
     for name, value in {**names, "TORCHELASTIC_RUN_ID": "x", "TORCHELASTIC_USE_AGENT_STORE": agent}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(processes, "MEETING_S", 1)
-    with pytest.raises(ToolkitError, match=f"the processes do not meet at 127.0.0.1:{port} .*{words}"), joined():
+    with pytest.raises(ToolkitError, match=f"the processes cannot connect at 127.0.0.1:{port} .*{words}"), joined():
         pass

@@ -167,8 +167,8 @@ def off_by_a_metre(fake: FakeAirSim, *given: object) -> list[dict]:
     [
         ({"at simGetImages": "hang"}, "no answer to simGetImages within 0.3 s"),
         ({"at simSetCameraFov": "close"}, "lost during simSetCameraFov (it closed the connection)"),
-        ({"at simPause": "http"}, "what answers simPause speaks no msgpack-rpc"),
-        ({"at simPause": "garbage"}, "what answers simPause speaks no msgpack-rpc"),
+        ({"at simPause": "http"}, "what answers simPause does not speak msgpack-rpc"),
+        ({"at simPause": "garbage"}, "what answers simPause does not speak msgpack-rpc"),
         ({"simPause": "not implemented"}, "cannot be paused (", ),
         ({"simPause": ["code 3", "no permission"]}, "no permission"),
         ({"simIsPaused": lambda fake: False}, "cannot be paused (it runs on)"),

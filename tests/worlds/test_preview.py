@@ -21,7 +21,7 @@ from toolkit.worlds.film import count_frames, write_film
 from toolkit.worlds.place import place_object
 from toolkit.worlds.preview import PreviewSettings, preview_world
 from toolkit.worlds.sky import make_sky
-from toolkit.worlds.world_map import KINDS, MapSheet
+from toolkit.worlds.world_map import KINDS, MapSheet, spread_labels
 
 SKIES = [make_sky("afternoon", 0, 32), make_sky("dusk", 0, 32)]
 SETTINGS = PreviewSettings((64, 64), (64, 64), 200, 0.4)
@@ -201,3 +201,17 @@ def test_lamps_are_in_a_glb_only_where_asked_for(field) -> None:
     assert len(emissive) == 1 and emissive[0].emissiveFactor == pytest.approx([1, 1, 1])
     assert np.array_equal(np.asarray(emissive[0].emissiveTexture.convert("RGB")), glow)
     assert np.array_equal(np.asarray(emissive[0].baseColorTexture.convert("RGB")), second.texture)
+
+
+def test_labels_of_a_map_do_not_overlap_and_stay_in_it() -> None:
+    wanted = [(100.0, 100.0)] * 6 + [(2.0, 2.0), (398.0, 200.0)]
+    sizes = [(90.0, 21.0), (40.0, 21.0)] * 4
+    boxes = [
+        (x - w / 2, y - h / 2, x + w / 2, y + h / 2)
+        for (x, y), (w, h) in zip(spread_labels(wanted, sizes, (400, 400)), sizes, strict=True)
+    ]
+    assert all(min(box) >= 0 and max(box) <= 400 for box in boxes)
+    for k, one in enumerate(boxes):
+        for other in boxes[:k]:
+            assert one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
+    assert spread_labels([(50, 60), (300, 60)], sizes[:2], (400, 400)) == [(50, 60), (300, 60)]

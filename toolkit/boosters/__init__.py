@@ -1,1 +1,1 @@
-"""What is added to an object: unadversarial patches."""
+"""What is added to an object: unadversarial patches and textures, and what they meet in training."""

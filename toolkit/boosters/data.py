@@ -386,6 +386,6 @@ def describe_data(data: TrainingData) -> None:
         what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"
         notice(f"data: {source['used']} of {source['found']} images from {source['source']}, {what}")
     if not data.is_held_out:
-        notice("data: one image is too few to hold any out: it is trained on and validated on")
+        notice("data: there is one image only: it serves for training and for validation")
     elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
         notice(f"data: {len(data.train)} images to train on are few: backgrounds 'all' takes every image")

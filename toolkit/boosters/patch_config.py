@@ -83,10 +83,10 @@ class PatchConfig(PixelConfig):
         0.0, description="Weight of the distance between its colours and what inks can print."
     )
     mounted_share: Annotated[float, Field(ge=0, le=1), Flag(group=RIG)] = Field(
-        0.0, description="Share of each batch with the sheet mounted on it; 0 without --data rig."
+        0.0, description="Share of each batch that shows the sheet on the object; 0 without --data rig."
     )
     mounted_views: Annotated[int, Field(ge=2), Flag(group=RIG)] = Field(
-        240, description="Views with the sheet mounted, a fifth of them held out."
+        240, description="Views with the sheet on the object, a fifth of them held out."
     )
     mounted_fill: Annotated[Range, Rising(0.05, 1), Flag(group=RIG)] = Field(
         (0.6, 0.95), description="Share of the frame that the object fills in these views."

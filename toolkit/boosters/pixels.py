@@ -246,7 +246,7 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     for one in networks:
         if one.untrainable:
             raise FieldError(
-                f"it judges, but nothing can be trained against it: {one.untrainable}", {"model": one.arch}
+                f"it can judge, but no booster can be trained against it: {one.untrainable}", {"model": one.arch}
             )
     return [Target(network, network.class_index(class_name)) for network in networks]
 

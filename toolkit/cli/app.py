@@ -76,9 +76,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
-        "studio": Entry(
-            "studio:studio", "shoot by phone, the next shot shown as a ghost", {"--address": "--lan-address"}
-        ),
+        "studio": Entry("studio:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
         "import": Entry("photos:import_", "import photographs, tell object and pose"),
         "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
         "retexture": Entry("photos:retexture", "put another patch into photographs of a printed one"),
@@ -130,7 +128,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
         "add": Entry("add:add", "add an object of your own from its mesh"),
-        "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
+        "demo": Entry("objects:demo", "run every step in a new workspace, as an example"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "models": Entry("models:list_models", "list the networks that are at hand"),
         "doctor": Entry("init:doctor", "check what the kit needs from this machine"),

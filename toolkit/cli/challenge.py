@@ -17,24 +17,27 @@ EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of th
 @from_config(config=EntryConfig)
 def init(
     entry: EntryFolder, *, config: EntryConfig, patches: options.Patches = None,
-    workspace: options.Workspace = None, quiet: options.Quiet = False,
+    workspace: options.Workspace = None, quiet: options.Quiet = False, as_json: options.Json = False,
 ) -> None:  # fmt: skip
-    """Make an entry of this workspace's boosters: their files, and entry.json, in which you say how they were made."""
+    """Make an entry from this workspace's boosters: their files, and an entry.json for you to complete."""
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.entry import ENTRY, init_entry
 
     made = init_entry(open_workspace(workspace).with_patches(patches), entry, config)
+    if as_json:
+        show_json({"folder": str(made.folder), "objects": list(made.objects), "networks": len(made.record.networks)})
+        return
     say(f"{made.folder}: {len(made.objects)} boosters, trained on {len(made.record.networks)} networks")
     say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {made.folder}")
 
 
 def check(
     entry: EntryFolder,
-    again: Annotated[bool, typer.Option("--rescore", help="Count its score again from its own files.")] = False,
+    again: Annotated[bool, typer.Option("--rescore", help="Compute its score again from its own files.")] = False,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Check an entry to the last rule, one line for each fault; nothing is changed."""
+    """Check an entry against every rule, one line for each fault; nothing is changed."""
     from toolkit.experiments.challenge.entry import check_entry
     from toolkit.experiments.challenge.score import rescore
 
@@ -102,7 +105,7 @@ def board(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Rank entries: index.html, board.csv and a JSON file for each, of scores that their own files bear out."""
+    """Rank entries: index.html, board.csv and a JSON file for each, of scores that agree with their own files."""
     from toolkit.core.console import list_skipped
     from toolkit.core.tables import format_p, format_points, format_points_interval
     from toolkit.experiments.challenge.board import write_board

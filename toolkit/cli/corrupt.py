@@ -20,7 +20,7 @@ def corrupt(
         typer.Option(
             "--corrupt",
             metavar="NAME[:SEVERITY]",
-            help="Corruption, or noise, blur, weather, digital, extra, common (15), all (19); fog:3 or noise:1-3 for "
+            help="Corruption, or noise, blur, weather, digital, extra, common (15), all; fog:3 or noise:1-3 for "
             "some severities; may be repeated.",
         ),
     ],

@@ -37,7 +37,7 @@ def corrupt_eval(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Corrupt a data set with and without patches, and ask a classifier: ImageNet-C's benchmark, or CIFAR-10-C's.
+    """Classify a corrupted data set with and without patches: the benchmark of ImageNet-C, or CIFAR-10-C.
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """

@@ -44,7 +44,7 @@ def evaluate(
 
     With a detector (torchvision:NAME, onnx:FILE) look for the object instead: detections.csv.
 
-    With --corrupt, each image also as fog, blur, noise ... of ImageNet-C leave it: in sources SOURCE-fog-3.
+    With --corrupt, also classify each image with ImageNet-C's fog, blur, noise ...: in sources SOURCE-fog-3.
     """
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.evaluate import evaluate_captures

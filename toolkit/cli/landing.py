@@ -64,9 +64,7 @@ def show_collected(collected: "Collected") -> None:
 @from_config(overrides=TRAINING)
 def train(
     overrides: options.Overrides,
-    datasets: Annotated[
-        list[str], typer.Argument(metavar="DATASET...", help="Names below captures/landing, or folders.")
-    ],
+    datasets: Annotated[list[str], typer.Argument(metavar="DATASET...", help="Names in captures/landing, or folders.")],
     recipe: str,
     baselines: Annotated[
         bool, typer.Option("--baselines", help="Measure features + homography and an AprilTag on held-out frames too.")
@@ -147,7 +145,12 @@ def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
 def fly(
     config: FlyConfig,
     engine: EngineConfig,
-    film: Annotated[bool, typer.Option("--film", help="Film the first episode of the first and last cells.")] = False,
+    film: Annotated[
+        bool,
+        typer.Option(
+            "--film", help="Film the first episode of the first and last cells: MP4 files, and in the report."
+        ),
+    ] = False,
     restart: Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
@@ -168,12 +171,13 @@ def fly(
     flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart, engine=engine)
     list_skipped(flown.failed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
-    files = write_report(config, flown, results, pairs, space)
-    films = []
-    if film:
-        for one in [results[0].records[0], *(last.records[0] for last in results[1:][-1:])]:
-            path = flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4"
-            films.append(film_episode(space, config, flown, one, seed, path))
+    filmed = [results[0].records[0], *(last.records[0] for last in results[1:][-1:])] if film else []
+    films = [film_episode(space, config, flown, one, seed) for one in filmed]
+    paths = [
+        made.write(flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4")
+        for made, one in zip(films, filmed, strict=True)
+    ]
+    files = write_report(config, flown, results, pairs, space, films)
     if as_json:
         rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
         show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
@@ -185,7 +189,7 @@ def fly(
             seconds = flown.seconds
             share = seconds["physics_s"] / max(seconds["whole_s"], 1e-9)
             say(f"{flown.made} episodes flown now, {seconds['whole_s']:.0f} s of work, {share:.1%} physics and control")
-        for path in films:
+        for path in paths:
             say(f"film: {path}")
         say(f"report: {files.report}")
     if flown.failed:

@@ -61,7 +61,7 @@ def demo(
     device: options.Device = "auto",
     quiet: options.Quiet = False,
 ) -> None:
-    """Walk the whole road in a new workspace: plan, print, shoot 144 images, evaluate, report.
+    """Run every step in a new workspace: plan, print, shoot 144 images, evaluate, report.
 
     With a ResNet-18 of ImageNet where its weights are on this machine or can be downloaded, else with the bundled
     classifier rig18 and the patches for it.
@@ -86,7 +86,7 @@ def demo(
     say(f"1/4  plan: where the camera stands ({space.plan_file})")
     plan = open_plan(space, pattern=Pattern(fill=BUNDLED_FILL) if is_bundled else None)
     if is_bundled:
-        say(f"     far away: {BUNDLED} knows these objects from near without a patch")
+        say(f"     far away: {BUNDLED} recognises these objects from near without a patch")
     say(f"     {what_pairs_can_show(max(map(len, plan.objects.values())))}")
     say(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})")
     print_all(space)

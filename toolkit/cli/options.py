@@ -127,7 +127,7 @@ Corrupt = Annotated[
     typer.Option(
         "--corrupt",
         metavar="NAME[:SEVERITY]",
-        help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); without a "
+        help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all; without a "
         "severity under all five; may be repeated.",
     ),
 ]

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
 
-POSES = (*Pattern.model_fields, "resolution", "fov", "preview")
-"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned."""
+POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")
+"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned, whatever seed
+orders the shots."""
 
 
 @from_config(pattern=Pattern, listing=ShotListConfig)
@@ -96,7 +97,7 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
         show_json(asdict(made))
         return
     if made.replaced:
-        say("note: rig/shots.json held other shots, or another order, before")
+        say("note: rig/shots.json was replaced; it held other shots or another order")
     for note in made.notes:
         remark(note)
     say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")

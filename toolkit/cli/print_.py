@@ -66,7 +66,8 @@ def print_patches(
 
         if objects or classes or everything or files:
             raise FieldError(
-                "printed alone: print patches by a call of their own", {sheet.kind.replace("-", "_"): True}
+                "cannot be printed together with patches: print it in a call of its own",
+                {sheet.kind.replace("-", "_"): True},
             )
         _report_sheet(print_board(place, sheet, settings, out), as_json)
         return

@@ -39,7 +39,7 @@ def studio(
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Serve a page to shoot with: the next shot as a ghost, upload, the gates' verdict, progress, predictions.
+    """Serve a page to take the photographs with: the next shot as an outline, upload, checks, progress, predictions.
 
     Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
     """

@@ -33,7 +33,7 @@ def sweep(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Vary one thing and see how far the patch carries; write table, figure and report to eval/sweeps/AXIS."""
+    """Vary one thing and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.sweeps.sweep import run_sweep
     from toolkit.models.load import load_classifier

@@ -21,7 +21,7 @@ def train_classifier(
     config: ClassifierConfig,
     patches: Annotated[
         str | None,
-        typer.Option(metavar="SET", help="Every image carries its class's patch of this set, as in corrupt-eval."),
+        typer.Option(metavar="SET", help="Every image has the patch of its class from this set, as in corrupt-eval."),
     ] = None,
     download: Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 where it is not there.")] = False,
     workers: Annotated[

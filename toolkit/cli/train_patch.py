@@ -67,7 +67,7 @@ def train_patch(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Train a patch that makes a classifier see a class, or a detector find its object; goes on where it stopped."""
+    """Train a patch with which a classifier sees a class, or a detector finds its object; a stopped run goes on."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.patch import train_patch as run
     from toolkit.boosters.train import prepare_patch

@@ -1,4 +1,4 @@
-"""`toolkit transfer`: do boosters hold before networks that they never saw?"""
+"""`toolkit transfer`: do boosters work on networks that they were not trained on?"""
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
@@ -17,7 +17,7 @@ def transfer(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Train on all networks but one and let that one judge, for each in turn; a stopped run goes on where it was."""
+    """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.transfer.leave_one_out import leave_one_out

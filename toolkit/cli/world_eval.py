@@ -27,7 +27,7 @@ def world_eval(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Put an object into a world, look at it from a grid of cameras through weather, and ask a classifier.
+    """Render an object in a world from a grid of cameras, in weather, and classify the pictures.
 
     Results go to eval/RUN. An answer is computed once, whatever run asks for it.
     """

@@ -57,11 +57,13 @@ class FieldError(ToolkitError):
 
 
 def show_value(value: object) -> str:
-    """A setting's value in words: `0.2 0.42` for a range, `on` for True."""
+    """A setting's value in words: `0.2 0.42` for a range, `on` for True, `fog:3` for a name with a severity."""
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, float):
         return f"{value:g}"
+    if isinstance(value, tuple) and [type(item) for item in value] == [str, int]:
+        return f"{value[0]}:{value[1]}" if value[1] else str(value[0])
     if isinstance(value, tuple | list):
         return " ".join(show_value(item) for item in value)
     return shorten(str(value), LONGEST_SHOWN)

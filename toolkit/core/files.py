@@ -115,7 +115,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
     except (OSError, ValueError) as error:
         raise explain_read_error(path, error) from None
     if len(content) > most_bytes:
-        raise ToolkitError(f"cannot read {path}: it is larger than {most_bytes >> 20} MB, which no such file is")
+        raise ToolkitError(f"cannot read {path}: it is larger than {most_bytes >> 20} MB, the most that is read")
     return content
 
 
@@ -188,7 +188,7 @@ def _check_within(folder: Path, root: Path) -> None:
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
         raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
     if not place.is_relative_to(home):
-        raise ToolkitError(f"'{folder}' leads out of its folder {home}, to {place}: nothing is written there")
+        raise ToolkitError(f"'{folder}' leads outside {home}, to {place}: nothing is written there")
 
 
 def without_links(root: Path, relative: str) -> Path:
@@ -279,7 +279,7 @@ def load_json(path: Path) -> Any:
     """
     content, constants = _load_json(path)
     if constants:
-        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is not allowed as a number")
     return content
 
 
@@ -303,7 +303,7 @@ def _load_json(path: Path) -> tuple[Any, list[str]]:
     except RecursionError:
         raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
     except UnicodeEncodeError:
-        raise ToolkitError(f"{path}: not JSON: half a pair of surrogates is no character") from None
+        raise ToolkitError(f"{path}: not JSON: it holds half of a surrogate pair") from None
     except ValueError as error:
         raise ToolkitError(f"{path}: not JSON: {_say_digits(error)}") from None
     return content, constants
@@ -318,7 +318,7 @@ def read_json(path: Path, model: type[Model]) -> Model:
     content, constants = _load_json(path)
     made = _validate(path, content, model)
     if constants:
-        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is not allowed as a number")
     return made
 
 
@@ -345,7 +345,7 @@ def _read_text(path: Path, most_bytes: int) -> str:
     try:
         return read_bytes(path, most_bytes).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ToolkitError(f"cannot read {path}: no UTF-8 text at byte {error.start}: save it as UTF-8") from None
+        raise ToolkitError(f"cannot read {path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
 
 
 def _say_digits(error: ValueError) -> str:

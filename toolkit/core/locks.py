@@ -62,7 +62,7 @@ def _lock(file: Path) -> int:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 if not is_said:
-                    notice(f"waiting until {_read_holder(number)} has done with {file.parent}")
+                    notice(f"waiting until {_read_holder(number)} has finished with {file.parent}")
                 is_said = True
                 fcntl.flock(number, fcntl.LOCK_EX)
             if os.fstat(number).st_nlink:

@@ -204,13 +204,16 @@ def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False)
     if folder is not None:
         root = resolve_links(Path(folder))
         if not is_workspace(root):
-            raise ToolkitError(f"{folder} is no workspace (it has no {MARKER}): make one with 'toolkit init {folder}'")
+            raise ToolkitError(
+                f"{folder} is not a workspace (it has no {MARKER}): make one with 'toolkit init {folder}'"
+            )
     else:
         here = Path.cwd()
         found = next((up for up in (here, *here.parents) if is_workspace(up)), None)
         if found is None and is_needed:
             raise ToolkitError(
-                "this is no workspace: go into one or name it with --workspace; 'toolkit init FOLDER' makes one"
+                "this folder is not in a workspace: change into one, or name one with --workspace; "
+                "'toolkit init FOLDER' makes one"
             )
         root = found or here
     if (root / MARKER).is_file():

@@ -209,7 +209,7 @@ def choose_parameters(height: int, width: int) -> str:
 
 
 def choose_names(names: list[str]) -> list[str]:
-    """Names of corruptions from names, families, `common` (the fifteen) and `all` (the nineteen), each once.
+    """Names of corruptions from names, families, `common` (the fifteen) and `all`, each once.
 
     Raises:
         ToolkitError: one of them is none of these.
@@ -237,7 +237,7 @@ def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITI
     """Names with severities from words such as `fog:3`, `noise:1-3` and `common`, in their order, each once.
 
     Args:
-        words: a corruption, a family, `common` (the fifteen) or `all` (the nineteen), with `:SEVERITY` or
+        words: a corruption, a family, `common` (the fifteen) or `all`, with `:SEVERITY` or
             `:FIRST-LAST`.
         severities: of a word that has none.
 

@@ -194,12 +194,12 @@ def _check_answer(address: str | None) -> None:
             is_grpc = os.environ.get("RAY_USE_TLS", "0") != "0" or _speaks_http2(line)
     except OSError as error:
         raise ToolkitError(
-            f"nobody answers at Ray's address {address} ({error.strerror or error}): start it with 'ray start --head', "
+            f"no Ray answers at the address {address} ({error.strerror or error}): start it with 'ray start --head', "
             "and open its port"
         ) from None
     if not is_grpc:
         raise ToolkitError(
-            f"what answers at {address} is no Ray: expected the port that 'ray start --head' names, by default 6379"
+            f"the program at {address} is not Ray: expected the port that 'ray start --head' names, by default 6379"
         )
 
 

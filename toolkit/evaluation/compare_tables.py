@@ -63,7 +63,7 @@ def _read_table(file: Path, images: Path | None, cluster: str | None) -> dict[st
             with without_collector():
                 return _read_lines(file, lines, at, images, cluster)
     except (OSError, csv.Error, UnicodeDecodeError) as error:
-        raise ToolkitError(f"{file}: no readable CSV table ({error})") from None
+        raise ToolkitError(f"{file}: not a readable CSV table ({error})") from None
 
 
 def _read_lines(
@@ -87,7 +87,7 @@ def _read_lines(
             raise ToolkitError(f"{file}, line {number}: {len(cells)} cells: expected {max(at.values()) + 1}")
         name, guess = decode_cell(cells[name_at]), "" if guess_at is None else decode_cell(cells[guess_at])
         if name in found:
-            raise ToolkitError(f"{file}, line {number}: image '{name}' is there twice: expected each once")
+            raise ToolkitError(f"{file}, line {number}: image '{name}' appears twice: expected each once")
         if right_at is not None:
             is_right = _read_right(file, number, cells[right_at])
         else:

@@ -63,7 +63,7 @@ class EvalConfig(Config):
     )
     corruptions: Annotated[Corruptions, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (),
-        description="Also under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); "
+        description="Also under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all; "
         "without a severity under all five; may be repeated.",
     )
     batch_size: Annotated[int | None, Field(ge=1), Flag()] = Field(

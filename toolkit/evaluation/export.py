@@ -84,7 +84,7 @@ def read_parquet(path: Path) -> "pyarrow.Table":
     try:
         table = parquet.read_table(io.BytesIO(content))
     except (arrow.ArrowException, OSError) as error:
-        raise ToolkitError(f"{path} is no Parquet file, or damaged: {str(error).splitlines()[0]}") from None
+        raise ToolkitError(f"{path} is not a Parquet file, or is damaged: {str(error).splitlines()[0]}") from None
     version = (table.schema.metadata or {}).get(VERSION_KEY, b"")
     if not version.isdigit():
         raise ToolkitError(f"{path} holds no predictions of toolkit: write it with 'toolkit export --to parquet'")

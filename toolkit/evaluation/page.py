@@ -26,7 +26,6 @@ UNPATCHED_COLOUR: str = "#6b6f76"
 LEFT_OUT_COLOUR: str = "#d9dce1"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
 """Frames of pictures whose truth is the first guess, among five, and not among them."""
-MARKERS = ("o", "s", "D", "^", "v", "P")
 
 
 def write_page(
@@ -60,7 +59,7 @@ def write_page(
 
 
 def embed_picture(content: bytes, kind: str = "png") -> str:
-    """A picture as a `data:` URI; `kind` is `png` or `jpeg`."""
+    """A picture as a `data:` URI; `kind` is `png`, `jpeg` or `webp`."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 

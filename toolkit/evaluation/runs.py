@@ -75,7 +75,7 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
         raise one_of("run", str(name), known)
     file = folder / SUMMARY
     if not file.is_file():
-        raise ToolkitError(f"{folder} is no finished run: it holds no {SUMMARY}")
+        raise ToolkitError(f"{folder} is not a finished run: it has no {SUMMARY}")
     home, place = workspace.eval_dir.resolve(), folder.resolve()
     shown = place.relative_to(home).as_posix() if place.is_relative_to(home) else str(name)
     kind, rows = read_rows(file, shown)
@@ -117,14 +117,14 @@ def parse_where(text: str) -> Where:
     """
     found = [one for one in OPERATORS if one in text]
     if not found:
-        raise ToolkitError(f"'{text}' is no condition: expected FIELD=VALUE, such as object=racer or p<0.05")
+        raise ToolkitError(f"'{text}' is not a condition: expected FIELD=VALUE, such as object=racer or p<0.05")
     operator = min(found, key=lambda one: (text.index(one), -len(one)))
     name, _, value = (part.strip() for part in text.partition(operator))
     field = ALIASES.get(name, name)
     if field not in FIELDS:
         raise one_of("field of a run", name, [*FIELDS, *ALIASES])
     if operator not in ("=", "!=") and not (field in NUMBERS and _is_number(value)):
-        raise ToolkitError(f"'{text}' is no condition: {operator} compares numbers: {', '.join(NUMBERS)}")
+        raise ToolkitError(f"'{text}' is not a condition: {operator} compares numbers: {', '.join(NUMBERS)}")
     return Where(field, operator, CLEAR if (field, value) == ("condition", "clean") else value)
 
 

@@ -213,14 +213,14 @@ def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
     content = load_json(file)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if not isinstance(version, int) or isinstance(version, bool):
-        raise ToolkitError(f"{file} is no result of toolkit: expected a schema_version in it")
+        raise ToolkitError(f"{file} is not a result of toolkit: expected a schema_version in it")
     if version > SCHEMA_VERSION:
         raise ToolkitError(
             f"{file} was written by a newer toolkit (schema_version {version}, this one reads up to {SCHEMA_VERSION}): "
             "update toolkit"
         )
     if "groups" not in content and "cells" not in content:
-        raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
+        raise ToolkitError(f"{file} is not a result of toolkit: expected groups or cells in it")
     said = name_kind(content, run)
     kind = next((known for known in KINDS if known == said), None)
     if kind is None:

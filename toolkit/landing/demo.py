@@ -62,6 +62,6 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
     )  # fmt: skip
     flown = fly_all(space, flying, seed=seed, device=device)
     results, pairs = write_summary(flown.folder, flying, flown, seed)
-    report = write_report(flying, flown, results, pairs, space).report
-    film = film_episode(space, flying, flown, results[-1].records[0], seed, flown.folder / "episode.mp4")
-    return Demonstrated(collected, trained, boosted, results, pairs, report, film)
+    film = film_episode(space, flying, flown, results[-1].records[0], seed)
+    report = write_report(flying, flown, results, pairs, space, [film]).report
+    return Demonstrated(collected, trained, boosted, results, pairs, report, film.write(flown.folder / "episode.mp4"))

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
@@ -34,6 +36,7 @@ OUTCOME_COLOURS = {
     "diverged": "#000000",
 }  # fmt: skip
 FILM_PX, TRACK_COLUMNS = 480, 3
+LOOP_PX, LOOP_QUALITY = 640, 60
 
 
 @with_default_style
@@ -183,31 +186,45 @@ def _write(
     cv2.putText(canvas, words, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness=1, lineType=cv2.LINE_AA)
 
 
-def write_film(
-    path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord, title: str, config: FlyConfig
-) -> Path:
-    """MP4: the drone's view beside the map, at the pace of the flight.
+@dataclass(frozen=True)
+class Film:
+    """One episode: the drone's view beside the map, at the pace of the flight.
 
-    Args:
-        path: where to.
-        pictures: (h, w, 3) uint8 what the camera saw, one for each place of the track but the last.
-        record: the episode with its track.
-        title: above it.
-        config: of the flights.
-
-    Raises:
-        ToolkitError: this build of OpenCV writes no MP4.
+    Attributes:
+        title: of what.
+        frames: (n, h, w, 3) uint8 sRGB; the last one stays for a second.
+        hz: frames a second.
     """
-    size, hz = (2 * FILM_PX, FILM_PX + 40), config.episode.camera_hz
-    with TemporaryDirectory() as folder:
-        made = Path(folder) / "film.mp4"
-        film = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*"mp4v"), hz, size)
-        if not film.isOpened():
-            raise ToolkitError(f"cannot write {path}: this build of OpenCV writes no MP4: leave the film out")
-        for k in range(len(record.track) + round(hz)):
-            film.write(_compose(pictures, record, min(k, len(record.track) - 1), title, config)[..., ::-1])
-        film.release()
-        return write_bytes(path, made.read_bytes())
+
+    title: str
+    frames: np.ndarray
+    hz: float
+
+    def encode_webp(self) -> bytes:
+        """A small animated picture that goes round and round, with every second frame."""
+        size = (LOOP_PX, LOOP_PX * self.frames.shape[1] // self.frames.shape[2])
+        shown = [Image.fromarray(frame).resize(size, Image.Resampling.BOX) for frame in self.frames[::2]]
+        file = BytesIO()
+        some = {"save_all": True, "append_images": shown[1:], "loop": 0, "quality": LOOP_QUALITY}
+        shown[0].save(file, "webp", duration=round(2000 / self.hz), **some)
+        return file.getvalue()
+
+    def write(self, path: Path) -> Path:
+        """Write an MP4.
+
+        Raises:
+            ToolkitError: this build of OpenCV writes no MP4.
+        """
+        height, width = self.frames.shape[1:3]
+        with TemporaryDirectory() as folder:
+            made = Path(folder) / "film.mp4"
+            film = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*"mp4v"), self.hz, (width, height))
+            if not film.isOpened():
+                raise ToolkitError(f"cannot write {path}: this build of OpenCV writes no MP4: leave the film out")
+            for frame in self.frames:
+                film.write(frame[..., ::-1])
+            film.release()
+            return write_bytes(path, made.read_bytes())
 
 
 def _compose(
@@ -223,18 +240,18 @@ def _compose(
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where the files are; no film where none was asked for."""
+    """Where the files are."""
 
     report: Path
     success: Path
     tracks: Path
-    film: Path | None = None
 
 
 def write_report(
-    config: FlyConfig, flown: Flown, results: Sequence[CellResult], pairs: Sequence[PairResult], space: Workspace
-) -> ReportFiles:
-    """Write `report.html`, `success.png` and `tracks.png`."""
+    config: FlyConfig, flown: Flown, results: Sequence[CellResult], pairs: Sequence[PairResult], space: Workspace,
+    films: Sequence[Film] = (),
+) -> ReportFiles:  # fmt: skip
+    """Write `report.html`, with the films in it, `success.png` and `tracks.png`."""
     folder, success, tracks = flown.folder, draw_success(results), draw_tracks(results, config.episode.radius_m)
     own = list_regressors(space)
     errors = [
@@ -246,23 +263,20 @@ def write_report(
         "title": folder.name, "results": results, "pairs": pairs, "outcomes": OUTCOMES[1:],
         "success_is": describe_success(config.episode), "weathers": describe_weathers(config.weathers),
         "settings": [row for row in config.rows() if row[0] != "weathers"], "records": errors, "places": flown.places,
-        "success": success, "tracks": tracks,
+        "success": success, "tracks": tracks, "films": [(film.title, film.encode_webp()) for film in films],
     }  # fmt: skip
     page = write_page(folder / "report.html", "toolkit.landing", "flights.html.j2", context)
     return ReportFiles(page, write_bytes(folder / "success.png", success), write_bytes(folder / "tracks.png", tracks))
 
 
-def film_episode(
-    space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int, path: Path
-) -> Path:
-    """A film of an episode whose track was kept: what its camera saw is rendered again along the track.
+def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:
+    """Film an episode whose track was kept: what its camera saw is rendered again along the track.
 
     Args:
         space: the workspace.
         config, flown: of the flights.
         record: the episode.
         seed: of the flights.
-        path: where to.
     """
     number = record.index % len(flown.places)
     trained = [load_regressor(space, name).record for name in config.regressors if name in list_regressors(space)]
@@ -279,4 +293,6 @@ def film_episode(
         views.append(SiteView(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
     pictures = list(map_frames(site.photograph, views))
     title = f"{record.cell.key}, episode {record.index}"
-    return write_film(path, pictures, record, title, config)
+    last, hz = len(record.track) - 1, config.episode.camera_hz
+    order = [*range(len(record.track)), *[last] * round(hz)]
+    return Film(title, np.stack([_compose(pictures, record, k, title, config) for k in order]), hz)

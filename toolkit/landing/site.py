@@ -114,7 +114,7 @@ def _draw_place(world: World, spot: Spot, size_m: float, draws: Draws, number: i
             centre = (round(float(x), 4), round(float(y), 4), round(height + SHEET_M, 4))
             return PadPlace(f"{spot.name}-{number + 1}", centre, round(turn, 2))
     raise FieldError(
-        f"'{spot.name}' of {world.name} is nowhere level for a pad of this side: take a smaller pad, or another world",
+        f"'{spot.name}' of {world.name} has no level area for a pad of this side: take a smaller pad, or another world",
         {"size_m": size_m},
     )
 

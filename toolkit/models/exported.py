@@ -104,10 +104,10 @@ def _rebuild(path: Path) -> BytesIO:
         raise ToolkitError(f"cannot read {path}: no such file") from None
     except (BadZipFile, OSError, NotImplementedError, RuntimeError):
         raise ToolkitError(
-            f"cannot read {path}: no program of torch.export, or a damaged one: save it with torch.export.save"
+            f"cannot read {path}: not a program of torch.export, or a damaged one: save it with torch.export.save"
         ) from None
     if len(content) != len(names) or "models/model.json" not in content:
-        raise ToolkitError(f"{path}: no program of torch.export 2.8 or later: save it with torch.export.save")
+        raise ToolkitError(f"{path}: not a program of torch.export 2.8 or later: save it with torch.export.save")
     strange = next((name for name in content if not KNOWN_FILES.fullmatch(name)), None)
     if strange is not None:
         raise _refuse(path, f"the file '{strange[:80]}'")
@@ -147,7 +147,7 @@ def _damaged(path: Path, what: str) -> ToolkitError:
 
 def _load(path: Path, content: bytes) -> dict[str, Any]:
     if len(content) > MOST_JSON_BYTES:
-        raise ToolkitError(f"{path}: its description is larger than {MOST_JSON_BYTES >> 20} MB, which none is")
+        raise ToolkitError(f"{path}: its description is larger than {MOST_JSON_BYTES >> 20} MB, the most that is read")
     loaded = json.loads(content)
     if not isinstance(loaded, dict):
         raise _damaged(path, "its description is no object of JSON")

@@ -242,8 +242,8 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
     if unknown:
         more = f" ({len(unknown)} of {len(names)} folders)" if len(unknown) > 1 else ""
         raise FieldError(
-            f"{root / unknown[0]}: '{unknown[0]}' is no class of {classifier.describe()}{more}: name the classifier of "
-            f"this data with {{{field}}}, or rename the folder",
+            f"{root / unknown[0]}: '{unknown[0]}' is not a class of {classifier.describe()}{more}: name the classifier "
+            f"of this data with {{{field}}}, or rename the folder",
             {},
         )
     index_of = {}

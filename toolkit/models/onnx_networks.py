@@ -92,7 +92,7 @@ def read_onnx(path: Path) -> OnnxGraph:
     except OSError as error:
         raise ToolkitError(f"cannot read {path}: {error.strerror or error}") from None
     except Exception:  # protobuf's own error, a checker's, or that of weights that lie elsewhere
-        raise ToolkitError(f"cannot read {path}: no ONNX graph, or a damaged one: export it again") from None
+        raise ToolkitError(f"cannot read {path}: not an ONNX graph, or damaged: export it again") from None
     graph = model.graph
     strange = next((one.name for one in graph.output if not _is_numeric(one)), None)
     if strange is not None or not graph.output:
@@ -359,7 +359,7 @@ class OnnxNetwork(nn.Module):
         finally:
             watch.cancel()
         if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
-            raise ToolkitError(f"{path}: its outputs are no tensors with numbers for each image: export it so")
+            raise ToolkitError(f"{path}: its outputs are not tensors with numbers for each image: export it so")
         return tuple(torch.from_numpy(one).float().to(batch.device) for one in answers)
 
     def _join(self, answers: list[tuple[torch.Tensor, ...]]) -> tuple[torch.Tensor, ...]:

@@ -163,7 +163,7 @@ def _count_classes(model: str, config: dict[str, Any], state: "Mapping[str, torc
     weight = state.get(f"{last if isinstance(last, str) else last[0]}.weight")
     count = int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0])
     if count < 1:
-        raise FieldError("is no classifier: its weights end in features: choose another network", {"model": model})
+        raise FieldError("is not a classifier: its weights end in features: choose another network", {"model": model})
     return count
 
 

@@ -104,7 +104,7 @@ def read_mesh(path: Path) -> Mesh:
             f"{path}: cannot read a mesh from '{path.suffix}' files, expected one of {' '.join(SUFFIXES)}"
         )
     if not path.is_file():
-        raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
+        raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
     check_announced(path)
     try:
         with limit_memory(MOST_BYTES):

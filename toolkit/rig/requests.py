@@ -118,5 +118,5 @@ class ShotListConfig(Config):
     order: Annotated[Order, Flag(group=SHOT_LIST)] = Field(
         "aba",
         description="aba: half of the unpatched shots before the patched ones, half after; blocks: one variant after "
-        "the other; alternate: all variants at each place.",
+        "the other; alternate: all variants at each pose.",
     )

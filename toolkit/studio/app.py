@@ -141,7 +141,7 @@ def _add_pictures(app: FastAPI, session: Session, artist: GhostRenderer) -> None
     def waiting(number: int) -> Response:
         file = session.folders.find_waiting(session.find_step(number))
         if file is None:
-            raise Refused(NOT_FOUND, f"no photograph waits at shot {number}")
+            raise Refused(NOT_FOUND, f"shot {number} has no photograph that waits for a decision")
         return _jpeg(show_photo(file, PREVIEW_PX))
 
 
@@ -164,7 +164,7 @@ def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
     def verdict(number: int) -> dict[str, Any]:
         found = session.inspect_waiting(number)
         if found is None:
-            raise Refused(NOT_FOUND, f"no photograph waits at shot {number}")
+            raise Refused(NOT_FOUND, f"shot {number} has no photograph that waits for a decision")
         return describe_inspection(found)
 
     @app.post("/api/shots/{number}/keep")

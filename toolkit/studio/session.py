@@ -114,7 +114,7 @@ class Session:
         """Check an upload by its content, let it wait at its shot, and measure it.
 
         Returns:
-            What was measured; None where this very photograph is there already, as after a lost answer.
+            What was measured; None where this photograph is stored already, as after a lost answer.
 
         Raises:
             Refused: no photograph (415), or one that belongs to another shot (409); the upload is deleted.
@@ -160,7 +160,9 @@ class Session:
                 return self.look_up(number)
             file = self.folders.find_waiting(step)
             if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
-                raise Refused(CONFLICT, "this photograph does not wait here any more: look again, or take another")
+                raise Refused(
+                    CONFLICT, "this photograph no longer waits for a decision: reload the page, or take another"
+                )
             photo = read_photo(file)
             seen = self.inspector.inspect(photo, step)
             key = CaptureKey(step.object, step.variant, step.pose_id)
@@ -227,7 +229,7 @@ class Session:
                 return True
             raise Refused(
                 CONFLICT,
-                f"this very photograph is there already, as {record.object} {record.variant} pose {record.pose_id}: "
+                f"this photograph is stored already, as {record.object} {record.variant} pose {record.pose_id}: "
                 "take or choose another one",
             )
         return False

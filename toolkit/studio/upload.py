@@ -170,7 +170,7 @@ async def _in_time(blocks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
             return
         except asyncio.TimeoutError:
             raise Refused(
-                HTTP_LATE, f"nothing more of the photograph came for {BLOCK_S:.0f} s: send it again"
+                HTTP_LATE, f"no more data of the photograph came for {BLOCK_S:.0f} s: send it again"
             ) from None
 
 
@@ -190,7 +190,7 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         short, long = sorted((photo.width, photo.height))
         if short < LEAST_SIDE_PX or long > MOST_ASPECT * short:
             size = f"{photo.width}×{photo.height} px"
-            raise Refused(HTTP_NO_PHOTO, f"a picture of {size} shows nothing that could be measured: take another")
+            raise Refused(HTTP_NO_PHOTO, f"a picture of {size} is too small to be measured: take another")
         megapixels = photo.width * photo.height / 1e6
         if megapixels > MOST_MEGAPIXELS:
             why = f"the photograph has {megapixels:.0f} megapixels: set the camera to {MOST_MEGAPIXELS} or fewer"
@@ -198,7 +198,7 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         with _decoding:
             return photo, load_pixels(photo)
     except UnreadableImage as error:
-        raise Refused(HTTP_NO_PHOTO, f"this is no photograph that can be read: {error.reason}") from None
+        raise Refused(HTTP_NO_PHOTO, f"this photograph cannot be read: {error.reason}") from None
     except Refused:
         raise
     except ToolkitError as error:

@@ -88,9 +88,11 @@ class Checkpoint:
     def announce(self, done: int, steps: int) -> None:
         """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
         if done:
-            notice(f"going on after step {done} of {steps}; restart begins anew")
+            notice(f"going on after step {done} of {steps}; restart begins again")
         elif any(self.folder.glob("*.safetensors")):
-            notice(f"{self.folder} holds an unfinished run with other inputs: it is kept, this one begins anew")
+            notice(
+                f"{self.folder} holds an unfinished run with other inputs: that one is kept, this one starts at step 1"
+            )
 
     def remove(self) -> None:
         """Forget the run, finished or not; what is `shared` goes when no other run is left, and empty folders too."""

@@ -330,7 +330,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
         download: CIFAR-10 into `FOLDER`, where it is not there.
 
     Raises:
-        ToolkitError: no such folder, no images in it, or a class folder that is no class of the classifier.
+        ToolkitError: no such folder, no images in it, or a class folder that is not a class of the classifier.
     """
     if data.startswith(CIFAR_PREFIX):
         return _open_cifar(data, classifier, split, download)

@@ -266,7 +266,9 @@ def _meet() -> tuple[Processes, _Meeting]:
         distributed.init_process_group(backend, store=store, rank=rank, world_size=count, timeout=LONGEST_STEP)
     except (RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
-        raise ToolkitError(f"the processes do not meet at {where} ({reason}): start all of them by torchrun") from None
+        raise ToolkitError(
+            f"the processes cannot connect at {where} ({reason}): start all of them by torchrun"
+        ) from None
     return Processes(rank, count), _Meeting(store)
 
 

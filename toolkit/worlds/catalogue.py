@@ -48,7 +48,7 @@ def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     if path.suffix.lower() != ".toml":
         return load_mesh_world(path, scale, seed)
     if scale != 1.0:
-        raise ToolkitError(f"{path}: a kit's scale stands in its file, found another one: mend 'scale' there")
+        raise ToolkitError(f"{path}: a kit's scale stands in its file, found another one: correct 'scale' there")
     return load_kit(path, seed)
 
 

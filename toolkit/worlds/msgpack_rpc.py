@@ -81,7 +81,7 @@ class Connection:
             self._socket = socket.create_connection((host, port), timeout=min(timeout_s, 10.0))
         except OSError as error:
             raise ToolkitError(
-                f"{where}: nobody answers ({error.strerror or error}): start the simulator, press Play, and check host "
+                f"{where}: no answer ({error.strerror or error}): start the simulator, press Play, and check host "
                 "and port (ApiServerPort in its settings.json)"
             ) from None
 
@@ -153,7 +153,7 @@ class Connection:
 
     def _no_rpc(self, method: str) -> ToolkitError:
         return ToolkitError(
-            f"{self.where}: what answers {method} speaks no msgpack-rpc: expected a simulator of AirSim's family; "
+            f"{self.where}: what answers {method} does not speak msgpack-rpc: expected a simulator of AirSim's family; "
             "check the port"
         )
 

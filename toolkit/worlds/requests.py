@@ -38,7 +38,7 @@ class ObjectInWorld(Config):
             raise FieldError("lies on a table without its object: choose another in a world", {"variant": self.variant})
         for field in ("variant", "place", "length_m"):
             if self.object_name is None and (value := getattr(self, field)) is not None:
-                raise FieldError("of which object? Say {object_name} with it", {field: value})
+                raise FieldError("needs an object: name it with {object_name}", {field: value})
 
     @property
     def title(self) -> str:

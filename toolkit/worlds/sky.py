@@ -286,7 +286,7 @@ def load_sky(path: Path, azimuth_deg: float = 0.0) -> Sky:
             f"{path}: {width} × {height} pixels: expected an equirectangular panorama, twice as wide as high"
         )
     if not np.isfinite(panorama).all():
-        raise ToolkitError(f"{path}: holds values that are no numbers or infinite: write the panorama anew, clipped")
+        raise ToolkitError(f"{path}: holds NaN or infinite values: save the panorama again without them")
     if panorama.min() < 0:
         panorama = np.maximum(panorama, 0)  # sharpening leaves a few below black
     if panorama[: height // 2].max() <= 0:

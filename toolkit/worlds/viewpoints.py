@@ -98,7 +98,7 @@ def choose_viewpoints(world: World, seed: int = 0, each: int = 1) -> tuple[Viewp
                 break
         chosen += found
     if not chosen:
-        raise ToolkitError(f"{world.name}: nowhere is there room for a camera: is the world one closed block?")
+        raise ToolkitError(f"{world.name}: nowhere is there room for a camera: does the world have open space?")
     return tuple(chosen)
 
 
@@ -329,7 +329,7 @@ class _Grid:
         way, at = [], goal
         while at != start:
             if at < 0:
-                raise ToolkitError("no way for a camera leads through the air from one place to the next")
+                raise ToolkitError("no free flight path was found between two of the cameras")
             way.append(at)
             at = int(before[at])
         return way[::-1]

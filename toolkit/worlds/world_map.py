@@ -20,6 +20,7 @@ PAD: Ink = (120, 255, 120)
 CAMERA: Ink = (255, 70, 60)
 PATH: Ink = (255, 255, 255)
 INK_EDGE: Ink = (20, 20, 20)
+LABEL_PX = 17
 BARS_M = (5, 10, 20, 50, 100, 200, 500, 1000)
 
 
@@ -75,10 +76,39 @@ def draw_map(
         labels.append((x, y, spot.name, ink))
     for one in viewpoints:
         labels.append((*_draw_camera(draw, sheet, one), one.name, CAMERA))
-    for x, y, name, ink in labels:
-        draw.text((x, y), name, ink, read_font("sans", 17), anchor="mm", stroke_width=2, stroke_fill=INK_EDGE)
+    font = read_font("sans", LABEL_PX)
+    sizes = [(draw.textlength(name, font) + 6, LABEL_PX + 4.0) for _, _, name, _ in labels]
+    middles = spread_labels([(x, y) for x, y, *_ in labels], sizes, (image.width, image.height))
+    for (x, y, _, ink), middle in zip(labels, middles, strict=True):
+        draw.line((x, y, *middle), fill=ink, width=1)
+    for (_, _, name, ink), middle in zip(labels, middles, strict=True):
+        draw.text(middle, name, ink, font, anchor="mm", stroke_width=2, stroke_fill=INK_EDGE)
     _draw_scale(draw, sheet, world)
     return np.asarray(image)
+
+
+def spread_labels(
+    wanted: Sequence[tuple[float, float]], sizes: Sequence[tuple[float, float]], within: tuple[int, int]
+) -> list[tuple[float, float]]:
+    """Middles of labels that do not overlap, each as near as may be to where it is wanted.
+
+    Each label in turn takes the nearest free place on rings about the wanted one; where none is free, the wanted one.
+
+    Args:
+        wanted: (x, y) of the middles, pixels.
+        sizes: (width, height) of each label, pixels.
+        within: width and height of the picture, which no label leaves.
+    """
+    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rings = np.concatenate([np.zeros((1, 2)), *(radius * circle for radius in range(8, 200, 8))])
+    middles, halves = np.zeros((0, 2)), np.array(sizes).reshape(-1, 2) / 2
+    for (x, y), half in zip(wanted, halves, strict=True):
+        tried = np.clip(rings + (x, y), half, np.maximum(np.array(within) - half, half))
+        apart = np.abs(tried[:, None] - middles) >= halves[: len(middles)] + half
+        free = apart.any(axis=2).all(axis=1)
+        middles = np.vstack([middles, tried[int(np.argmax(free))]])
+    return [(float(x), float(y)) for x, y in middles]
 
 
 def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, one: Viewpoint) -> tuple[float, float]:

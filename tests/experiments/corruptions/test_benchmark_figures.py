@@ -94,7 +94,14 @@ def test_readers_bars_add_up(monkeypatch, whole):
     assert heights(above, WRONG_COLOUR)[-1] == pytest.approx(100 * row.wrong)
 
 
-def test_no_two_rows_look_alike(whole):
-    many = whole.model_copy(update={"variants": whole.variants * 3})
-    styles = [(one["color"], one["marker"], one["mfc"]) for one in figures._style(many)]
-    assert len(set(styles)) == len(styles) == 18
+def test_every_row_has_a_panel_with_its_own_network_unpatched_in_grey(monkeypatch, whole):
+    monkeypatch.setattr(figures, "save_png", lambda figure: figure)
+    _, small = draw_overview(whole).subfigs
+    shown = {panel.get_title(loc="left"): panel for panel in small.axes if panel.get_visible()}
+    assert list(shown) == [figures.label_row(whole, row) for row in whole.variants if row.variant != "unpatched"]
+    for row in whole.variants:
+        if row.variant != "unpatched":
+            drawn = [line.get_ydata()[0] for line in shown[figures.label_row(whole, row)].lines]
+            before = whole.unpatched_of(row)
+            first = [whole.means_of(one)["gaussian_noise"].top1 for one in (before, row) if one]
+            assert drawn[:: len(drawn) // len(first)] == pytest.approx([100 * share for share in first])

@@ -95,7 +95,7 @@ def test_what_cannot_be_done_is_one_line(type_command, words, said):
 
 def test_labels_that_are_not_the_classifiers_are_one_line(type_command, tmp_path):
     other = write_photos(tmp_path / "other", 1, ["red", "mauve"])
-    assert "'mauve' is no class of hue" in refuse(type_command, "corrupt-eval", "--data", other)
+    assert "'mauve' is not a class of hue" in refuse(type_command, "corrupt-eval", "--data", other)
 
 
 def test_a_patch_larger_than_the_image_is_one_line(type_command):

@@ -128,7 +128,9 @@ def read_entry(folder: Path) -> ChallengeEntry:
     """
     folder = Path(folder)
     if not (folder / ENTRY).is_file():
-        raise ToolkitError(f"{folder} is no entry: expected {ENTRY} in it; 'toolkit challenge init {folder}' makes one")
+        raise ToolkitError(
+            f"{folder} is not an entry: expected {ENTRY} in it; 'toolkit challenge init {folder}' makes one"
+        )
     return ChallengeEntry(folder, read_json(folder / ENTRY, EntryRecord))
 
 

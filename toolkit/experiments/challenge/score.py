@@ -233,7 +233,7 @@ def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_contro
     done = shoot_plan(space, plan, entry.objects, variants, settings, stored=stored, engine=engine)
     failed = [*first.failed, *done.failed]
     if failed:
-        raise ToolkitError(f"{failed[0][0]}: {failed[0][1]}: a score is of all pictures; run it again")
+        raise ToolkitError(f"{failed[0][0]}: {failed[0][1]}: a score needs all pictures: run it again")
     wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
     found = read_captures(done.source_dir).captures
     return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
@@ -362,7 +362,7 @@ class _Table:
         }
         self.pictures = sorted({(one.object, one.pose) for one in outcomes})
         if len(self.right) < len(outcomes):
-            raise ToolkitError(f"{OUTCOMES}: a judge answers twice of one picture: expected each once")
+            raise ToolkitError(f"{OUTCOMES}: a judge has two answers for one picture: expected one")
 
     def variants(self, condition: str) -> list[str]:
         """That were seen in a condition, but for the bare object."""

@@ -22,7 +22,7 @@ class CorruptEvalConfig(Config):
         (), description="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
     )
     corruptions: Annotated[Corruptions | None, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = (
-        Field(None, description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Default: common.")
+        Field(None, description="A corruption, a family, common (15) or all; fog:3, noise:1-3. Default: common.")
     )
     classes: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
         (), description="Label, index or WordNet id. Default: all with images and patches."

@@ -9,10 +9,8 @@ from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 from toolkit.evaluation.page import (
     BLUE,
-    COLOURS,
     GREEN,
     LEFT_OUT_COLOUR,
-    MARKERS,
     ORANGE,
     PINK,
     UNPATCHED_COLOUR,
@@ -32,7 +30,7 @@ from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 FAMILY_COLOURS = {"noise": ORANGE, "blur": BLUE, "weather": GREEN, "digital": PINK, "extra": "#b08000"}
 MEAN_COLOUR, WITHOUT_COLOUR = "#4a4f57", "#111111"
@@ -46,7 +44,8 @@ HEAD_IN, PANEL_IN = 1.6, 2.7
 HIDES_NUMBER, NARROW_COLUMNS = 0.07, 4
 WRONG_HATCHED = "#2b2f36"
 OVERVIEW_BAR = 0.62
-ROW_IN, OVERVIEW_PANEL_IN, OVERVIEW_HEAD_IN = 0.34, 4.2, 1.5
+ROW_IN, OVERVIEW_HEAD_IN = 0.34, 1.5
+SMALL_COLUMNS, SMALL_IN, SMALL_LABELS_IN, SMALL_LABEL = 4, 1.7, 1.6, 8
 OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
@@ -64,14 +63,14 @@ def place_corruptions(names: Iterable[str], has_mean: bool) -> dict[str, float]:
     return places
 
 
-def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool) -> None:
+def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool, size: float = 10) -> None:
     """Names of the corruptions below a panel, tilted where they are many and in their family's colour if wanted."""
     names = [MEAN if name == MEAN else name_corruption(name) for name in places]
     tilt: dict[str, Any] = (
         {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if len(places) > FEW_PLACES else {}
     )
     panel.set_xticks(list(places.values()), names, **tilt)
-    panel.tick_params(axis="x", length=0, labelsize=10)
+    panel.tick_params(axis="x", length=0, labelsize=size)
     for tick, name in zip(panel.get_xticklabels(), places, strict=True):
         tick.set_color(colour_of(name) if is_coloured else MEAN_COLOUR)
         tick.set_fontweight("bold" if name == MEAN else "normal")
@@ -254,47 +253,46 @@ def _list_colours(summary: Summary, row: VariantMean, before: VariantMean | None
 
 @with_default_style
 def draw_overview(summary: Summary) -> bytes:
-    """PNG: above a bar for each variant and answerer, its mean and interval; below their corruptions one by one.
+    """PNG: a bar for each variant and answerer, its mean and interval; then a panel for each with every corruption.
 
-    Without a mean the bars are those of clean images. A reader's bar is split into right, wrong and not decoded, and
-    its marks are hollow.
+    A panel's grey line is the same answerer without patches. Without a mean the bars are those of clean images. A
+    reader's bar is split into right, wrong and not decoded.
     """
-    several = len(summary.corruptions) > 1
-    rows_in = ROW_IN * len(summary.variants)
+    lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
+    columns = min(SMALL_COLUMNS, len(lined))
+    bands = -(-len(lined) // columns) if len(summary.corruptions) > 1 else 0
+    rows_in = OVERVIEW_HEAD_IN + ROW_IN * len(summary.variants)
+    small_in = bands * SMALL_IN + SMALL_LABELS_IN if bands else 0
     width = OVERVIEW_MAX_WIDTH_IN if len(summary.corruptions) > FEW_PLACES else OVERVIEW_MIN_WIDTH_IN
-    figure = make_figure(width, OVERVIEW_HEAD_IN + rows_in + (OVERVIEW_PANEL_IN if several else 0))
-    if several:
-        above, below = figure.subplots(2, 1, height_ratios=[rows_in + 0.4, OVERVIEW_PANEL_IN])
-        _draw_corruptions(below, summary)
+    figure = make_figure(width, rows_in + small_in)
+    if bands:
+        halves = figure.subfigures(2, 1, height_ratios=[rows_in, small_in], squeeze=False)[:, 0]
+        panel = halves[0].subplots()
+        _draw_corruptions(halves[1], summary, lined, columns)
     else:
-        above = figure.subplots()
-    handles = _draw_means(above, summary)
+        panel = figure.subplots()
+    handles = _draw_means(panel, summary)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
     return save_png(figure)
 
 
-def _style(summary: Summary) -> list[dict[str, Any]]:
-    """Colour and mark of each row, by its place."""
-    styles = []
-    for i, row in enumerate(summary.variants):
-        colour = UNPATCHED_COLOUR if row.variant == UNPATCHED else COLOURS[(i - 1) % len(COLOURS)]
-        # a turn further with every round of the colours, so that no two rows look alike
-        marker = MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
-        styles.append({"color": colour, "marker": marker, "mfc": "white" if is_reader(row) else colour})
-    return styles
+def _colour_of_row(row: VariantMean) -> str:
+    """Grey without patches, and a colour each for networks and readers of codes: rows are told by their names."""
+    if row.variant == UNPATCHED:
+        return UNPATCHED_COLOUR
+    return GREEN if is_reader(row) else BLUE
 
 
 def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
     """Draw the bars; returns what the legend must say."""
     has_mean = any(row.top1 is not None for row in summary.variants)
-    styles = _style(summary)
-    for y, (row, style) in enumerate(zip(summary.variants, styles, strict=True)):
+    for y, row in enumerate(summary.variants):
         share, wrong = (row.top1, row.wrong) if has_mean else (row.clean_top1, row.clean_wrong)
         if share is None:
             continue
         end = 100 * share
-        panel.barh(y, end, height=OVERVIEW_BAR, color=style["color"], alpha=0.85, zorder=2)
+        panel.barh(y, end, height=OVERVIEW_BAR, color=_colour_of_row(row), alpha=0.85, zorder=2)
         if is_reader(row):
             end = 100 * (share + (wrong or 0.0))
             panel.barh(
@@ -311,10 +309,9 @@ def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
             panel.hlines(y, 100 * row.top1_ci95[0], 100 * row.top1_ci95[1], color="#111111", lw=1.6, zorder=4)
         if has_mean and row.clean_top1 is not None:
             panel.plot(100 * row.clean_top1, y, marker="d", ms=7, mfc="white", mec="#111111", zorder=5, clip_on=False)
-        panel.plot(-1.6, y, ms=7, clip_on=False, lw=0, zorder=6, mec=style["color"], **style)
         panel.annotate(f"{format_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
     panel.set_yticks(range(len(summary.variants)), [label_row(summary, row) for row in summary.variants], fontsize=10)
-    panel.tick_params(axis="y", length=0, pad=16)
+    panel.tick_params(axis="y", length=0, pad=6)
     panel.set_ylim(len(summary.variants) - 0.5, -0.5)
     panel.set_xlim(0, 100)
     panel.grid(axis="x", alpha=0.3)
@@ -341,21 +338,28 @@ def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Arti
     return handles
 
 
-def _draw_corruptions(panel: "Axes", summary: Summary) -> None:
+def _draw_corruptions(figure: "SubFigure", summary: Summary, rows: Sequence[VariantMean], columns: int) -> None:
+    """A panel for each row, on one scale; the grey line is the same answerer without patches."""
     places = place_corruptions(summary.corruptions, False)
     families = dict.fromkeys(CORRUPTIONS[name].family for name in summary.corruptions)
-    for row, style in zip(summary.variants, _style(summary), strict=True):
-        means = summary.means_of(row)
-        for family in families:
-            names = [name for name in summary.corruptions if CORRUPTIONS[name].family == family]
-            x, y = [places[name] for name in names], [100 * means[name].top1 for name in names]
-            line = "--" if is_reader(row) else "-"
-            panel.plot(x, y, ms=6, lw=1.3, ls=line, mec=style["color"], alpha=0.9, zorder=3, clip_on=False, **style)
-    style_shares(panel, "top-1 (%)")
-    label_places(panel, places, is_coloured=False)
-    for family in families:
-        own = [places[name] for name in summary.corruptions if CORRUPTIONS[name].family == family]
-        panel.annotate(
-            family if family != "extra" else "extra, not in the mean", (sum(own) / len(own), 103), ha="center",
-            va="bottom", fontsize=10, color=MEAN_COLOUR, annotation_clip=False,
-        )  # fmt: skip
+    panels = figure.subplots(-(-len(rows) // columns), columns, sharey=True, squeeze=False)
+    for k, panel in enumerate(panels.flat):
+        if k >= len(rows):
+            panel.set_visible(False)
+            continue
+        row = rows[k]
+        before = summary.unpatched_of(row)
+        for order, line in enumerate([row] if before is None else [before, row], 2):
+            means = summary.means_of(line)
+            for family in families:
+                names = [name for name in summary.corruptions if CORRUPTIONS[name].family == family]
+                x, y = [places[name] for name in names], [100 * means[name].top1 for name in names]
+                panel.plot(x, y, "o-", ms=3, lw=1.4, color=_colour_of_row(line), zorder=order, clip_on=False)
+        style_panel(panel, 0, 104)
+        panel.set_title(label_row(summary, row), fontsize=10, loc="left")
+        label_places(panel, places, is_coloured=True, size=SMALL_LABEL)
+        panel.tick_params(axis="x", labelbottom=k + columns >= len(rows), labelrotation=60)
+        if k % columns == 0:
+            panel.set_ylabel("top-1 (%)", fontsize=9)
+    if any(row.variant != UNPATCHED and summary.unpatched_of(row) for row in rows):
+        figure.suptitle("Each corruption; grey: the same network without patches", fontsize=11, x=0.01, ha="left")

@@ -63,7 +63,7 @@ def run_sweep(
         engine: where images are shot; by default in this process.
 
     Raises:
-        ToolkitError: an unknown object or variant, no patch, an object that is no class of the network, nothing that
+        ToolkitError: an unknown object or variant, no patch, an object that is not a class of the network, nothing that
             can be shot, or a disk that is full or read-only.
     """
     axis, values = config.parse()

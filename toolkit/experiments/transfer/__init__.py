@@ -1,1 +1,1 @@
-"""Do boosters hold before networks that they never saw: trained on all but one, judged by that one."""
+"""Do boosters work on networks that they were not trained on: train on all but one, test on that one."""

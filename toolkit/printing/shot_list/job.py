@@ -71,23 +71,21 @@ def draw_card(pdf: Pdf, area: Rect, session: ObjectSession, stop: Stop, last: bo
 
 def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
     middle = inside.x + NUMBER_MM / 2 - 1.0
-    pdf.write("place", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
-    number = str(stop.number)
+    pdf.write("pose", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
+    number = str(stop.pose.id)
     pdf.write(number, middle, inside.top - 12.0, 9.5, room_mm=NUMBER_MM - 2.5, font=BOLD, align="centre")
-    pdf.write(f"pose {stop.pose.id}", middle, inside.top - 16.6, 2.7, room_mm=NUMBER_MM - 2, align="centre")
     if abs(stop.place.roll_deg) > 0.05:
         words = f"roll {stop.place.roll_deg:+.0f}°"
-        pdf.write(words, middle, inside.top - 20.6, 2.5, room_mm=NUMBER_MM - 2, align="centre", colour=CAMERA)
+        pdf.write(words, middle, inside.top - 16.6, 2.5, room_mm=NUMBER_MM - 2, align="centre", colour=CAMERA)
 
 
 def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
     """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
-    shots = {shot.variant: (turn, shot) for turn, shot in enumerate(stop.shots, 1)}
+    shots = {shot.variant: shot for shot in stop.shots}
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
     # one picture keeps the size that it has beside another
     cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
     for variant, cell in zip(order, cells, strict=False):
-        turn, shot = shots[variant]
         picture = Rect(room.x + cell.x, room.top + cell.y, cell.width, cell.height)
         pdf.picture(session.views[variant, stop.pose.id], picture)
         _draw_cross(pdf, picture)
@@ -95,7 +93,7 @@ def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> 
         pdf.tick_box(picture.x, row)
         text = picture.x + TICK_MM + 1.2
         colour = INK if variant == "unpatched" else SHEET
-        words = f"shot {shot.number}" + (f", round {turn}" if session.rounds and len(stop.shots) == 2 else "")
+        words = f"shot {shots[variant].number}"
         taken = pdf.write(words, picture.right, row + 0.8, 2.4, room_mm=0.6 * picture.width, align="right")
         pdf.write(variant, text, row + 0.8, 2.7, room_mm=picture.right - text - taken - 1, font=BOLD, colour=colour)
 
@@ -216,7 +214,7 @@ def name_bands(session: ObjectSession) -> list[str]:
         change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
         onward = "" if after else "done"
         if after is not None and after.stops[0] != before.stops[1] + 1:
-            onward = f"go on with place {after.stops[0]}"
+            onward = f"go on with pose {session.stops[after.stops[0] - 1].pose.id}"
         if next_steps := ", ".join(filter(None, (change, onward))):
             words[before.stops[1] - 1].append(f"after shot {before.shots[1]}: {next_steps}")
     return ["   ·   ".join(parts) for parts in words]
@@ -248,9 +246,8 @@ def _draw_header(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage |
         words = f"class {label}" if label != name else ""
         right = "shot list"
     else:
-        first, last = page.stops[0].number, page.stops[-1].number
         words = ""
-        right = f"places {first}-{last} of {len(session.stops)}" if first != last else f"place {first}"
+        right = f"pose{'s' if len(page.stops) > 1 else ''} {' '.join(str(stop.pose.id) for stop in page.stops)}"
     pdf.write(words, area.x + taken + 3, top - 6.2, 3.2, room_mm=0.3 * area.width, colour=SOFT)
     pdf.write(right, area.right, top - 6.2, 4.2, room_mm=0.4 * area.width, font=BOLD, align="right")
     pdf.ink(INK, 0.5)

@@ -133,7 +133,7 @@ def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
         f"on a phone's main camera about {zoom:.1f}×. Do not touch the zoom again.",
         f"The lens stands {near:.0f} to {far:.0f} cm from the object; aim the cross at the middle of the picture. "
         "A tripod and the 2 s timer keep it still; a few degrees or centimetres off do no harm.",
-        "At the first place hold a finger on the object to lock focus and exposure, and keep them for all shots.",
+        "At the first pose hold a finger on the object to lock focus and exposure, and keep them for all shots.",
         "Off: flash, HDR, night and portrait mode, filters, beauty. JPEG or HEIC at full size.",
     ]
 
@@ -295,26 +295,27 @@ def _draw_missing(pdf: Pdf, area: Rect, why: str | None) -> None:
 def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     """What is shot in which leg, with a box to tick for each and for each change of the sheet."""
     legs = find_legs(session.stops)
-    y = pdf.heading(area, "The rounds" if session.rounds else "At each place")
+    y = pdf.heading(area, "The order of the shots")
     shots = sum(len(stop.shots) for stop in session.stops)
     if not session.rounds:
         words = (
-            f"{shots} shots at {len(session.stops)} places. At each place all variants are shot one after the other, "
+            f"{shots} shots at {len(session.stops)} poses. At each pose all variants are shot one after the other, "
             "in the order of their numbers, without moving the camera: the sheet goes on and off each time, to the "
             "same place to the millimetre."
         )
         pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width)
         return
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
-    words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(legs)}".strip()
+    words = f"{shots} shots at {len(session.stops)} poses; the camera goes round {turns}. {explain_order(legs)}".strip()
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
     rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
     before: str | None = None
     for leg in legs:
         if change := name_change(before, leg.variant, session.sheets):
             rows.append((change, ""))
-        where, shots_there = _name_span("place", leg.stops), _name_span("shot", leg.shots)
-        rows.append((f"{leg.variant}, {where}", shots_there))
+        a, b = leg.shots
+        shots_there = f"shots {a}-{b}" if a != b else f"shot {a}"
+        rows.append((f"{leg.variant}, {_name_poses(session, leg.stops)}", shots_there))
         before = leg.variant
     step = min(7.6, (y - area.y) / (len(rows) + 1))
     if before not in (None, "unpatched"):
@@ -329,9 +330,12 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
         y -= step
 
 
-def _name_span(thing: str, span: tuple[int, int]) -> str:
-    a, b = span
-    return f"{thing}s {a}-{b}" if a != b else f"{thing} {a}"
+def _name_poses(session: ObjectSession, span: tuple[int, int]) -> str:
+    """`all 18 poses`, `pose 5`, `9 poses, from 1 to 14` of a stretch of the tour."""
+    count, (first, last) = span[1] - span[0] + 1, (session.stops[number - 1].pose.id for number in span)
+    if count == len(session.stops):
+        return f"all {count} poses"
+    return f"pose {first}" if count == 1 else f"{count} poses, from {first} to {last}"
 
 
 def _draw_advice(pdf: Pdf, area: Rect, title: str, lines: Sequence[str]) -> None:

@@ -293,7 +293,7 @@ def _mark_tilt(pdf: Pdf, target: Point, place: CameraPlace, scale: float) -> Non
 
 
 def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop]) -> None:
-    """All places numbered along the tour, on a map of directions: the middle is straight above the object."""
+    """The tour from pose to pose, on a map of directions: the middle is straight above the object."""
     centre = (area.x + area.width / 2, area.y + area.height / 2 + 1.8)
     radius = min(area.width, area.height - 3.6) / 2
     lowest = min(stop.place.tilt_deg for stop in stops)
@@ -329,7 +329,7 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
         pdf.setStrokeColorRGB(*CAMERA)
         pdf.setLineWidth(0.35)
         pdf.circle(x, y, size, stroke=1, fill=1)
-        pdf.write(str(stop.number), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
+        pdf.write(str(stop.pose.id), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
               colour=WHITE if first else CAMERA)  # fmt: skip
     pdf.write("front", centre[0], area.y - 0.6, 2.6, room_mm=20, font=BOLD, align="centre", colour=SOFT)
 

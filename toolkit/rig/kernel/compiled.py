@@ -95,7 +95,9 @@ def prepare(compile_all: Callable[[], None]) -> None:
     _prepared = True
     folder = cache_folder()
     if folder is None:
-        notice("compiling the renderer, some seconds: no cache folder can be written to, so that each start does")
+        notice(
+            "compiling the renderer, which takes some seconds at every start, because no cache folder can be written to"
+        )
     elif not is_compiled():
         said = "compiling the renderer for this machine: some seconds, once"
         if refused := find_refusal():

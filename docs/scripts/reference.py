@@ -1,12 +1,13 @@
-"""What the site takes from the code: commands from the command line, fields of files from the models that read them.
+"""What the pages take from the code: commands from the command line, fields of files from the models that read them.
 
-A page says where: `<!-- commands -->`, `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`,
-`<!-- modules -->`.
+A page says where, and `make reference` writes what stands between: `<!-- commands -->` … `<!-- end -->`. There are also
+`<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`, `<!-- modules -->` and `<!-- layers -->`.
 """
 
 import ast
 import importlib
 import re
+import sys
 import types
 import typing
 from collections.abc import Iterator
@@ -16,25 +17,56 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 PACKAGE = Path(__file__).resolve().parents[2] / "toolkit"
 SHARED = "Every command"
 """The heading under which a command's help lists the options that all have."""
-MARKER = re.compile(r"^<!-- (?P<what>commands|names|modules|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
+PART = re.compile(
+    r"^<!-- (?P<what>commands|names|modules|layers|fields)(?:: (?P<where>[\w.]+))? -->$.*?^<!-- end -->$",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+def main() -> None:
+    """Write the parts of every page anew."""
+    for file in list_pages():
+        file.write_text(fill_page(file.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def list_pages() -> list[Path]:
+    """The pages that have a part made from the code."""
+    pages = sorted((PACKAGE.parent / "docs").rglob("*.md"))
+    return [file for file in pages if PART.search(file.read_text(encoding="utf-8"))]
+
+
+def fill_page(markdown: str) -> str:
+    """A page with its parts made anew."""
+
+    def write(found: re.Match[str]) -> str:
+        begin = found[0].split("\n", 1)[0]
+        return f"{begin}\n\n{write_part(found['what'], found['where']).strip()}\n\n<!-- end -->"
+
+    return PART.sub(write, markdown)
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Called by mkdocs for every page: put what is generated in the place of its marker."""
-    return MARKER.sub(lambda found: write_part(found["what"], found["where"]), markdown)
+    """Called by mkdocs for every page: the site has the whole docstrings where the page has their first sentences."""
+
+    def write(found: re.Match[str]) -> str:
+        return "\n".join(f"::: {module}.{name}\n" for name, module in list_homes().items())
+
+    return PART.sub(lambda found: write(found) if found["what"] == "names" else found[0], markdown)
 
 
 def write_part(what: str, where: str | None) -> str:
-    """Markdown of one marker."""
-    if what == "commands":
-        return "\n".join(write_commands())
-    if what == "names":
-        return "\n".join(write_names())
-    if what == "modules":
-        return "\n".join(write_modules())
+    """Markdown of one part."""
+    writers = {"commands": write_commands, "names": write_names, "modules": write_modules, "layers": write_layers}
+    if what in writers:
+        return "\n".join(writers[what]())
     module, _, name = (where or "").rpartition(".")
     return "\n".join(write_fields(getattr(importlib.import_module(module), name)))
 
@@ -82,7 +114,7 @@ def _write_command(name: str, listed: Any) -> Iterator[str]:
 
 def _name_argument(parameter: Any, context: Any) -> str:
     """`FOLDER`, `[FOLDER]` where it may be left out, `FILES...` where there may be several."""
-    name = re.sub(r"[^\w-]", "", parameter.get_usage_pieces(context)[0]).upper()
+    name = re.sub(r"[^\w|-]", "", parameter.get_usage_pieces(context)[0]).upper()
     name += "..." if parameter.nargs == -1 else ""
     return name if parameter.required else f"[{name}]"
 
@@ -91,7 +123,7 @@ def _describe(parameter: Any, context: Any) -> tuple[str, str]:
     """An option's flags with its type, or an argument's name; and its help, which ends with its default."""
     flags, text = parameter.get_help_record(context) or ("", "")
     shown = _name_argument(parameter, context) if parameter.param_type_name == "argument" else flags
-    return f"`{shown}`", _cell(text)
+    return f"`{shown.replace('|', '/')}`", _cell(text)
 
 
 def _cell(text: str) -> str:
@@ -145,17 +177,25 @@ def _read_attributes(docstring: str) -> dict[str, str]:
 
 
 def write_names() -> Iterator[str]:
-    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order in which the package lists them."""
-    homes = list_homes()
-    if homes:
-        yield from (
-            "## Names",
-            "",
-            "`import toolkit as tk`, and these are there, each loaded when it is first used.",
-            "",
-        )
-    for name, module in homes.items():
-        yield from (f"::: {module}.{name}", "")
+    """Every name that `import toolkit as tk` offers, in the order in which the package lists them."""
+    yield from ("| name | what it is |", "|---|---|")
+    for name, module in list_homes().items():
+        file = PACKAGE.parent / Path(*module.split(".")).with_suffix(".py")
+        file = file if file.is_file() else file.with_suffix("") / "__init__.py"
+        yield f"| `{name}` | {_cell(_read_name(file, name))} |"
+
+
+def _read_name(file: Path, name: str) -> str:
+    """First sentence on a class or function of a file, or on a value: the text below it."""
+    body = ast.parse(file.read_text(encoding="utf-8")).body
+    for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
+            return _shorten(ast.get_docstring(node))
+        targets = getattr(node, "targets", [getattr(node, "target", None)])
+        if any(getattr(one, "id", None) == name for one in targets):
+            told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            return _shorten(str(after.value.value)) if told else ""
+    return ""
 
 
 def list_homes() -> dict[str, str]:
@@ -168,7 +208,7 @@ def list_homes() -> dict[str, str]:
 
 
 def write_modules() -> Iterator[str]:
-    """Every module under its package, with the first sentence of its docstring."""
+    """Every module under its package, with the first paragraph of its docstring."""
     for package in sorted(PACKAGE.glob("*/__init__.py")):
         yield from (
             "",
@@ -185,6 +225,24 @@ def write_modules() -> Iterator[str]:
                 yield f"| `{name.removesuffix('.__init__')}` | {_cell(_read_summary(file))} |"
 
 
+def write_layers() -> Iterator[str]:
+    """The packages in the order in which they may import, from `pyproject.toml`, with the docstring of each."""
+    settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = next(one["layers"] for one in settings["tool"]["importlinter"]["contracts"] if one["id"] == "layers")
+    yield from ("| package | what it owns |", "|---|---|")
+    for layer in layers:
+        for package in layer.split(" | "):
+            yield f"| `{package}/` | {_cell(_read_summary(PACKAGE / package / '__init__.py'))} |"
+
+
 def _read_summary(file: Path) -> str:
-    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return " ".join(docstring.split("\n\n")[0].split())
+    return _shorten(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))))
+
+
+def _shorten(docstring: str | None) -> str:
+    """The first paragraph, on one line."""
+    return " ".join((docstring or "").split("\n\n")[0].split())
+
+
+if __name__ == "__main__":
+    main()
