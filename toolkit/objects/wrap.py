@@ -380,6 +380,11 @@ def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
     raise ToolkitError(f"no wrap is for '{item.name}': make one with 'toolkit wrap --object {item.name}'")
 
 
+def hash_wrap(wrap: Wrap) -> str:
+    """SHA-256 of the hashes of all its pictures."""
+    return sha256_bytes("".join(one.png_sha256 for one in wrap.record.pieces).encode())
+
+
 def check_wrap(wrap: Wrap, item: TableObject) -> None:
     """A `ToolkitError` where a wrap is of another mesh than an object's."""
     faces = max(int(piece.faces.max()) for piece in wrap.pieces)

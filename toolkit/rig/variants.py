@@ -23,7 +23,7 @@ from toolkit.objects.records import (
     read_texture,
 )
 from toolkit.objects.spec import ObjectSpec
-from toolkit.objects.wrap import Wrap, find_wrap
+from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
 from toolkit.rig.requests import Misfit
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
@@ -194,9 +194,8 @@ def find_booster(
                 f"wrap '{wrap.record.name}' of object '{item.name}' is a plan with nothing trained on it: train it "
                 f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
             )
-        sha256 = sha256_bytes("".join(one.png_sha256 for one in wrap.record.pieces).encode())
         pixels = fill_canvas(wrap, len(item.mesh.faces))
-        return Sheets(pixels, sha256, wrap.record.name, wrap, None if perfect else Misfit(), seed)
+        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, wrap, None if perfect else Misfit(), seed)
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
     if variant == "patch-alone":

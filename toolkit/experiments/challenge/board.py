@@ -24,7 +24,6 @@ from toolkit.experiments.challenge.score import (
     read_judged,
     rescore,
 )
-from toolkit.imaging.read import read_image
 
 PICTURE_PX = 160
 TIE = 1e-9
@@ -143,7 +142,7 @@ def _embed_boosters(entry: ChallengeEntry) -> list[tuple[str, str]]:
     found = []
     for name in entry.objects:
         buffer = io.BytesIO()
-        image = Image.fromarray(read_image(entry.picture(name)))
+        image = Image.fromarray(entry.read_booster(name).pixels)
         how = Image.Resampling.NEAREST if image.width < PICTURE_PX else Image.Resampling.BOX
         image.resize((PICTURE_PX, PICTURE_PX), how).save(buffer, "PNG")
         found.append((name, embed_picture(buffer.getvalue())))

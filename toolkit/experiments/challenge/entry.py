@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError
@@ -26,6 +27,7 @@ from toolkit.experiments.challenge.rules import (
 )
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, read_patch, read_texture
+from toolkit.objects.wrap import Wrap, check_wrap, hash_wrap, read_wrap
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose, make_plan, write_plan
 from toolkit.rig.requests import Pattern
@@ -106,18 +108,61 @@ class ChallengeEntry:
         """That are judged, by name."""
         return CLOSED_OBJECTS if self.record.division == "closed" else tuple(sorted(self.record.boosters))
 
-    def picture(self, name: str) -> Path:
-        """The PNG of an object's booster."""
-        return inside(self.folder, f"{BOOSTERS}/{name}.png")
+    def file_name(self, name: str) -> str:
+        """Of an object's booster: the picture of a patch or texture, the folder of a wrap."""
+        return f"{BOOSTERS}/{name}" if self.record.budget == "wrap" else f"{BOOSTERS}/{name}.png"
 
-    def read_booster(self, name: str) -> Patch | Texture:
+    def read_booster(self, name: str) -> "EnteredBooster":
         """The booster of an object, see `read_booster`."""
-        return read_booster(self.picture(name), self.record.budget)
+        return read_booster(inside(self.folder, self.file_name(name)), self.record.budget)
 
 
-def read_booster(png: Path, budget: Budget) -> Patch | Texture:
-    """A booster, checked against its own record; raises as `read_patch` and `read_texture`."""
-    return read_patch(png) if budget == "patch" else read_texture(png)
+@dataclass(frozen=True)
+class EnteredBooster:
+    """A booster of any kind, as an entry needs it.
+
+    Attributes:
+        made: the patch, wrap or texture.
+        sha256: of its picture; of a wrap of the hashes of all its pictures.
+        label, index: of the class that it was trained for.
+        networks: that it was trained on.
+        files: its files, each with its name without the object's.
+    """
+
+    made: Patch | Wrap | Texture
+    sha256: str
+    label: str | None
+    index: int | None
+    networks: Sequence[NetworkRecord]
+    files: tuple[tuple[str, Path], ...]
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(n, n, 3) uint8 sRGB."""
+        assert self.made.pixels is not None  # `read_wrap` reads them
+        return self.made.pixels
+
+
+def read_booster(path: Path, budget: Budget) -> EnteredBooster:
+    """A booster, checked against its own record.
+
+    Raises:
+        ToolkitError: as `read_patch`, `read_wrap` and `read_texture`, or a wrap with nothing trained on it.
+    """
+    if budget == "wrap":
+        wrap = read_wrap(path)
+        training = wrap.record.booster
+        if training is None:
+            raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
+        files = tuple((f"/{file.name}", file) for file in sorted(path.iterdir()) if file.is_file())
+        return EnteredBooster(
+            wrap, hash_wrap(wrap), wrap.record.class_name, training.class_index, training.networks, files
+        )
+    made = read_patch(path) if budget == "patch" else read_texture(path)
+    record = made.record
+    return EnteredBooster(
+        made, record.png_sha256, record.class_name, record.class_index, record.networks, tuple(_list_files(path))
+    )
 
 
 def read_entry(folder: Path) -> ChallengeEntry:
@@ -150,16 +195,16 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     names = CLOSED_OBJECTS if is_closed else config.objects
     if not names:
         raise FieldError("the open division judges objects of your own: name them", {"objects": ()})
-    known = workspace.patches() if config.budget == "patch" else workspace.textures()
+    places = {"patch": workspace.patches, "wrap": workspace.wraps, "texture": workspace.textures}
     trained: dict[str, NetworkRecord] = {}
     hashes = {}
     for name in names:
         worn = find_booster(workspace, load_object(workspace.object_spec(name)), VARIANT[config.budget])
         assert worn is not None  # only of `unpatched` there is none
-        own = read_booster(known[worn.name], config.budget).record
+        own = read_booster(places[config.budget]()[worn.name], config.budget)
         trained |= {network.sha256: network for network in own.networks}
-        hashes[name] = own.png_sha256
-        for suffix, file in _list_files(known[worn.name]):
+        hashes[name] = own.sha256
+        for suffix, file in own.files:
             write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
         if not is_closed:
             _copy_object(workspace, name, folder / OBJECTS)
@@ -224,7 +269,7 @@ def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
 
 def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
     """What has no place in an entry: links, what is too large, and what no rule knows."""
-    known = re.compile(rf"{ENTRY}|README(\.md|\.txt)?|score(/.*)?|{BOOSTERS}(/[^/]+)?|{OBJECTS}(/[^/]+)?")
+    known = re.compile(rf"{ENTRY}|README(\.md|\.txt)?|score(/.*)?|{BOOSTERS}(/[^/]+){{0,2}}|{OBJECTS}(/[^/]+)?")
     for path in sorted(entry.folder.rglob("*")):
         name = path.relative_to(entry.folder).as_posix()
         if path.is_symlink():
@@ -237,23 +282,25 @@ def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
 
 def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace | None) -> Iterator[str]:
     assert space is not None
-    item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), f"{BOOSTERS}/{name}.png"
-    if booster.record.png_sha256 != entry.record.boosters[name]:
-        yield f"{where}: another picture than {ENTRY} names: {booster.record.png_sha256[:12]} is its hash"
+    item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
+    if booster.sha256 != entry.record.boosters[name]:
+        yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
     wanted = item.spec.class_name
-    if wanted not in (booster.record.class_name, booster.record.class_index):
-        yield f"{where}: was trained for '{booster.record.class_name}': expected '{wanted}'"
+    if wanted not in (booster.label, booster.index):
+        yield f"{where}: was trained for '{booster.label}': expected '{wanted}'"
     said = {network.sha256 for network in entry.record.networks}
-    for network in booster.record.networks:
+    for network in booster.networks:
         if network.sha256 not in said:
             which = f"{network.arch} ({network.sha256[:12]})"
             yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
-    if isinstance(booster, Patch):
-        side, most = sum(item.spec.sizes_mm(booster.size_mm)), LARGEST_PATCH * longest_mm(item)
+    if isinstance(booster.made, Patch):
+        side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * longest_mm(item)
         if side > most + 0.05:
             yield f"{where}: {side:.1f} mm on {name}: expected at most {most:.1f}, a third of its length"
+    elif isinstance(booster.made, Wrap):
+        check_wrap(booster.made, item)
     else:
-        check_fit(item, booster)
+        check_fit(item, booster.made)
 
 
 def longest_mm(item: TableObject) -> float:
@@ -268,18 +315,16 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
         ToolkitError: a file is missing or leads out of the entry, or an object cannot be read.
     """
     space = make_workspace(folder)
-    target = space.patches_dir if entry.record.budget == "patch" else space.textures_dir
+    target = {"patch": space.patches_dir, "wrap": space.wraps_dir, "texture": space.textures_dir}[entry.record.budget]
     if entry.record.division == "open":
         for file in sorted((entry.folder / OBJECTS).glob("*")):
             if file.is_file():
                 write_bytes(space.objects_dir / file.name, inside(entry.folder, f"{OBJECTS}/{file.name}").read_bytes())
     for name in entry.objects:
-        picture = entry.picture(name)
-        if not picture.is_file():
-            raise ToolkitError(f"{BOOSTERS}/{name}.png is missing: expected the booster of {name}")
-        entry.read_booster(name)
-        for suffix, file in _list_files(picture):
-            source = inside(entry.folder, f"{BOOSTERS}/{file.name}")
+        if not (entry.folder / entry.file_name(name)).exists():
+            raise ToolkitError(f"{entry.file_name(name)} is missing: expected the booster of {name}")
+        for suffix, file in entry.read_booster(name).files:
+            source = inside(entry.folder, file.relative_to(entry.folder).as_posix())
             write_bytes(target / f"{name}{suffix}", source.read_bytes())
     write_plan(space.plan_file, plan_poses(space, entry.objects))
     return space

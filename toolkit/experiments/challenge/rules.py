@@ -11,8 +11,8 @@ from toolkit.core.names import FileName
 VERSION = 1
 """Of rules, poses and judges; scores of different versions are never compared."""
 Division = Literal["closed", "open"]
-Budget = Literal["patch", "texture"]
-VARIANT: Mapping[Budget, str] = {"patch": "patched", "texture": "textured"}
+Budget = Literal["patch", "wrap", "texture"]
+VARIANT: Mapping[Budget, str] = {"patch": "patched", "wrap": "wrapped", "texture": "textured"}
 CLOSED_OBJECTS = ("coffeepot", "eggnog", "racer", "warplane")
 JUDGES = ("resnet50", "mobilenet_v2", "efficientnet_b0", "convnext_tiny", "vgg16", "swin_t")
 """Of the closed division: torchvision's first published ImageNet weights of each, known by their hash."""

@@ -222,7 +222,7 @@ def run_entry(
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
     """The pictures of an entry: bare ones are copied from those of any entry before."""
     space = open_space(entry, home / entry.record.name)
-    controls = CONTROLS_OF[entry.record.variant] if with_controls else ()
+    controls = CONTROLS_OF.get(entry.record.variant, ()) if with_controls else ()
     if "wrong-patch" in controls and len(entry.objects) < 2:
         controls = tuple(name for name in controls if name != "wrong-patch")
     bare = home / "bare"
