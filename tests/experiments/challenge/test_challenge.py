@@ -101,7 +101,7 @@ def test_the_kits_own_patches_keep_the_rules(entered):
         (lambda e: (e / "run.py").write_text("boom"), "run.py: has no place"),
         (lambda e: (e / "boosters/more.png").symlink_to("/etc/passwd"), "a link"),
         (lambda e: (e / "entry.json").write_text("[" * 100_000), "entry.json"),
-        (lambda e: shutil.rmtree(e), "is no entry"),
+        (lambda e: shutil.rmtree(e), "is not an entry"),
     ],
 )
 def test_each_fault_is_one_line_and_nothing_is_written(entry, spoil, expected):
