@@ -125,7 +125,7 @@ def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, tmp_path)
             ["--class", "jet", "--data", "photos", "--model", "resnet18", "--weights", "a.pth", "--weights", "b.pth"],
             "1 of --model and 2 of --weights",
         ),
-        (["--class", "jet", "--data", "photos", "--workspace", "photos"], "photos is no workspace"),
+        (["--class", "jet", "--data", "photos", "--workspace", "photos"], "photos is not a workspace"),
         (["--class", "jet", "--data", "rig", "--size-px", "16"], "no object has the class jet"),
     ],
 )

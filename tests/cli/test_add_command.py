@@ -94,7 +94,7 @@ def test_an_index_means_its_label_and_a_name_in_two_spellings_is_asked_after(spa
         (("../brick.ply", "--class", "1000"), "class index 1000 is out of range"),
         (("../gone.ply", "--class", "crate"), "gone.ply: no such mesh file"),
         (("../brick.ply", "--class", "crate", "--name", "racer"), "the name 'racer' is taken"),
-        (("../brick.ply", "--class", "crate", "--workspace", ".."), "is no workspace"),
+        (("../brick.ply", "--class", "crate", "--workspace", ".."), "is not a workspace"),
     ],
 )
 def test_bad_input_is_one_line(space, arguments, words):

@@ -111,8 +111,8 @@ def test_help_lists_the_road(run):
         (["--verison"], "error: no option called '--verison': did you mean --version?"),
         (["plam"], "error: no command called 'plam': did you mean plan or place?"),
         (["capture-sim", "--object", "egnog"], "error: no object called 'egnog': did you mean eggnog?"),
-        (["objects", "--workspace", "nowhere"], "error: nowhere is no workspace"),
-        (["doctor", "--workspace", "nowhere"], "error: nowhere is no workspace"),
+        (["objects", "--workspace", "nowhere"], "error: nowhere is not a workspace"),
+        (["doctor", "--workspace", "nowhere"], "error: nowhere is not a workspace"),
     ],
 )
 def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):

@@ -118,7 +118,7 @@ def test_an_object_is_exported_where_it_stands(space, tmp_path) -> None:
         (("preview", "grass", "--weather", "fgo"), "no weather called 'fgo': did you mean fog"),
         (("preview", "grass", "--weather", "fog:9"), "severity '9'"),
         (("preview", "grass", "--sky", "sky.mov"), "sky.mov: expected a panorama as .hdr"),
-        (("preview", "grass", "--variant", "textured"), "--variant textured: of which object? Say --object with it"),
+        (("preview", "grass", "--variant", "textured"), "--variant textured: needs an object: name it with --object"),
         (("preview", "grass", "--place", "west"), "--place west: of which object?"),
         (("preview", "grass", "--object", "racre"), "no object called 'racre': did you mean racer?"),
         (("preview", "grass", "--object", "racer", "--place", "wets"), "no place in the world grass called 'wets'"),

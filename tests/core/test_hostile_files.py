@@ -42,11 +42,11 @@ LEVELS = 100_000
         ("large.toml", "#" * 2_000_000, "larger than 1 MB"),
         ("number.json", '{"a": ' + "9" * 5000 + "}", "thousands of digits"),
         ("number.toml", "a = " + "9" * 5000, "thousands of digits"),
-        ("nan.json", '{"a": NaN}', "NaN is no number"),
-        ("infinite.json", '{"a": -Infinity}', "-Infinity is no number"),
-        ("half.json", '{"a": "\\ud800"}', "surrogates"),
-        ("bytes.json", b'{"a": "\xff"}', "no UTF-8 text at byte 7"),
-        ("bytes.toml", b'a = "\xff"', "no UTF-8 text at byte 5"),
+        ("nan.json", '{"a": NaN}', "NaN is not allowed as a number"),
+        ("infinite.json", '{"a": -Infinity}', "-Infinity is not allowed as a number"),
+        ("half.json", '{"a": "\\ud800"}', "surrogate pair"),
+        ("bytes.json", b'{"a": "\xff"}', "not UTF-8 text at byte 7"),
+        ("bytes.toml", b'a = "\xff"', "not UTF-8 text at byte 5"),
     ],
 )
 def test_a_file_that_no_reader_should_swallow_is_refused_in_one_line(tmp_path, name, content, words):

@@ -28,7 +28,9 @@ def test_the_nearest_one_counts(tmp_path, monkeypatch):
 
 
 def test_a_named_folder_without_a_marker_is_refused(tmp_path):
-    with pytest.raises(ToolkitError, match=r"is no workspace \(it has no toolkit.toml\): make one with 'toolkit init"):
+    with pytest.raises(
+        ToolkitError, match=r"is not a workspace \(it has no toolkit.toml\): make one with 'toolkit init"
+    ):
         open_workspace(tmp_path)
 
 
@@ -58,7 +60,7 @@ def test_source_code_is_never_taken_for_an_older_workspace(tmp_path, monkeypatch
     for folder in ("toolkit", "toolkit/rig", "toolkit/rig/shapes"):
         monkeypatch.chdir(tmp_path / folder)
         assert open_workspace().root == space.root
-    with pytest.raises(ToolkitError, match="is no workspace"):
+    with pytest.raises(ToolkitError, match="is not a workspace"):
         open_workspace(tmp_path / "toolkit")
 
 

@@ -124,7 +124,7 @@ def test_an_address_of_something_else_is_a_line(said, monkeypatch):
         thread.start()
         port = listener.getsockname()[1]
         engine = EngineConfig(engine="ray", address=f"127.0.0.1:{port}").open()
-        with pytest.raises(ToolkitError, match=f"what answers at 127.0.0.1:{port} is no Ray"), engine:
+        with pytest.raises(ToolkitError, match=f"the program at 127.0.0.1:{port} is not Ray"), engine:
             pass
         thread.join(5)
 

@@ -71,7 +71,7 @@ def test_command_shows_the_result_and_writes_the_page(tables, tmp_path, monkeypa
     [
         (["a", "b"], [("1", "1")], "no column that names the image"),
         (["image"], [("1.png",)], "expected a column correct"),
-        (["image", "correct"], [("1.png", "1"), ("1.png", "0")], "is there twice"),
+        (["image", "correct"], [("1.png", "1"), ("1.png", "0")], "appears twice"),
         (["image", "correct"], [("1.png", "perhaps")], "expected 1 or 0"),
         (["image", "correct"], [("1.png",)], "1 cells: expected 2"),
         (["image", "correct"], [("other.png", "1")], "share no image"),

@@ -41,3 +41,10 @@ def test_exact_name_wins_over_other_cases():
         index_of_label(labels, "maillot")
     with pytest.raises(ToolkitError, match="known: Crane"):
         index_of_label(labels, "zzz")
+
+
+def test_a_few_dozen_names_are_all_said_and_a_thousand_are_not():
+    for count, is_listed in ((36, True), (1000, False)):
+        with pytest.raises(ToolkitError) as error:
+            index_of_label([f"kind-{number:03d}" for number in range(count)], "sports car")
+        assert ("kind-035" in str(error.value)) == is_listed

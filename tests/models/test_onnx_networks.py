@@ -321,7 +321,7 @@ def test_any_size_that_is_said(tmp_path):
 def test_no_file_damaged_file_and_two_descriptions(tmp_path):
     assert "no such file" in error_of(lambda: load(tmp_path / "none.onnx"))
     (tmp_path / "noise.onnx").write_bytes(b"\x01noise" * 50)
-    assert "no ONNX graph, or a damaged one" in error_of(lambda: load(tmp_path / "noise.onnx"))
+    assert "not an ONNX graph, or damaged" in error_of(lambda: load(tmp_path / "noise.onnx"))
     file = write(tmp_path, make_graph())
     file.with_suffix(".json").write_text("{}")
     assert "delete one of them" in error_of(lambda: load(file))

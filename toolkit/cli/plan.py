@@ -115,7 +115,7 @@ def what_pairs_can_show(count: int) -> str:
     if enough is not None:
         flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
     return (
-        f"with {count} pairs, {count // 2} right means {low * 100:.0f}–{high:.0%} (95 % Wilson interval); "
+        f"with {count} pairs, {count // 2} right means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson interval); "
         f"{flips} in an exact McNemar test"
     )
 

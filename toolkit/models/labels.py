@@ -14,6 +14,8 @@ from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
 
 LEAST_PX, MOST_PX = 16, 4096
+MOST_LISTED = 60
+"""A message lists so many names of classes; of more, those like the one that was given."""
 Pixels = Annotated[int, Field(ge=LEAST_PX, le=MOST_PX)]
 """A network sees no less; of more, one image fills hundreds of megabytes."""
 PYTHON_PREFIX = "python:"
@@ -281,9 +283,8 @@ def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
     containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
     if containing:
         return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")
-    if len(labels) > 20:
+    if len(labels) > MOST_LISTED:
         error = str(one_of("class", name, labels))
-        # a thousand names help nobody
         return ToolkitError(
             error
             if "did you mean" in error

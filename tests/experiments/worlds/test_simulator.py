@@ -171,7 +171,7 @@ def test_what_does_not_go_with_a_simulator(tmp_path, make_crate_space, in_field)
         evaluate_world(space, make_onlooker(), config, EngineConfig(engine="ray"))
     with pytest.raises(ToolkitError, match="time dusk: goes with renderer raycast: a simulator has a sky of its own"):
         evaluate_world(space, make_onlooker(), config.with_overrides(time="dusk"))
-    with pytest.raises(ToolkitError, match=r"airsim://127\.0\.0\.1:9: nobody answers"):
+    with pytest.raises(ToolkitError, match=r"airsim://127\.0\.0\.1:9: no answer"):
         evaluate_world(space, make_onlooker(), config)
     objects = space.eval_dir / "world-city-crate-onlooker" / "objects"
     assert sorted(file.name for file in objects.iterdir()) == ["crate_patched.glb", "crate_unpatched.glb"]
