@@ -6,9 +6,10 @@ import shapely
 import trimesh
 
 from toolkit.objects.flatten import weld_surface
-from toolkit.objects.grow import Limits, find_pieces
+from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
 from toolkit.objects.seams import find_folds, find_seams
+from toolkit.objects.trim import Limits
 from toolkit.objects.wrap import Piece
 
 A4 = (190.0, 277.0)
@@ -99,7 +100,8 @@ def test_a_box_is_one_piece_folded_along_its_edges() -> None:
     [piece] = find(mesh, 0.01, 12)
     assert len(piece.faces) == 12 and piece.stretch < 1e-6
     assert piece.area_mm2 == pytest.approx(2 * (60 * 40 + 40 * 30 + 60 * 30), rel=1e-6)
-    folds = find_folds(weld_surface(mesh), piece)
+    folds, valleys = find_folds(weld_surface(mesh), piece)
+    assert valleys == []
     assert len(folds) == 5  # a tree of six sides
     lengths = np.linalg.norm(np.diff(np.array(folds), axis=1)[:, 0], axis=1)
     assert all(min(abs(length - side) for side in (60, 40, 30)) < 1e-3 for length in lengths)
