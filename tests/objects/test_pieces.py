@@ -5,6 +5,7 @@ import pytest
 import shapely
 import trimesh
 
+from toolkit.objects.coarse import MANY
 from toolkit.objects.flatten import weld_surface
 from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
@@ -187,3 +188,14 @@ def test_faces_without_value_or_out_of_reach_are_left_out() -> None:
     assert sorted(np.concatenate([p.faces for p in pieces]).tolist()) == np.flatnonzero(top).tolist()
     assert find_pieces(mesh, 0 * areas(mesh), top, Limits(0.01, A4), 12) == []
     assert flat_areas(pieces[0].flat_mm).sum() == pytest.approx(60 * 40)
+
+
+def test_many_triangles_give_the_piece_that_few_give() -> None:
+    few = pipe(20, 60, 48)
+    vertices, faces = few.vertices, few.faces
+    for _ in range(4):
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    mesh = make_mesh(vertices, faces)
+    assert len(faces) > MANY
+    pieces = find(mesh, 0.01, 2)
+    assert pieces[0].area_mm2 > 0.95 * areas(few).sum()

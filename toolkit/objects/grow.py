@@ -84,11 +84,15 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
     with progress("looking for pieces", count) as bar:
         while len(found) < count:
             left = np.bincount(chart[free], value[free], int(chart.max()) + 1)
+            in_vain = 0
             for k in np.argsort(-left, kind="stable"):
-                if sum(one is not None for one in grown.values()) >= TRIED or left[k] <= 0.5 * LEAST_GAIN * total:
+                if sum(one is not None for one in grown.values()) >= TRIED or in_vain >= TRIED:
+                    break
+                if left[k] <= 0.5 * LEAST_GAIN * total:
                     break
                 if k not in grown:
                     grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, limits)
+                    in_vain += grown[k] is None
             best = max(grown.values(), key=lambda one: _worth(one, value), default=None)
             if best is None or _worth(best, value) < LEAST_GAIN * total:
                 break
