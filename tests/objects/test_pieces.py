@@ -5,10 +5,12 @@ import pytest
 import shapely
 import trimesh
 
+from toolkit.objects.coarse import MANY
 from toolkit.objects.flatten import weld_surface
-from toolkit.objects.grow import Limits, find_pieces
+from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
 from toolkit.objects.seams import find_folds, find_seams
+from toolkit.objects.trim import Limits
 from toolkit.objects.wrap import Piece
 
 A4 = (190.0, 277.0)
@@ -99,7 +101,8 @@ def test_a_box_is_one_piece_folded_along_its_edges() -> None:
     [piece] = find(mesh, 0.01, 12)
     assert len(piece.faces) == 12 and piece.stretch < 1e-6
     assert piece.area_mm2 == pytest.approx(2 * (60 * 40 + 40 * 30 + 60 * 30), rel=1e-6)
-    folds = find_folds(weld_surface(mesh), piece)
+    folds, valleys = find_folds(weld_surface(mesh), piece)
+    assert valleys == []
     assert len(folds) == 5  # a tree of six sides
     lengths = np.linalg.norm(np.diff(np.array(folds), axis=1)[:, 0], axis=1)
     assert all(min(abs(length - side) for side in (60, 40, 30)) < 1e-3 for length in lengths)
@@ -185,3 +188,14 @@ def test_faces_without_value_or_out_of_reach_are_left_out() -> None:
     assert sorted(np.concatenate([p.faces for p in pieces]).tolist()) == np.flatnonzero(top).tolist()
     assert find_pieces(mesh, 0 * areas(mesh), top, Limits(0.01, A4), 12) == []
     assert flat_areas(pieces[0].flat_mm).sum() == pytest.approx(60 * 40)
+
+
+def test_many_triangles_give_the_piece_that_few_give() -> None:
+    few = pipe(20, 60, 48)
+    vertices, faces = few.vertices, few.faces
+    for _ in range(4):
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    mesh = make_mesh(vertices, faces)
+    assert len(faces) > MANY
+    pieces = find(mesh, 0.01, 2)
+    assert pieces[0].area_mm2 > 0.95 * areas(few).sum()

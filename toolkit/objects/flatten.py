@@ -43,12 +43,17 @@ class Surface:
 def weld_surface(mesh: Mesh) -> Surface:
     """The surface of a mesh, whose vertices at one place count as one."""
     first, place = group_places(mesh.vertices)
-    faces = place[mesh.faces].astype(np.int64)
-    corners = mesh.vertices[first].astype(np.float64)[faces]
+    return make_surface(mesh.vertices[first], place[mesh.faces])
+
+
+def make_surface(places: np.ndarray, faces: np.ndarray) -> Surface:
+    """The surface of triangles (m, 3) between places (n, 3)."""
+    faces = faces.astype(np.int64)
+    corners = places.astype(np.float64)[faces]
     weighted = cross_products(corners)
     area = np.linalg.norm(weighted, axis=1) / 2
     normals = weighted / np.maximum(2 * area, 1e-300)[:, None]
-    neighbour, across = _match_edges(faces, len(first))
+    neighbour, across = _match_edges(faces, len(places))
     edges = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(edges, axis=2)
     base = np.maximum(length, 1e-9)

@@ -4,66 +4,32 @@ After Sorkine et al. 2002, "Bounded-distortion piecewise mesh parameterization".
 unrolls without stretch; where the two ends of the unrolled sheet meet again, they are not joined: that is its seam.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from toolkit.core.console import progress
+from toolkit.objects.coarse import MANY, Coarse, make_coarse, take_back
 from toolkit.objects.flatten import (
     FLAT_MM2,
     Surface,
     edge_changes,
-    find_overlaps,
-    measure_stretch,
-    relax,
     signed_areas,
     weighted_percentile,
     weld_surface,
 )
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.region import Region, hold_together, join_edges, relax_region, take
+from toolkit.objects.trim import NARROWEST_MM, Limits, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import Piece
 
-NARROWEST_MM = 12.0
-"""A hand does not place a narrower piece."""
-NECK_MM = 8.0
-"""What is narrower than this is cut off a piece."""
 RING = 1.35
 """A piece's radius grows by this factor before it is relaxed again."""
-JOINED = 0.25
-"""Edges whose two sides lie closer than this share of their length are joined."""
 CELL_MM = 1.0
 """Overlaps are looked for on cells of this size, or of a 128th of the piece."""
 LEAST_GAIN = 0.002
 """Share of all value below which a piece is not worth a cut."""
-
-
-@dataclass
-class Region:
-    """A piece that grows.
-
-    Attributes:
-        faces: (k,) rows of the surface, in the order in which they came.
-        flat: (k, 3, 2) where they lie.
-        joined: (k, 3) bool, which edges are joined to their neighbour's.
-    """
-
-    faces: np.ndarray
-    flat: np.ndarray
-    joined: np.ndarray
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a piece must keep to.
-
-    Attributes:
-        stretch: largest.
-        sheet_mm: sides of the sheet that it is cut from.
-    """
-
-    stretch: float
-    sheet_mm: tuple[float, float]
 
 
 def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[Piece]:
@@ -78,9 +44,36 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
     """
     surface = weld_surface(mesh)
     free = allowed & (surface.area > 0)
-    total = float(value[free].sum())
-    if total <= 0:
+    if float(value[free].sum()) <= 0:
         return []
+    if int(free.sum()) > MANY:
+        found = _find_coarsely(surface, make_coarse(surface, free), value, free, limits, count)
+    else:
+        found = find_regions(surface, value, free, limits, count)
+    found.sort(key=lambda one: -_worth(one, value))
+    return [make_piece(surface, region, limits.sheet_mm) for region in found]
+
+
+SPARED = 0.85
+"""Share of the stretch that a coarse piece may have: what is finer adds to it."""
+
+
+def _find_coarsely(
+    surface: Surface, coarse: Coarse, value: np.ndarray, free: np.ndarray, limits: Limits, count: int
+) -> list[Region]:
+    """Regions that are looked for on the coarse surface, and finished on the fine one."""
+    held = coarse.parent >= 0
+    worth = np.bincount(coarse.parent[held], value[held], len(coarse.surface.faces))
+    tighter = replace(limits, stretch=SPARED * limits.stretch)
+    found = find_regions(coarse.surface, worth, coarse.surface.area > 0, tighter, count)
+    fine = [take_back(surface, coarse, region, free) for region in found]
+    done = [finish(surface, region, value, limits) for region in fine if region is not None]
+    return [region for region in done if region is not None]
+
+
+def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: Limits, count: int) -> list[Region]:
+    """At most `count` regions, each the best of a few that grow where most value is left; see `find_pieces`."""
+    free, total = free.copy(), float(value[free].sum())
     rows = np.flatnonzero(free)
     places = np.zeros((int(surface.faces.max()) + 1, 3))
     places[surface.faces.reshape(-1)] = surface.corners.reshape(-1, 3)
@@ -91,11 +84,15 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
     with progress("looking for pieces", count) as bar:
         while len(found) < count:
             left = np.bincount(chart[free], value[free], int(chart.max()) + 1)
+            in_vain = 0
             for k in np.argsort(-left, kind="stable"):
-                if sum(one is not None for one in grown.values()) >= TRIED or left[k] <= 0.2 * LEAST_GAIN * total:
+                if sum(one is not None for one in grown.values()) >= TRIED or in_vain >= TRIED:
+                    break
+                if left[k] <= 0.5 * LEAST_GAIN * total:
                     break
                 if k not in grown:
                     grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, limits)
+                    in_vain += grown[k] is None
             best = max(grown.values(), key=lambda one: _worth(one, value), default=None)
             if best is None or _worth(best, value) < LEAST_GAIN * total:
                 break
@@ -107,8 +104,7 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
                 k: one for k, one in grown.items() if (k not in changed if one is None else bool(free[one.faces].all()))
             }
             bar.advance()
-    found.sort(key=lambda one: -_worth(one, value))
-    return [make_piece(surface, region, limits.sheet_mm) for region in found]
+    return found
 
 
 def _worth(region: Region | None, value: np.ndarray) -> float:
@@ -117,70 +113,6 @@ def _worth(region: Region | None, value: np.ndarray) -> float:
 
 TRIED = 4
 """Places that a next piece is grown from, of which the best is taken."""
-
-
-def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> Piece:
-    """A region as a piece, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
-    order = np.argsort(region.faces)
-    faces, flat = region.faces[order], turn_to_fit(region.flat[order], sheet_mm)[0]
-    # of the four ways round, the one on which up is most nearly upwards
-    middles, height = flat.mean(axis=1), surface.corners[faces, :, 2].mean(axis=1)
-    climb = (surface.area[faces] * (height - height.mean())) @ (middles - middles.mean(axis=0))
-    flat = _turn(flat, np.pi / 2 * round(np.arctan2(climb[0], climb[1]) / (np.pi / 2)))
-    flat -= flat.reshape(-1, 2).min(axis=0)
-    return Piece(faces.astype(np.int32), flat, measure_stretch(surface.corners[faces], flat))
-
-
-def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:
-    """A piece (k, 3, 2) turned so that its box is smallest, and whether that fits on the sheet, either way round."""
-    from scipy.spatial import ConvexHull
-
-    hull = flat.reshape(-1, 2)
-    hull = hull[ConvexHull(hull).vertices]
-    sides = np.roll(hull, -1, axis=0) - hull
-    # the smallest box has a side along one of the hull's (Freeman and Shapira 1975)
-    angles = np.arctan2(sides[:, 1], sides[:, 0])
-    boxes = np.array([np.ptp(_turn(hull, -angle), axis=0) for angle in angles])
-    fits = np.all(np.sort(boxes, axis=1) <= np.sort(np.array(sheet_mm)) + 1e-6, axis=1)
-    best = int(np.argmin(boxes.prod(axis=1) + np.where(fits, 0, 1e18)))
-    return _turn(flat, -angles[best]), bool(fits[best])
-
-
-def _turn(flat: np.ndarray, angle: float) -> np.ndarray:
-    """Points (…, 2) turned counter-clockwise by an angle in radians."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return flat @ np.array([[cos, sin], [-sin, cos]])
-
-
-TURNS = 12
-"""Angles between 0 and 180 degrees at which a sheet is laid over what is larger than it."""
-
-
-def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:
-    """(k,) bool: faces beyond the sheet, laid where it holds most value."""
-    if turn_to_fit(flat, sheet_mm)[1]:
-        return np.zeros(len(flat), bool)
-    best, most = np.ones(len(flat), bool), 0.0
-    for angle in np.pi * np.arange(TURNS) / TURNS:
-        turned = _turn(flat, angle)
-        middles = turned.mean(axis=1)
-        low, span = middles.min(axis=0), np.ptp(middles, axis=0)
-        cell = float(min(sheet_mm)) / 48
-        counts = np.ceil(span / cell).astype(int) + 1
-        # sums over all windows of the sheet's size, from the table of sums (Crow 1984)
-        column, row = ((middles - low) / cell).astype(int).T
-        table = np.bincount(column * counts[1] + row, value, int(counts.prod())).reshape(counts)
-        table = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        window = np.minimum((np.array(sheet_mm) / cell).astype(int), counts)
-        across, up = window
-        sums = table[across:, up:] - table[:-across, up:] - table[across:, :-up] + table[:-across, :-up]
-        if sums.max() <= most:
-            continue
-        start = low + cell * np.array(np.unravel_index(sums.argmax(), sums.shape))
-        inside = ((turned >= start) & (turned <= start + sheet_mm)).all(axis=(1, 2))
-        if float(value[inside].sum()) > most:
-            best, most = ~inside, float(value[inside].sum())
-    return best
 
 
 def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
@@ -340,7 +272,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
         loose = np.repeat(area, 3)
         value = weighted_percentile(change.reshape(-1), loose, 0.95)
         if value > 0.2 * stretch:
-            region = _relax_region(surface, region, 6)
+            region = relax_region(surface, region, 6)
             change = edge_changes(corners, region.flat)
             worst = change.max(axis=1)
             value = weighted_percentile(change.reshape(-1), loose, 0.95)
@@ -356,85 +288,11 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
         if not bad.any():
             break
         bad[0] = False
-        kept = _hold_together(region, surface, ~bad)
+        kept = hold_together(surface, region, ~bad)
         dropped.append(region.faces[bad])
         before = int((kept < before).sum())
-        region = _take(surface, region, kept)
+        region = take(surface, region, kept)
     return region, np.concatenate(dropped) if dropped else np.zeros(0, np.int64)
-
-
-def _take(surface: Surface, region: Region, rows: np.ndarray) -> Region:
-    """A region of some of the faces."""
-    part = Region(region.faces[rows], region.flat[rows], region.joined[rows])
-    part.joined &= _local_neighbours(surface, part) >= 0
-    return part
-
-
-def _local_neighbours(surface: Surface, region: Region) -> np.ndarray:
-    """(k, 3) the row in the region of the face across each edge, -1 where it is not in the region."""
-    ranked = np.argsort(region.faces)
-    neighbour = surface.neighbour[region.faces]
-    found = np.searchsorted(region.faces, neighbour, sorter=ranked).clip(max=len(ranked) - 1)
-    row = ranked[found]
-    return np.where((neighbour >= 0) & (region.faces[row] == neighbour), row, -1)
-
-
-def join_edges(surface: Surface, region: Region, slack_mm: float) -> Region:
-    """Join edges whose two sides lie together, and let corners that are one point lie at their mean."""
-    row = _local_neighbours(surface, region)
-    face, edge = np.nonzero(row >= 0)
-    other = row[face, edge]
-    own = surface.across[region.faces[face], edge]
-    flat = region.flat
-    gap = np.maximum(
-        np.linalg.norm(flat[face, edge] - flat[other, (own + 1) % 3], axis=1),
-        np.linalg.norm(flat[face, (edge + 1) % 3] - flat[other, own], axis=1),
-    )
-    length = surface.length[region.faces[face], edge]
-    close = gap <= np.maximum(JOINED * length, np.minimum(slack_mm, length))
-    joined = np.zeros_like(region.joined)
-    joined[face[close], edge[close]] = True
-    region = Region(region.faces, flat, joined)
-    point = points_of(surface, region)
-    count = np.bincount(point.reshape(-1))
-    mean = np.stack([np.bincount(point.reshape(-1), flat[..., i].reshape(-1)) for i in range(2)], 1) / count[:, None]
-    return Region(region.faces, mean[point], joined)
-
-
-def points_of(surface: Surface, region: Region) -> np.ndarray:
-    """(k, 3) numbers of the region's points: corners that joined edges make one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    face, edge = np.nonzero(region.joined)
-    other = _local_neighbours(surface, region)[face, edge]
-    own = surface.across[region.faces[face], edge]
-    one = np.concatenate([3 * face + edge, 3 * face + (edge + 1) % 3])
-    two = np.concatenate([3 * other + (own + 1) % 3, 3 * other + own])
-    count = 3 * len(region.faces)
-    graph = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].reshape(-1, 3)
-
-
-def _relax_region(surface: Surface, region: Region, steps: int) -> Region:
-    point = points_of(surface, region)
-    flat = np.zeros((int(point.max()) + 1, 2))
-    flat[point] = region.flat
-    return Region(region.faces, relax(surface.corners[region.faces], point, flat, steps)[point], region.joined)
-
-
-def _hold_together(region: Region, surface: Surface, kept: np.ndarray) -> np.ndarray:
-    """Rows of those kept that hang together with the first face by joined edges."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    face, edge = np.nonzero(region.joined)
-    other = _local_neighbours(surface, region)[face, edge]
-    whole = kept[face] & kept[other]
-    count = len(kept)
-    graph = coo_array((np.ones(int(whole.sum()), np.int8), (face[whole], other[whole])), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
-    return np.flatnonzero(kept & (part == part[0]))
 
 
 def _lies_double(surface: Surface, region: Region) -> np.ndarray:
@@ -456,79 +314,3 @@ def _lies_double(surface: Surface, region: Region) -> np.ndarray:
     double = np.zeros(len(area), bool)
     double[face[order[far]]] = True
     return double
-
-
-def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) -> Region | None:
-    """Cut off what is too narrow, too large or lies double, and relax for good; None where no wide part is left."""
-    steps = 24
-    while len(region.faces) > 0:
-        region = _relax_region(surface, region, steps) if len(region.faces) > 1 else region
-        change = edge_changes(surface.corners[region.faces], region.flat)
-        area, worst = surface.area[region.faces], change.max(axis=1)
-        bad = (signed_areas(region.flat) <= 0) & (area > FLAT_MM2)
-        if weighted_percentile(change.reshape(-1), np.repeat(area, 3), 0.95) > limits.stretch:
-            bad |= worst > max(limits.stretch, weighted_percentile(worst, area, 0.95))
-        # worked out at ever higher cost, so only where what is cheaper has found nothing
-        bad = bad if bad.any() else _off_sheet(region.flat, value[region.faces] + 1e-9 * area, limits.sheet_mm)
-        bad = bad if bad.any() else _on_necks(region.flat)
-        bad = bad if bad.any() else find_overlaps(region.flat, np.arange(len(area)))
-        if not bad.any():
-            return region if is_wide(region.flat) else None
-        if bad.all():
-            return None
-        region = join_edges(surface, _take(surface, region, _largest_part(surface, region, ~bad)), 0.0)
-        steps = 6
-    return None
-
-
-def _largest_part(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
-    """Rows of those kept in the largest part that joined edges hold together."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    face, edge = np.nonzero(region.joined)
-    other = _local_neighbours(surface, region)[face, edge]
-    whole = kept[face] & kept[other]
-    count = len(kept)
-    graph = coo_array((np.ones(int(whole.sum()), np.int8), (face[whole], other[whole])), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
-    size = np.bincount(part, np.where(kept, surface.area[region.faces], 0))
-    return np.flatnonzero(kept & (part == size.argmax()))
-
-
-def _draw(flat: np.ndarray) -> np.ndarray:
-    """(h, w) uint8 picture of flat triangles (k, 3, 2), `PIXEL_MM` a pixel, with a border of two."""
-    import cv2
-
-    low = flat.reshape(-1, 2).min(axis=0)
-    places = (flat - low) / PIXEL_MM + 2
-    wide, high = np.ceil(places.reshape(-1, 2).max(axis=0)).astype(int) + 3
-    picture = np.zeros((high, wide), np.uint8)
-    for triangle in np.round(places * 16).astype(np.int32):
-        cv2.fillConvexPoly(picture, triangle, 1, shift=4)
-    return picture
-
-
-PIXEL_MM = 0.5
-
-
-def _on_necks(flat: np.ndarray) -> np.ndarray:
-    """(k,) bool: faces of which half lies where the piece is narrower than `NECK_MM`."""
-    import cv2
-
-    picture = _draw(flat)
-    side = round(NECK_MM / PIXEL_MM)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    wide = cv2.dilate(cv2.morphologyEx(picture, cv2.MORPH_OPEN, disc), np.ones((3, 3), np.uint8))
-    samples = np.clip(np.ceil(np.abs(signed_areas(flat))), 4, 256).astype(np.int64)
-    face = np.repeat(np.arange(len(flat)), samples)
-    points = np.einsum("kc,kci->ki", spread(len(face)), flat[face]) - flat.reshape(-1, 2).min(axis=0)
-    column, row = (points / PIXEL_MM + 2).round().astype(int).T
-    return 2 * np.bincount(face, wide[row, column] == 0, len(flat)) > samples
-
-
-def is_wide(flat: np.ndarray) -> bool:
-    """Whether a circle of `NARROWEST_MM` fits into the piece."""
-    import cv2
-
-    return float(cv2.distanceTransform(_draw(flat), cv2.DIST_L2, 5).max()) * PIXEL_MM >= NARROWEST_MM / 2 - PIXEL_MM

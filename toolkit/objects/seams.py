@@ -22,7 +22,7 @@ def find_seams(surface: Surface, pieces: Sequence[Piece]) -> list[list[SeamRecor
         surface: of the mesh.
         pieces: of it, in their order.
     """
-    owner, flat = _spread_pieces(surface, pieces)
+    owner, flat = spread_pieces(surface, pieces)
     joined = find_joined(surface, owner, flat)
     loops = [_walk_round(surface, piece.faces, joined) for piece in pieces]
     # a run is a stretch of one loop that meets one other piece; both sides' runs together make the seam
@@ -58,17 +58,23 @@ def find_seams(surface: Surface, pieces: Sequence[Piece]) -> list[list[SeamRecor
     return seams
 
 
-def find_folds(surface: Surface, piece: Piece) -> list[tuple[Point, Point]]:
-    """Edges inside a piece that are bent by more than `FOLD_DEG`, from and to in mm."""
-    owner, flat = _spread_pieces(surface, [piece])
+def find_folds(
+    surface: Surface, piece: Piece, least_deg: float = FOLD_DEG
+) -> tuple[list[tuple[Point, Point]], list[tuple[Point, Point]]]:
+    """Edges inside a piece that are bent by more, from and to in mm; and those of them that are valleys."""
+    owner, flat = spread_pieces(surface, [piece])
     joined = find_joined(surface, owner, flat)
     face, edge = np.nonzero(joined[piece.faces])
     face = piece.faces[face]
     other = surface.neighbour[face, edge]
     cosine = (surface.normals[face] * surface.normals[other]).sum(axis=1)
-    sharp = (face < other) & (cosine < np.cos(np.radians(FOLD_DEG)))
-    starts, ends = flat[face[sharp], edge[sharp]], flat[face[sharp], (edge[sharp] + 1) % 3]
-    return [(_point(start), _point(end)) for start, end in zip(starts, ends, strict=True)]
+    sharp = (face < other) & (cosine < np.cos(np.radians(least_deg)))
+    face, edge, other = face[sharp], edge[sharp], other[sharp]
+    # a valley's other face rises above this one
+    apex = surface.corners[other, (surface.across[face, edge] + 2) % 3]
+    rises = ((apex - surface.corners[face, edge]) * surface.normals[face]).sum(axis=1) > 0
+    lines = [(_point(flat[f, e]), _point(flat[f, (e + 1) % 3])) for f, e in zip(face, edge, strict=True)]
+    return lines, [line for line, up in zip(lines, rises, strict=True) if up]
 
 
 def find_joined(surface: Surface, owner: np.ndarray, flat: np.ndarray) -> np.ndarray:
@@ -101,7 +107,8 @@ def name_letter(number: int) -> str:
 Edge = tuple[int, int]
 
 
-def _spread_pieces(surface: Surface, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
+def spread_pieces(surface: Surface, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
+    """(m,) index of the piece of each face of the mesh, -1 where there is none, and (m, 3, 2) where it lies on it."""
     owner, flat = np.full(len(surface.faces), -1), np.zeros((len(surface.faces), 3, 2))
     for number, piece in enumerate(pieces):
         owner[piece.faces], flat[piece.faces] = number, piece.flat_mm

@@ -107,6 +107,21 @@ class SeamRecord(BaseModel):
     middle_mm: Point
 
 
+class TabRecord(BaseModel):
+    """A glue tab of a net.
+
+    Attributes:
+        piece: number of the one that it is glued under.
+        letter: the same as at the seam there; empty where the seam is too short for one.
+        outline_mm: four points; the first two are the ends of the edge that it stands on, where it is folded back.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    piece: int = Field(ge=1, le=MOST_PIECES)
+    letter: str = Field(max_length=3)
+    outline_mm: list[Point] = Field(min_length=4, max_length=4)
+
+
 class PieceRecord(BaseModel):
     """A piece on the canvas.
 
@@ -118,6 +133,8 @@ class PieceRecord(BaseModel):
         outline_mm: rings of points, the outer one first.
         seams: where it meets others.
         folds_mm: edges where it is bent sharply, from and to.
+        valleys_mm: those of them where it is bent towards who looks at it; the others are mountain folds.
+        tabs: of a net, outside the outline; the box is without them.
         png_sha256: of its picture.
     """
 
@@ -131,6 +148,8 @@ class PieceRecord(BaseModel):
     outline_mm: list[list[Point]] = Field(min_length=1)
     seams: list[SeamRecord] = []
     folds_mm: list[tuple[Point, Point]] = []
+    valleys_mm: list[tuple[Point, Point]] = []
+    tabs: list[TabRecord] = []
     png_sha256: str = Field(pattern=SHA256)
 
 
@@ -296,6 +315,15 @@ def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple
         "take a larger {texel_mm}, or fewer {pieces}",
         {},
     )
+
+
+def fits_canvas(sizes_mm: Sequence[Point], texel_mm: float) -> bool:
+    """Whether pieces lie on a canvas at this size of texel; see `lay_out`."""
+    try:
+        lay_out(sizes_mm, texel_mm)
+    except FieldError:
+        return False
+    return True
 
 
 def write_wrap(folder: Path, wrap: Wrap) -> Wrap:

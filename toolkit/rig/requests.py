@@ -86,6 +86,9 @@ class WrapConfig(Config):
     sheet_mm: Annotated[Annotated[Range, AfterValidator(_check_sheet)], Flag(metavar="WIDTH HEIGHT", typed=Range)] = (
         Field((177.0, 241.0), description="Largest piece, mm. Default: what a printed A4 page has room for.")
     )
+    net: Annotated[bool, Flag("--net")] = Field(
+        False, description="Unfold the whole surface as a paper model with glue tabs; {pieces} does not count."
+    )
     texel_mm: Annotated[float | None, Field(ge=0.05, le=100), Flag(metavar="MM")] = Field(
         None, description="Side of a texel. Default: the object's longest side / 270."
     )

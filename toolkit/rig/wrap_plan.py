@@ -1,19 +1,24 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas, take_paint
-from toolkit.objects.flatten import weld_surface
-from toolkit.objects.grow import Limits, find_pieces
+from toolkit.objects.flatten import Surface, lay_triangles, weld_surface
+from toolkit.objects.grow import find_pieces
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
-from toolkit.objects.seams import find_folds, find_seams
+from toolkit.objects.net import FOLD_DEG as NET_FOLD_DEG
+from toolkit.objects.net import name_tabs, unfold
+from toolkit.objects.seams import FOLD_DEG, find_folds, find_seams
 from toolkit.objects.spec import STRETCH
+from toolkit.objects.trim import Limits, turn_to_fit
 from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import Piece, PieceRecord, Point, SeamRecord, Wrap, WrapRecord, lay_out
+from toolkit.objects.wrap import Piece, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.requests import WrapConfig
@@ -45,7 +50,11 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     sight = look_at_faces(item, config.views, seed)
     seen = sight.seen
-    pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
+    surface = weld_surface(item.mesh)
+    if config.net:
+        pieces = unfold(surface, config.sheet_mm)
+    else:
+        pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
     if not seen.any():
         raise ToolkitError(
             f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
@@ -55,16 +64,21 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
             "allow more stretch, or take a softer material"
         )
+    _say_too_large(item, surface, np.where(sight.reached | config.net, seen, 0), config.sheet_mm)
+    sizes = [(piece.width_mm, piece.height_mm) for piece in pieces]
     texel_mm = config.texel_mm or round(float(item.mesh.size_mm.max()) / 270, 2)
-    n_px, origins = lay_out([(piece.width_mm, piece.height_mm) for piece in pieces], texel_mm)
+    if config.net and config.texel_mm is None:  # all sides at once need more room than the pieces that are seen
+        while not fits_canvas(sizes, texel_mm):
+            texel_mm = round(1.1 * texel_mm + 0.01, 2)
+    n_px, origins = lay_out(sizes, texel_mm)
     area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1) / 2
     faces = np.concatenate([piece.faces for piece in pieces])
-    surface = weld_surface(item.mesh)
+    seams = find_seams(surface, pieces)
+    tabs = name_tabs(surface, pieces, seams) if config.net else [[] for _ in pieces]
+    least_deg = NET_FOLD_DEG if config.net else FOLD_DEG
     records = [
-        _describe(number, piece, origin, seams, find_folds(surface, piece))
-        for number, (piece, origin, seams) in enumerate(
-            zip(pieces, origins, find_seams(surface, pieces), strict=True), 1
-        )
+        _describe(surface, piece, least_deg, number=i + 1, origin_px=origins[i], seams=seams[i], tabs=tabs[i])
+        for i, piece in enumerate(pieces)
     ]
     record = WrapRecord(
         name=item.name, object=item.name, mesh_sha256=item.shape_sha256, material=config.material,
@@ -76,16 +90,30 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     return Wrap(record, tuple(pieces), draw_paint(wrap, item.mesh))
 
 
-def _describe(
-    number: int, piece: Piece, origin: tuple[int, int], seams: list[SeamRecord], folds: list[tuple[Point, Point]]
-) -> PieceRecord:
+def _describe(surface: Surface, piece: Piece, least_fold_deg: float, **known: Any) -> PieceRecord:
+    """A piece's record, of which its number, place, seams and tabs are known."""
     outline = piece.outline()
     rings = [outline.exterior, *outline.interiors]
+    folds, valleys = find_folds(surface, piece, least_fold_deg)
     return PieceRecord(
-        number=number, origin_px=origin, width_mm=round(piece.width_mm, 4), height_mm=round(piece.height_mm, 4),
-        area_mm2=round(piece.area_mm2, 3), stretch=round(piece.stretch, 6), seams=seams, folds_mm=folds,
+        width_mm=round(piece.width_mm, 4), height_mm=round(piece.height_mm, 4), area_mm2=round(piece.area_mm2, 3),
+        stretch=round(piece.stretch, 6), folds_mm=folds, valleys_mm=valleys,
         outline_mm=[[(round(x, 4), round(y, 4)) for x, y in ring.coords] for ring in rings], png_sha256="0" * 64,
+        **known,
     )  # fmt: skip
+
+
+def _say_too_large(item: TableObject, surface: Surface, worth: np.ndarray, sheet_mm: tuple[float, float]) -> None:
+    """Say how much is lost to triangles that are larger than the sheet."""
+    large = np.flatnonzero((surface.length.max(axis=1) > min(sheet_mm)) & (worth > 0))
+    own = lay_triangles(surface.corners[large])
+    large = large[[not turn_to_fit(one[None], sheet_mm)[1] for one in own]] if len(large) else large
+    if len(large):
+        notice(
+            f"{item.name}: {len(large)} triangles with {worth[large].sum() / worth.sum():.0%} of what cameras see are "
+            f"larger than the sheet of {sheet_mm[0]:g} × {sheet_mm[1]:g} mm and are left out: split them in a "
+            "modelling program, or take a larger --sheet-mm"
+        )
 
 
 def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
