@@ -119,7 +119,7 @@ def test_an_object_is_exported_where_it_stands(space, tmp_path) -> None:
         (("preview", "grass", "--weather", "fog:9"), "severity '9'"),
         (("preview", "grass", "--sky", "sky.mov"), "sky.mov: expected a panorama as .hdr"),
         (("preview", "grass", "--variant", "textured"), "--variant textured: needs an object: name it with --object"),
-        (("preview", "grass", "--place", "west"), "--place west: of which object?"),
+        (("preview", "grass", "--place", "west"), "--place west: needs an object"),
         (("preview", "grass", "--object", "racre"), "no object called 'racre': did you mean racer?"),
         (("preview", "grass", "--object", "racer", "--place", "wets"), "no place in the world grass called 'wets'"),
         (("preview", "grass", "--object", "racer", "--variant", "patch-alone"), "lies on a table without its object"),
