@@ -14,7 +14,7 @@ from toolkit.boosters.data_config import RIG, DataConfig, count_held_out, is_rig
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.files import inside, real_path, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
@@ -134,7 +134,7 @@ def choose_images(
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
-    inside_class = _plain(folder.resolve().name) in names
+    inside_class = _plain(real_path(folder).name) in names
     own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
     if backgrounds == "class" and not own:
         raise FieldError(

@@ -180,9 +180,14 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
     return folder
 
 
+def real_path(path: Path) -> Path:
+    """`path` without links and dots; of links in a circle what can be followed, where `Path.resolve` raises."""
+    return Path(os.path.realpath(path))
+
+
 def _check_within(folder: Path, root: Path) -> None:
     """A `ToolkitError` where `folder` is not in `root`, whatever links and dots say."""
-    home = Path(root).resolve()
+    home = real_path(root)
     try:
         place = Path(folder).resolve()
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
@@ -193,7 +198,7 @@ def _check_within(folder: Path, root: Path) -> None:
 
 def without_links(root: Path, relative: str) -> Path:
     """`root / relative`, a folder to write to; a `ToolkitError` where a part of `relative` is a link."""
-    path = Path(root).resolve() / relative
+    path = real_path(root) / relative
     try:
         place = path.resolve()
     except (OSError, RuntimeError):  # a loop of links
