@@ -52,6 +52,10 @@ COMMANDS = {
     "train-classifier": ("train-classifier", "--data", "nowhere", "--name", "new"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
+    "challenge init": ("challenge", "init", "entry"),
+    "challenge check": ("challenge", "check", "nobody"),
+    "challenge run": ("challenge", "run", "nobody"),
+    "challenge board": ("challenge", "board", "nobody"),
 }
 LEFT_OUT = {
     "studio": "serves until it is stopped",
