@@ -6,16 +6,15 @@ from tiny_network import tiny_classifier, write_photos
 
 from toolkit.boosters import data
 from toolkit.boosters.data import (
-    DataConfig,
     choose_images,
     choose_object,
     cut_centres,
     draw_batch,
-    is_rig_source,
     load_data,
     names_of_class,
     stack_on_device,
 )
+from toolkit.boosters.data_config import DataConfig, is_rig_source
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.models.labels import imagenet_wnids

@@ -3,7 +3,7 @@
 import pytest
 from tiny_network import tiny_config
 
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import RECIPES, hash_inputs, make_config
 from toolkit.boosters.transforms.placement import MixedPlacement
 from toolkit.core.errors import ToolkitError

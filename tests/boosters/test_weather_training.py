@@ -6,7 +6,8 @@ import torch
 from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config
 
-from toolkit.boosters.data import DataConfig, Loaded
+from toolkit.boosters.data import Loaded
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.mounted import draw_mounted, render_mounted_views, show_mounted, stack_views
 from toolkit.boosters.patch import train_patch
 from toolkit.boosters.patch_config import PatchConfig

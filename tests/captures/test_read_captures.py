@@ -7,6 +7,7 @@ import pytest
 
 from toolkit.captures.read import Selection, read_captures, read_pose_id
 from toolkit.core.errors import ToolkitError
+from toolkit.imaging.read import UnreadableImage, read_image
 
 
 def put(root, *paths):
@@ -147,6 +148,16 @@ def test_links_that_leave_are_refused(folder, tmp_path):
     assert "leaves the folder" in refused["sim/racer/patched/pose_09.jpg"]
     assert [path for path, _ in found.refused_folders] == ["borrowed"]
     assert all("elsewhere" not in str(one.file.resolve()) for one in found.captures if not one.refused)
+
+
+@pytest.mark.parametrize("target", ["pose_12.png", "gone.png"])
+def test_a_link_that_leads_nowhere_is_one_bad_file(folder, target):
+    (folder / "sim/racer/patched/pose_12.png").symlink_to(target)
+    whole = len(read_captures(folder).captures)
+    (bad,) = [one for one in read_captures(folder).captures if one.path.endswith("pose_12.png")]
+    assert whole == 7
+    with pytest.raises(UnreadableImage):
+        read_image(bad.file, 224)
 
 
 def test_selection(folder):

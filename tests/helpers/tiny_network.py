@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch import TrainedPatch, train_patch
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.core.workspace import Workspace

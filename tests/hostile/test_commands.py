@@ -54,6 +54,10 @@ COMMANDS = {
     "refine-network": ("refine-network", "new", "--data", "nowhere"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
+    "challenge init": ("challenge", "init", "entry"),
+    "challenge check": ("challenge", "check", "nobody"),
+    "challenge run": ("challenge", "run", "nobody"),
+    "challenge board": ("challenge", "board", "nobody"),
 }
 LEFT_OUT = {
     "studio": "serves until it is stopped",

@@ -7,7 +7,7 @@ pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 from gymnasium.utils.env_checker import check_env
 
 from toolkit.landing.env import LandingEnv
-from toolkit.landing.episodes import EpisodeConfig
+from toolkit.landing.flight_config import EpisodeConfig
 from toolkit.landing.landing_config import CameraConfig
 
 

@@ -5,17 +5,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from toolkit import __version__
-from toolkit.core.config import Config, Expect, Flag
+from toolkit.boosters.data_config import RIG, DataConfig, count_held_out, is_rig_source
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.files import inside, real_path, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     import torch
 
     from toolkit.boosters.pixels import Network
-
-Backgrounds = Literal["auto", "all", "class"]
 
 
 def stack_on_device(images: np.ndarray, device: str) -> "torch.Tensor":
@@ -67,46 +64,6 @@ def cut_centres(images: "torch.Tensor", image_px: int) -> "torch.Tensor":
     """The middle of each image, as the network's own preprocessing cuts it: float32 sRGB-encoded in [0, 1]."""
     start = round((images.shape[-1] - image_px) / 2)
     return images[:, :, start : start + image_px, start : start + image_px].float().div_(255)
-
-
-RIG = "rig"
-HELD_OUT = 0.2
-
-
-def count_held_out(count: int) -> int:
-    """How many of so many images or views are held out: a fifth, at least one where another is left."""
-    return round(count * HELD_OUT) or int(count > 1)
-
-
-class DataConfig(Config):
-    """Which images a booster is trained on."""
-
-    sources: Annotated[
-        tuple[str, ...],
-        Expect("a folder of images, or 'rig' for renders of the object"),
-        Field(min_length=1),
-        Flag("--data", metavar="FOLDER|rig"),
-    ] = Field(
-        description="ImageFolder, any folder of images, or 'rig' (or rig:OBJECT) for renders; several may be given."
-    )
-    backgrounds: Annotated[Backgrounds, Flag()] = Field(
-        "auto", description="class: images of the class only; all: every image; auto: of the class where there are any."
-    )
-    images: Annotated[int, Field(ge=2), Flag()] = Field(
-        256, description="Images kept in memory at most, a fifth of them held out."
-    )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Chooses them.")
-
-    @model_validator(mode="after")
-    def _check_count(self) -> "DataConfig":
-        if self.images < 2 * len(self.sources):
-            raise FieldError(f"expected at least 2 for each of {len(self.sources)} sources", {"images": self.images})
-        return self
-
-    @property
-    def rig_source(self) -> str | None:
-        """The first source that is renders of an object, where there is one."""
-        return next((source for source in self.sources if is_rig_source(source)), None)
 
 
 @dataclass(frozen=True)
@@ -177,7 +134,7 @@ def choose_images(
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
-    inside_class = _plain(folder.resolve().name) in names
+    inside_class = _plain(real_path(folder).name) in names
     own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
     if backgrounds == "class" and not own:
         raise FieldError(
@@ -224,11 +181,6 @@ def load_files(
         raise ToolkitError(f"{choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}")
     record = {"source": choice.folder.name, "use": choice.use, "found": len(choice.files), "used": len(images)}
     return Loaded(np.stack(images), tuple(skipped), record)
-
-
-def is_rig_source(source: str) -> bool:
-    """Whether a source is renders: `rig`, or `rig:OBJECT`. The folder of that name is `./rig`."""
-    return source == RIG or source.startswith(f"{RIG}:")
 
 
 def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:

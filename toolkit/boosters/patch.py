@@ -10,7 +10,6 @@ import numpy as np
 
 from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
 from toolkit.boosters.data import (
-    DataConfig,
     TrainingData,
     choose_object,
     cut_centres,
@@ -20,6 +19,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.detectors import find_detectors, judge_detectors
 from toolkit.boosters.mounted import (
     MountedViews,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, field_serializer
 
-from toolkit.boosters.data import HELD_OUT, DataConfig
+from toolkit.boosters.data_config import HELD_OUT, DataConfig
 from toolkit.boosters.pixel_config import (
     AUGMENTATION,
     CORRUPTED_HELP,
@@ -25,16 +25,15 @@ from toolkit.boosters.transforms.base import Placer
 from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
-from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
-from toolkit.imaging.printer import nearest_printable, read_print_profile
-from toolkit.objects.records import printed_size_mm
-from toolkit.objects.spec import ObjectSpec
+from toolkit.objects.spec import ObjectSpec, printed_size_mm
 
 if TYPE_CHECKING:
     import torch
+
+    from toolkit.boosters.transforms.show import Appearance
 
 METHOD = "unadversarial patch, sign of the gradient"
 METHOD_VERSION = 7
@@ -112,8 +111,10 @@ class PatchConfig(PixelConfig):
             return self
         return self.with_overrides(steps=self.epochs * math.ceil(images / self.batch))
 
-    def appearance(self) -> Appearance:
+    def appearance(self) -> "Appearance":
         """The transforms that act, in order."""
+        from toolkit.boosters.transforms.show import Appearance
+
         return Appearance(
             self.affine if self.pose is None else MixedPlacement(self.pose, self.affine),
             on_print=self.transforms("print"), on_paper=self.transforms("paper"), on_photo=self.transforms("photo"),
@@ -243,6 +244,8 @@ def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
     Raises:
         FieldError: printing is switched off as well.
     """
+    from toolkit.imaging.printer import read_print_profile
+
     if overrides.get("print_process") is False:
         raise FieldError("expected one of the two", {"print_process": False, "print_profile": file})
     return {**overrides, "print_process": use_profile(read_print_profile(file))}
@@ -280,6 +283,8 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
     found apart from autograd.
     """
     import torch
+
+    from toolkit.imaging.printer import nearest_printable
 
     colours = patch.flatten(1).T
     nearest = nearest_printable(colours.detach().double().cpu().numpy())

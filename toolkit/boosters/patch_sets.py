@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator
 
 from toolkit.boosters.pixel_config import name_files
@@ -12,7 +11,11 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
-from toolkit.objects.records import Patch, read_patch
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from toolkit.objects.records import Patch
 
 
 def check_set_name(name: str) -> str:
@@ -45,7 +48,7 @@ class PatchSet:
 
     name: str
     n_px: int
-    patches: dict[int, Patch]
+    patches: "dict[int, Patch]"
 
     @property
     def method(self) -> str:
@@ -67,8 +70,10 @@ class PatchSet:
         """Of all pictures and the classes that they stand for."""
         return sha256_bytes(repr([(k, self.patches[k].record.png_sha256) for k in sorted(self.patches)]).encode())
 
-    def stack(self, classes: np.ndarray) -> np.ndarray:
+    def stack(self, classes: "np.ndarray") -> "np.ndarray":
         """(b, 3, n, n) float32 sRGB-encoded in [0, 1]: the pictures of (b,) class indices."""
+        import numpy as np
+
         pixels = np.stack([self.patches[int(index)].pixels for index in classes])
         return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / 255
 
@@ -80,6 +85,8 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
         ToolkitError: no such set, pictures of several sizes or two of a class, one that is damaged, or a class that is
             not the one that the labels have at its index.
     """
+    from toolkit.objects.records import read_patch
+
     patches: dict[int, Patch] = {}
     for file in workspace.with_patches(name).patches().values():
         patch = read_patch(file)

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from toolkit.boosters import patch, patch_config, texture, texture_config, wrap, wrap_config
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture import TrainedTexture

@@ -20,6 +20,7 @@ from toolkit.captures.shoot import (
     take_shots,
 )
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import real_path
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.objects.load import TableObject, load_object
@@ -80,9 +81,9 @@ def shoot_like(
             would overwrite the photographs, or the disk is full or read-only.
     """
     settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
-    source = source or f"sim-like-{photos_dir.resolve().name}"
+    source = source or f"sim-like-{real_path(photos_dir).name}"
     check_settings(workspace, settings, source)
-    if (workspace.source_dir(source)).resolve() == photos_dir.resolve():
+    if real_path(workspace.source_dir(source)) == real_path(photos_dir):
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
@@ -192,7 +193,7 @@ def _plan_shot(
     # rounded, so that float noise alone does not ask for a new shot
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
     inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
-    made = {"like": f"{photos_dir.resolve().name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
+    made = {"like": f"{real_path(photos_dir).name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
     return Shot(
         item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, inputs_sha256=inputs, made=made
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import sha256_file
+from toolkit.core.files import real_path, sha256_file
 from toolkit.imaging.read import FoundFiles, find_files, show_path
 
 UNPATCHED = "unpatched"
@@ -158,7 +158,7 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
             continue
         full = (*prefix, *parts[:depth], *suffix, *parts[depth:])
         # the manifest lies in the source's folder: below the root, the root itself, or above it
-        source_dir = (root / parts[0], root, root.resolve().parent)[len(prefix)]
+        source_dir = (root / parts[0], root, real_path(root).parent)[len(prefix)]
         if source_dir not in manifests:
             manifests[source_dir] = read_manifest(source_dir)
         record = manifests[source_dir].get("/".join(full[1:]))
@@ -190,6 +190,14 @@ def read_pose_id(name: str) -> int | None:
     return int(match[1]) if match and len(match[1]) <= MAX_POSE_DIGITS else None
 
 
+def _size_bytes(file: Path) -> int:
+    """Of a file; 0 of a link that leads nowhere or in a circle, which is refused where it is read."""
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0
+
+
 def _drop_copies(captures: Sequence[Capture]) -> tuple[list[Capture], list[str]]:
     """The captures, of photographs that lie there several times as one variant the first alone; a note of the others.
 
@@ -197,7 +205,7 @@ def _drop_copies(captures: Sequence[Capture]) -> tuple[list[Capture], list[str]]
     """
     sizes: dict[tuple[str, str, str, int], list[Capture]] = {}
     for one in captures:
-        if one.refused is None and not one.is_rendered and (size := one.file.stat().st_size) >= LEAST_PHOTO_BYTES:
+        if one.refused is None and not one.is_rendered and (size := _size_bytes(one.file)) >= LEAST_PHOTO_BYTES:
             sizes.setdefault((one.source, one.object, one.variant, size), []).append(one)
     copies: dict[str, list[str]] = {}
     for group in sizes.values():
@@ -240,7 +248,7 @@ def _all_files(found: FoundFiles) -> list[tuple[tuple[str, ...], str | None]]:
 
 def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, tuple[str, ...]]:
     """Folders that stand before and after those under `root` to make SOURCE/OBJECT/VARIANT, and how many those are."""
-    name = root.resolve().name
+    name = real_path(root).name
     files = found.images or tuple(tuple(path.split("/")) for path, _ in found.refused)
     # most files decide: a stray picture beside the folders does not change how the rest is read
     depth = min(3, Counter(len(parts) - 1 for parts in files).most_common(1)[0][0])
@@ -252,7 +260,7 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
     if depth == 1 and all(WNID.match(folder) for folder in folders):
         return (name,), 1, (UNPATCHED,)
     if depth == 1:
-        return (root.resolve().parent.name or "captures", name), 1, ()
+        return (real_path(root).parent.name or "captures", name), 1, ()
     return ((), 3, ()) if depth == 3 else ((name,), 2, ())
 
 

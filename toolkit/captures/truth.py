@@ -11,7 +11,7 @@ from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_json
+from toolkit.core.files import real_path, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
@@ -148,8 +148,8 @@ def write_coco(
             continue
         truth, number = masks[one.path], len(images) + 1
         height, width = truth.mask.shape
-        folder = file.resolve().parent
-        path = one.file.resolve()
+        folder = real_path(file).parent
+        path = real_path(one.file)
         name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else one.path
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         annotations.append(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from toolkit.boosters.baselines.make import BaselineConfig
+from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import show_json
@@ -51,7 +51,6 @@ def baseline(
 def _report(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from toolkit.boosters.baselines.make import FIXED_PATTERN, NEED_DATA
     from toolkit.core.console import console, list_skipped
 
     list_skipped(made.skipped)

@@ -9,7 +9,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, warn
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.sweeps.axes import SweepConfig
+from toolkit.experiments.sweeps.sweep_config import SweepConfig
 
 if TYPE_CHECKING:
     from toolkit.experiments.sweeps.sweep import SweepResult

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from pydantic import Field
 
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import RECIPES
 from toolkit.boosters.pixel_config import AUGMENTATION
 from toolkit.cli import options

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from toolkit.boosters.class_patches import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
+from toolkit.boosters.class_patches_config import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.patch_config import RECIPES
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options

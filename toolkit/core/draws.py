@@ -1,9 +1,11 @@
 """Randomness by address: what step i draws depends on (seed, i) and on who draws, never on what was drawn before."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from zlib import crc32
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,8 @@ class Draws:
         seeds = (self.seed,) if isinstance(self.seed, int) else self.seed
         return (*seeds, self.step, crc32(f"{self.phase}/{part}".encode()))
 
-    def of(self, part: str) -> np.random.Generator:
+    def of(self, part: str) -> "np.random.Generator":
         """A fresh generator for one part, see `key`."""
+        import numpy as np
+
         return np.random.default_rng(self.key(part))

@@ -180,9 +180,14 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
     return folder
 
 
+def real_path(path: Path) -> Path:
+    """`path` without links and dots; of links in a circle what can be followed, where `Path.resolve` raises."""
+    return Path(os.path.realpath(path))
+
+
 def _check_within(folder: Path, root: Path) -> None:
     """A `ToolkitError` where `folder` is not in `root`, whatever links and dots say."""
-    home = Path(root).resolve()
+    home = real_path(root)
     try:
         place = Path(folder).resolve()
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
@@ -193,7 +198,7 @@ def _check_within(folder: Path, root: Path) -> None:
 
 def without_links(root: Path, relative: str) -> Path:
     """`root / relative`, a folder to write to; a `ToolkitError` where a part of `relative` is a link."""
-    path = Path(root).resolve() / relative
+    path = real_path(root) / relative
     try:
         place = path.resolve()
     except (OSError, RuntimeError):  # a loop of links
@@ -385,18 +390,6 @@ def explain_validation(error: ValidationError) -> str:
         found = json.dumps(first["input"], default=str)
         words += f", found {found if len(found) <= 80 else f'{found[:77]}...'}"
     return f"field '{field}': {words}" if field else words
-
-
-def resolve_links(path: Path) -> Path:
-    """Where a path that somebody typed leads.
-
-    Raises:
-        ToolkitError: its links lead in a circle.
-    """
-    try:
-        return Path(path).resolve()
-    except (OSError, RuntimeError):
-        raise explain_read_error(path, OSError(errno.ELOOP, "")) from None
 
 
 def inside(root: Path, relative: str) -> Path:

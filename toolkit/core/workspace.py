@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import explain_write_error, read_toml, resolve_links, without_links, write_text
+from toolkit.core.files import explain_write_error, read_toml, real_path, without_links, write_text
 from toolkit.core.names import is_file_name, is_folder_name
 
 MARKER = "toolkit.toml"
@@ -202,7 +202,7 @@ def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False)
             `toolkit.toml` has a wrong field.
     """
     if folder is not None:
-        root = resolve_links(Path(folder))
+        root = real_path(Path(folder))
         if not is_workspace(root):
             raise ToolkitError(
                 f"{folder} is not a workspace (it has no {MARKER}): make one with 'toolkit init {folder}'"
@@ -250,7 +250,7 @@ def make_workspace(folder: Path | str) -> Workspace:
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ToolkitError(f"{folder} is a file: name a folder to make a workspace of")
-    space = Workspace(resolve_links(folder))
+    space = Workspace(real_path(folder))
     guide = without_links(space.root, "rig/objects") / "README.txt"
     try:
         for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, read_json, resolve_links, sha256_file, write_bytes, write_json
+from toolkit.core.files import inside, read_json, real_path, sha256_file, write_bytes, write_json
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
@@ -110,7 +110,7 @@ def find_sources(folder: Path, out: Path, image_format: str) -> tuple[list[Sourc
     Raises:
         ToolkitError: the folder does not exist or may not be read.
     """
-    real_out = out.resolve()
+    real_out = real_path(out)
 
     def is_made(path: Path) -> bool:
         file = folder / path
@@ -314,7 +314,7 @@ def corrupt_folder(
 def _check_settings(source: Path, out: Path, size_px: int | None, image_format: str) -> None:
     if not source.exists():
         raise ToolkitError(f"{source} does not exist: name a folder of images, or an image")
-    if resolve_links(out) == resolve_links(source) or out.is_file():
+    if real_path(out) == real_path(source) or out.is_file():
         raise ToolkitError(f"{out} cannot take the images: name another folder to write to")
     if size_px is not None and size_px < MIN_SIDE_PX:
         raise ToolkitError(f"size {size_px} px is too small: choose {MIN_SIDE_PX} px or more")

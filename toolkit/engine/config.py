@@ -6,7 +6,6 @@ from pydantic import Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.engine.local import InProcess, LocalPool
 from toolkit.engine.units import Engine
 
 WHERE = "Where it runs"
@@ -37,6 +36,8 @@ class EngineConfig(Config):
             FieldError: an address without Ray.
             ToolkitError: Ray is not installed, or nobody answers at the address.
         """
+        from toolkit.engine.local import InProcess, LocalPool
+
         if self.engine == "ray":
             from toolkit.engine.on_ray import RayEngine
 

@@ -12,7 +12,7 @@ import numpy as np
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import load_json, resolve_links
+from toolkit.core.files import load_json, real_path
 from toolkit.core.statistics import PairedOutcomes, mcnemar_mid_p, sign_flip_p
 from toolkit.core.tables import (
     build_table,
@@ -154,7 +154,7 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     """
     folders = [captures_dir or find_captures_dir(workspace, run) for run in (first, second)]
     said = [read_predictions(run, folder) for run, folder in zip((first, second), folders, strict=True)]
-    is_one = resolve_links(folders[0]) == resolve_links(folders[1]) or _have_one_world(first, second)
+    is_one = real_path(folders[0]) == real_path(folders[1]) or _have_one_world(first, second)
     pairs = _pair_images(said[0], said[1], folders, is_one)
     if not pairs:
         raise ToolkitError(

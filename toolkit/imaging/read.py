@@ -16,7 +16,7 @@ import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import open_plain
+from toolkit.core.files import open_plain, real_path
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -359,7 +359,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     if not root.is_dir():
         what = "is a file, not a folder" if root.exists() else "does not exist"
         raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
-    real_root = root.resolve()
+    real_root = real_path(root)
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []
     others: list[str] = []
@@ -376,7 +376,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
             path = here / name
             if not is_wanted(name):
                 others.append(show_path((*parts, name)))
-            elif path.is_symlink() and not path.resolve().is_relative_to(real_root):
+            elif path.is_symlink() and not real_path(path).is_relative_to(real_root):
                 refused.append(
                     (show_path((*parts, name)), "a link that leaves the folder: copy the image here instead")
                 )

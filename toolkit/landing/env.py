@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.landing.episodes import FLYING, EpisodeConfig, Flights
+from toolkit.landing.episodes import FLYING, Flights
+from toolkit.landing.flight_config import EpisodeConfig
 from toolkit.landing.fly import TICKS
 from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.pads import Pad, draw_pad

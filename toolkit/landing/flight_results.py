@@ -13,7 +13,8 @@ from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import SCHEMA_VERSION
-from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
+from toolkit.landing.episodes import OUTCOMES
+from toolkit.landing.flight_config import EpisodeConfig
 from toolkit.landing.fly import EpisodeRecord, FlightCell, Flown
 from toolkit.landing.landing_config import FlyConfig
 from toolkit.worlds.depth_weather import describe_weathers

@@ -20,9 +20,10 @@ from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.landing.baselines import make_apriltag, make_features
 from toolkit.landing.episodes import Episode, Flights, Look
+from toolkit.landing.flight_config import parse_gains
 from toolkit.landing.landing_config import CameraConfig, FlyConfig
 from toolkit.landing.pads import Pad, find_pad
-from toolkit.landing.pilot import fly, parse_gains
+from toolkit.landing.pilot import fly
 from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, WorldGround, find_world, plan_places
 from toolkit.rig.raycast import map_frames

@@ -1,21 +1,21 @@
 """The settings of the landing commands, declared once; nothing heavy is loaded for them."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.errors import FieldError
 from toolkit.core.names import is_file_name
-from toolkit.landing.episodes import EpisodeConfig
-from toolkit.landing.pilot import DescentConfig, parse_gains
+from toolkit.landing.flight_config import DescentConfig, EpisodeConfig, parse_gains
 from toolkit.printing.page import parse_paper
 from toolkit.printing.settings import AnyPaper
-from toolkit.rig.camera import Camera
 from toolkit.training.loop import FitConfig
 from toolkit.worlds.conditions import CLEAR, Time, Times, Weathers, check_weather, parse_weathers
+
+if TYPE_CHECKING:
+    from toolkit.rig.camera import Camera
 
 
 def _check_name(name: str) -> str:
@@ -52,13 +52,17 @@ class CameraConfig(Config):
     noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> "Camera":
         """Intrinsics."""
+        from toolkit.rig.camera import Camera
+
         return Camera.from_fov(self.image_px, self.image_px, self.fov_deg)
 
     @property
     def view_tan(self) -> float:
         """Tangent of half the angle of view."""
+        import numpy as np
+
         return float(np.tan(np.radians(self.fov_deg) / 2))
 
 
@@ -114,6 +118,8 @@ class CollectConfig(Config):
 
     @model_validator(mode="after")
     def _check(self) -> "CollectConfig":
+        import numpy as np
+
         for weather in self.weathers:
             check_weather(*weather)
         if np.tan(np.radians(self.half_angle_deg)) >= self.optics.view_tan:

@@ -1,55 +1,9 @@
 """The pilot: a PID controller on where the pad is said to be, and a law for going down."""
 
-import re
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
-from toolkit.core.config import Config, Flag
-from toolkit.core.errors import ToolkitError
 from toolkit.landing.episodes import Flights, Look
-
-GAINS = {"paper": (5.0, 0.0, 5.0), "gentle": (1.0, 0.0, 0.0)}
-"""Kp, Ki, Kd: the paper's (appendix B.3), and a control that a noisy regressor does not upset."""
-OWN = re.compile(r"(\d+\.?\d*),(\d+\.?\d*),(\d+\.?\d*)")
-
-
-def parse_gains(word: str) -> tuple[float, float, float]:
-    """Kp, Ki, Kd of `paper`, `gentle`, or numbers such as `2,0,0.5`.
-
-    Raises:
-        ToolkitError: it is neither.
-    """
-    if word in GAINS:
-        return GAINS[word]
-    found = OWN.fullmatch(word)
-    if found is None:
-        raise ToolkitError(f"gains '{word}': expected {', '.join(GAINS)}, or Kp,Ki,Kd such as 2,0,0.5")
-    kp, ki, kd = (float(number) for number in found.groups())
-    return kp, ki, kd
-
-
-class DescentConfig(Config):
-    """When and how fast the drone goes down.
-
-    Attributes:
-        fastest_m_s, slowest_m_s: of the descent, which slows with the height over the pad.
-        rate: speed per metre of height between the two.
-        align_m, align_share: it goes down while the pad is within align_m + align_share · height of straight below.
-        blind_m: below this height over the pad it goes straight down and looks no more.
-        unseen_m: below this height a pad that is not found, as one that fills the picture, does not stop it.
-    """
-
-    fastest_m_s: Annotated[float, Field(gt=0, le=6), Flag("--descent")] = Field(
-        1.5, description="Fastest descent, m/s."
-    )
-    slowest_m_s: Annotated[float, Field(gt=0, le=6)] = 0.5
-    rate: Annotated[float, Field(gt=0)] = 0.5
-    align_m: Annotated[float, Field(gt=0)] = 0.15
-    align_share: Annotated[float, Field(ge=0)] = 0.25
-    blind_m: Annotated[float, Field(ge=0), Flag()] = Field(0.8, description="Below this height it goes straight down.")
-    unseen_m: Annotated[float, Field(ge=0)] = 1.6
+from toolkit.landing.flight_config import DescentConfig
 
 
 class Pilot:

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, without_links, write_bytes, write_text
+from toolkit.core.files import inside, real_path, without_links, write_bytes, write_text
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
@@ -129,7 +129,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
         ('crate', [300.0, 100.0, 200.0])
     """
     mesh_file = Path(mesh_file)
-    mesh_file = mesh_file.parent.resolve() / mesh_file.name
+    mesh_file = real_path(mesh_file.parent) / mesh_file.name
     name = request.name or re.sub(r"[^A-Za-z0-9_-]+", "-", mesh_file.stem).strip("-_")
     _check_name(workspace, name, request.replace)
     named = find_named_files(mesh_file)

@@ -7,7 +7,7 @@ from typing import Any
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import read_json, write_bytes
+from toolkit.core.files import read_json, real_path, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
@@ -75,7 +75,7 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
         try:
             spec = read_spec(specs[name])
             found = png_file if name == png_file.stem else find_patch_file(workspace, spec)
-            if found is not None and found.resolve() == png_file.resolve():
+            if found is not None and real_path(found) == real_path(png_file):
                 wearers.append(as_wearer(spec, png_file))
         except ToolkitError as error:
             broken.append(f"not compared with the rig: {error}")
@@ -186,7 +186,7 @@ class PrintedPatch:
 def shorten(file: str) -> str:
     """Relative to the current folder where it is inside."""
     here = Path.cwd()
-    path = Path(file).resolve()
+    path = real_path(Path(file))
     return str(path.relative_to(here)) if path.is_relative_to(here) else file
 
 

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
+
+if TYPE_CHECKING:
+    import numpy as np
 
 FORMAT = "toolkit training checkpoint 1"
 
@@ -39,12 +41,13 @@ class Checkpoint:
         """The run's own."""
         return self.folder / f"{self.inputs_sha256[:16]}.safetensors"
 
-    def write(self, arrays: Mapping[str, np.ndarray], kind: str, steps_done: int) -> None:
+    def write(self, arrays: "Mapping[str, np.ndarray]", kind: str, steps_done: int) -> None:
         """Write named arrays in one rename; the header says in JSON what they are, and holds a hash of the numbers.
 
         Raises:
             ToolkitError: the disk is full or read-only.
         """
+        import numpy as np
         from safetensors.numpy import save
 
         arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
@@ -57,7 +60,7 @@ class Checkpoint:
         }
         write_bytes(self.file, save(arrays, {"toolkit": json.dumps(about)}))
 
-    def read(self, kind: str) -> dict[str, np.ndarray] | None:
+    def read(self, kind: str) -> "dict[str, np.ndarray] | None":
         """The arrays, None where there is no checkpoint; nothing in the file is executed.
 
         Raises:
@@ -112,6 +115,6 @@ class Checkpoint:
             self.folder.parent.rmdir()
 
 
-def _hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
+def _hash_arrays(arrays: "Mapping[str, np.ndarray]") -> str:
     digests = (name + sha256_bytes(arrays[name].tobytes()) for name in sorted(arrays))
     return sha256_bytes("".join(digests).encode())

@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, load_json, open_whole, sha256_bytes, sha256_file, write_json
+from toolkit.core.files import inside, load_json, open_whole, real_path, sha256_bytes, sha256_file, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
@@ -125,7 +125,7 @@ def open_photographs(folder: str, held_out: float) -> DataSource:
 
 def _photographs(data: str, found: FolderClasses) -> DataSource:
     kinds = sorted({one.label for one in (*found.train, *found.held_out)})
-    record = {"source": Path(data).resolve().name, "classes": len(kinds)}
+    record = {"source": real_path(Path(data)).name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
     return DataSource(found.train, found.held_out, found.skipped, record, "", words, found.how)
 

@@ -9,7 +9,7 @@ from zlib import crc32
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.core.files import real_path, sha256_bytes, sha256_file
 from toolkit.corruptions.draws import image_seed
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
@@ -339,7 +339,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     files, refused = _find_by_class(root)
     index_of = match_classes(sorted({parts[0] for parts in files}), classifier, root)
     images = [LabelledImage("/".join(parts), index_of[parts[0]]) for parts in files]
-    name = folder.resolve().name
+    name = real_path(folder).name
     return ImageSet(
         show_path((name,) if root == folder else (name, root.name)),
         tuple(sorted(images, key=lambda one: one.id)),

@@ -14,8 +14,6 @@ from math import cos, isfinite, pi
 from time import monotonic
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-import numpy as np
-
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
@@ -24,6 +22,7 @@ from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 OPTIMISERS = ("sign", "sgd", "adam")
@@ -108,6 +107,8 @@ class History:
 
     def recent(self, count: int) -> dict[str, float]:
         """Means over the last steps, the loss first: one batch alone is noise."""
+        import numpy as np
+
         names = sorted(self.figures, key=lambda name: (name != LOSS, name))  # the same whether or not it was resumed
         return {name: float(np.mean(self.figures[name][-count:])) for name in names}
 
@@ -380,8 +381,10 @@ class _Fitting:
             self.task.constrain()
             self.task.watch(step)
 
-    def state(self) -> dict[str, np.ndarray]:
+    def state(self) -> "dict[str, np.ndarray]":
         """All that a later run needs to go on: parameters, buffers, the optimiser's state, the history."""
+        import numpy as np
+
         tensors = {f"parameter.{name}": value for name, value in self._parameters.items()}
         tensors |= {f"buffer.{name}": value for name, value in self.task.buffers().items()}
         if self._optimiser is not None:
@@ -391,8 +394,9 @@ class _Fitting:
         arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
         return arrays | {f"history.{name}": np.array(values) for name, values in self.history.figures.items()}
 
-    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+    def restore(self, arrays: "Mapping[str, np.ndarray]") -> None:
         """Take up what `state` gave."""
+        import numpy as np
         import torch
 
         own: dict[str, torch.Tensor] = {f"parameter.{name}": value for name, value in self._parameters.items()}

@@ -14,8 +14,8 @@ from toolkit.captures.shoot import shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.experiments.sweeps import sweep as sweeps
-from toolkit.experiments.sweeps.axes import SweepConfig
 from toolkit.experiments.sweeps.sweep import run_sweep
+from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.rig.plan import read_plan, write_plan
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.boosters.baselines.baseline_config import APRILTAG, QR
 from toolkit.boosters.patch_config import SMALLEST_PX
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
@@ -132,7 +133,6 @@ def draw_modules(black: np.ndarray, border: int, size_px: int) -> np.ndarray:
     return picture
 
 
-QR, APRILTAG = "qr", "apriltag"
 PAPER_BORDER = 1
 """White modules around a QR code in the paper's release; the standard, ISO/IEC 18004, asks for four."""
 DICTIONARIES = {"36h11": "DICT_APRILTAG_36h11", "36h10": "DICT_APRILTAG_36h10"}

@@ -3,15 +3,18 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from pydantic import Field, model_validator
+from typing import Any
 
 from toolkit import __version__
-from toolkit.boosters.baselines.drawn import (
+from toolkit.boosters.baselines.baseline_config import (
     APRILTAG,
-    PAPER_BORDER,
+    BEST_IMAGE,
+    FIXED_PATTERN,
     QR,
+    BaselineConfig,
+)
+from toolkit.boosters.baselines.drawn import (
+    PAPER_BORDER,
     AprilTags,
     Baseline,
     Choice,
@@ -19,8 +22,7 @@ from toolkit.boosters.baselines.drawn import (
     QrCodes,
 )
 from toolkit.boosters.baselines.photos import BestImages, RandomImages
-from toolkit.boosters.patch_sets import SetName, name_class
-from toolkit.core.config import Config, Expect, Flag
+from toolkit.boosters.patch_sets import name_class
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
@@ -28,67 +30,6 @@ from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.training.images import ImageSet, choose_classes, open_images
-
-BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"
-NEED_DATA = (BEST_IMAGE, RANDOM_IMAGE)
-
-
-class BaselineConfig(Config):
-    """Patch sets of one kind to make."""
-
-    kind: Annotated[
-        Literal["qr", "apriltag", "best-image", "random-image", "fixed-pattern"], Flag(positional=True, metavar="KIND")
-    ] = Field(description="qr, apriltag, best-image, random-image or fixed-pattern.")
-    class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
-        (),
-        description="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it "
-        "all.",
-    )
-    sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size-px", metavar="N")] = Field(
-        (100,), description="Side of the pictures; may be repeated."
-    )
-    data: Annotated[str | None, Flag(metavar="FOLDER")] = Field(
-        None,
-        description="Training images, one folder per class, or cifar10:FOLDER. best-image and random-image need them.",
-    )
-    set_name: Annotated[SetName | None, Flag("--set", metavar="SET")] = Field(
-        None, description="The sets are print/patches/SET-SIZE. Default: the kind."
-    )
-    border: Annotated[
-        int | None, Field(ge=1), Expect("1 or more white modules, without which no reader finds it"), Flag()
-    ] = Field(
-        None, description="White modules around a code. Default: 1, as the paper; the standard of QR codes asks for 4."
-    )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
-
-    @model_validator(mode="after")
-    def _check_kind(self) -> "BaselineConfig":
-        if self.kind in NEED_DATA and self.data is None:
-            raise FieldError(
-                f"{self.kind}: expected training images, one folder per class: name them with {{data}}", {}
-            )
-        if self.border is not None and self.kind not in (QR, APRILTAG):
-            raise FieldError(f"{self.kind} is no code and has none: leave it out", {"border": self.border})
-        return self
-
-    def name_set(self, size_px: int) -> str:
-        """Folder of the pictures of one size."""
-        return f"{self.set_name or self.kind}-{size_px}"
-
-    def prepare(self, images: ImageSet | None, classifier: Classifier) -> Baseline:
-        """What makes the pictures."""
-        classes, border = len(classifier.labels), PAPER_BORDER if self.border is None else self.border
-        if self.kind == QR:
-            return QrCodes(classes, border)
-        if self.kind == APRILTAG:
-            return AprilTags(classes, border)
-        if self.kind == FIXED_PATTERN:
-            return FixedPatterns(self.seed)
-        assert images is not None, "checked when the request was made"
-        if self.kind == BEST_IMAGE:
-            return BestImages(images, classifier)
-        return RandomImages(images, classifier, self.seed)
-
 
 METHOD_VERSION = 1
 """Raised when the same inputs give another picture."""
@@ -128,6 +69,21 @@ class _Place:
     name: str
 
 
+def prepare_baseline(config: BaselineConfig, images: ImageSet | None, classifier: Classifier) -> Baseline:
+    """What makes the pictures."""
+    classes, border = len(classifier.labels), PAPER_BORDER if config.border is None else config.border
+    if config.kind == QR:
+        return QrCodes(classes, border)
+    if config.kind == APRILTAG:
+        return AprilTags(classes, border)
+    if config.kind == FIXED_PATTERN:
+        return FixedPatterns(config.seed)
+    assert images is not None, "checked when the request was made"
+    if config.kind == BEST_IMAGE:
+        return BestImages(images, classifier)
+    return RandomImages(images, classifier, config.seed)
+
+
 def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Workspace) -> MadeBaseline:
     """Write `print/patches/NAME-SIZE/` for each size; a class's pictures are whole or absent.
 
@@ -147,7 +103,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
     else:
         images = choose_classes(images, config.class_names, classifier)
         classes = images.classes
-    baseline = config.prepare(images, classifier)
+    baseline = prepare_baseline(config, images, classifier)
     places = [_choose_place(config, baseline, classifier, workspace, size) for size in dict.fromkeys(config.sizes_px)]
     for place in places:
         _check_same_way(place, baseline)

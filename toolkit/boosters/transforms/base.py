@@ -3,13 +3,13 @@
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol, runtime_checkable
 
-import numpy as np
 from pydantic import Field
 
 from toolkit.core.config import Config
 from toolkit.core.draws import Draws
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 STAGES = ("place", "print", "paper", "view", "light", "photo", "network")
@@ -33,11 +33,11 @@ class Transform(Config):
     if TYPE_CHECKING:
         probability: float = 1.0
 
-    def rng(self, draws: Draws, of: str = "") -> np.random.Generator:
+    def rng(self, draws: Draws, of: str = "") -> "np.random.Generator":
         """Its own generator of a step; `of` tells uses of one step apart."""
         return draws.of((self.drawn_as or type(self).__name__) + of)
 
-    def draw_acting(self, rng: np.random.Generator, count: int) -> np.ndarray:
+    def draw_acting(self, rng: "np.random.Generator", count: int) -> "np.ndarray":
         """(count,) bool: which images it acts on."""
         return rng.random(count) < self.probability
 
@@ -47,11 +47,12 @@ class ImageTransform(Transform):
 
     stage = "photo"
 
-    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+    def change(self, pixels: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Change some of (b, 3, h, w) sRGB-encoded pictures in [0, 1], or a single (3, h, w); differentiable.
 
         The others come back bit for bit, and cost nothing.
         """
+        import numpy as np
         import torch
 
         batch = pixels[None] if pixels.ndim == 3 else pixels
@@ -67,11 +68,11 @@ class ImageTransform(Transform):
         return batch.index_copy(0, index, self.apply(batch[index], chosen))
 
     @abstractmethod
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """What is drawn for each of `count` images, whether it acts on them or not: arrays of that length."""
 
     @abstractmethod
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Change all of (k, 3, h, w) by what was drawn for them."""
 
 
@@ -81,7 +82,7 @@ class PaperTransform(Transform):
     stage = "paper"
 
     @abstractmethod
-    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Change drawn patches; differentiable in `paper`.
 
         Args:
@@ -98,12 +99,12 @@ class PaperTransform(Transform):
 class Placer(Protocol):
     """Where the patch lies: `toolkit.boosters.transforms.placement.AffineRanges` and its like."""
 
-    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+    def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """(count, 3, 3) `T_image_patch`, affine or projective."""
         ...
 
 
-def as_factors(values: np.ndarray, like: "torch.Tensor") -> "torch.Tensor":
+def as_factors(values: "np.ndarray", like: "torch.Tensor") -> "torch.Tensor":
     """(k,) or (k, c) numbers to (k, 1 or c, 1, 1), of `like`'s type and device."""
     import torch
 

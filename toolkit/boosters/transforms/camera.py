@@ -1,16 +1,16 @@
 """What a camera does to a photograph: exposure, blur, sensor noise, JPEG, and a hand that does not hold it still."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.config import Range, Rising
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 
@@ -27,8 +27,9 @@ class Exposure(Transform):
     factor: Annotated[Range, Rising(0.05, 20)] = (0.6, 1.5)
     tint: Annotated[float, Field(ge=0, le=0.9)] = 0.05
 
-    def draw(self, rng: np.random.Generator, count: int, like: "torch.Tensor") -> "torch.Tensor":
+    def draw(self, rng: "np.random.Generator", count: int, like: "torch.Tensor") -> "torch.Tensor":
         """(count, 3, 1, 1) factors, of `like`'s type and device."""
+        import numpy as np
         import torch
 
         low, high = np.log(self.factor)
@@ -57,17 +58,19 @@ class CameraBlur(ImageTransform):
     motion_px: Annotated[Range, Rising(0, 16)] = (0.0, 2.5)
     probability: Probability = 0.3
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Width of the Gaussian, length and angle of the line."""
+        import numpy as np
+
         sigma, length = rng.uniform(*self.defocus_px, count), rng.uniform(*self.motion_px, count)
         return sigma, length, rng.uniform(0, np.pi, count)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Convolve."""
         return blur(some, make_kernels(*drawn))
 
 
-def make_kernels(sigma_px: np.ndarray, length_px: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.ndarray") -> "np.ndarray":
     """(k, s, s) kernels that sum to 1: a Gaussian convolved with a line, in closed form at the pixel centres.
 
     Args:
@@ -75,6 +78,7 @@ def make_kernels(sigma_px: np.ndarray, length_px: np.ndarray, angle: np.ndarray)
         length_px: (k,) of the line; 0 leaves the Gaussian alone.
         angle: (k,) of the line, radians from x (right) towards y (down).
     """
+    import numpy as np
     from scipy.special import ndtr
 
     reach = int(np.ceil((3 * sigma_px + length_px / 2).max()))
@@ -87,7 +91,7 @@ def make_kernels(sigma_px: np.ndarray, length_px: np.ndarray, angle: np.ndarray)
     return kernels / kernels.sum(axis=(1, 2), keepdims=True)
 
 
-def blur(pixels: "torch.Tensor", kernels: np.ndarray) -> "torch.Tensor":
+def blur(pixels: "torch.Tensor", kernels: "np.ndarray") -> "torch.Tensor":
     """Convolve each of (b, 3, h, w) with its own kernel of (b, s, s); the edges repeat."""
     import torch
     from torch.nn.functional import conv2d, pad
@@ -121,12 +125,14 @@ class SensorNoise(ImageTransform):
     read: Annotated[Range, Rising(0, 0.2)] = (0.0, 0.006)
     probability: Probability = 0.3
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Shot noise, read noise, and the seed of the grain of all."""
+        import numpy as np
+
         shot, read = rng.uniform(*self.shot, count), rng.uniform(*self.read, count)
         return shot, read, np.full(count, rng.integers(1 << 62))
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Add grain, and stay within [0, 1]."""
         import torch
 
@@ -138,14 +144,16 @@ class SensorNoise(ImageTransform):
         return (some + grain.mul_(deviation)).clamp(0, 1)
 
 
-LUMA = np.array([
+LUMA = (
     [16, 11, 10, 16, 24, 40, 51, 61], [12, 12, 14, 19, 26, 58, 60, 55], [14, 13, 16, 24, 40, 57, 69, 56],
     [14, 17, 22, 29, 51, 87, 80, 62], [18, 22, 37, 56, 68, 109, 103, 77], [24, 35, 55, 64, 81, 104, 113, 92],
     [49, 64, 78, 87, 103, 121, 120, 101], [72, 92, 95, 98, 112, 100, 103, 99],
-])  # fmt: skip
-CHROMA = np.full((8, 8), 99)
-CHROMA[:4, :4] = [[17, 18, 24, 47], [18, 21, 26, 66], [24, 26, 56, 99], [47, 66, 99, 99]]
-YCC_FROM_RGB = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
+)  # fmt: skip
+CHROMA = (
+    [17, 18, 24, 47, 99, 99, 99, 99], [18, 21, 26, 66, 99, 99, 99, 99], [24, 26, 56, 99, 99, 99, 99, 99],
+    [47, 66, 99, 99, 99, 99, 99, 99], *[[99] * 8] * 4,
+)  # fmt: skip
+YCC_FROM_RGB = ((0.299, 0.587, 0.114), (-0.168736, -0.331264, 0.5), (0.5, -0.418688, -0.081312))
 MIDDLE = 128.0
 """Taken off luma before it is transformed; chroma is about 0 already."""
 
@@ -165,11 +173,11 @@ class JpegFile(ImageTransform):
     quality: Annotated[tuple[int, int], Rising(1, 100)] = (40, 95)
     probability: Probability = 0.3
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Qualities."""
         return (rng.integers(self.quality[0], self.quality[1] + 1, count),)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Save and read again."""
         return compress(some, drawn[0])
 
@@ -192,18 +200,20 @@ def round_straight(values: "torch.Tensor") -> "torch.Tensor":
 
 def compress(
     pixels: "torch.Tensor",
-    quality: np.ndarray,
+    quality: "np.ndarray",
     rounding: Callable[["torch.Tensor"], "torch.Tensor"] = round_straight,
 ) -> "torch.Tensor":
     """What (b, 3, h, w) sRGB-encoded pixels in [0, 1] become in JPEG files of the qualities (b,); within [0, 1]."""
+    import numpy as np
     import torch
     from torch.nn.functional import avg_pool2d, interpolate, pad
 
     h, w = pixels.shape[-2:]
     full = pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
+    ycc_from_rgb = np.array(YCC_FROM_RGB)
     to_ycc, from_ycc = (
         torch.as_tensor(matrix, dtype=pixels.dtype, device=pixels.device)
-        for matrix in (YCC_FROM_RGB * 255, np.linalg.inv(YCC_FROM_RGB) / 255)
+        for matrix in (ycc_from_rgb * 255, np.linalg.inv(ycc_from_rgb) / 255)
     )
     ycc = (to_ycc @ full.flatten(2)).view(full.shape)
     luma = _code_blocks(ycc[:, :1], quantise_tables(LUMA, quality), MIDDLE, rounding)
@@ -213,27 +223,32 @@ def compress(
     return decoded.view(full.shape)[..., :h, :w].clamp(0, 1)
 
 
-def quantise_tables(table: np.ndarray, quality: np.ndarray) -> np.ndarray:
+def quantise_tables(table: Sequence[Sequence[int]], quality: "np.ndarray") -> "np.ndarray":
     """(b, 64) steps between coefficients, the table scaled as the IJG scales it."""
+    import numpy as np
+
     quality = np.asarray(quality)
     percent = np.where(quality < 50, 5000 // quality.clip(1), 200 - 2 * quality)
-    return ((table.reshape(1, 64) * percent[:, None] + 50) // 100).clip(1, 255).astype(float)
+    return ((np.reshape(table, (1, 64)) * percent[:, None] + 50) // 100).clip(1, 255).astype(float)
 
 
 @lru_cache(maxsize=1)
-def _cosines() -> np.ndarray:
+def _cosines() -> "np.ndarray":
     """(64, 64) the two-dimensional DCT of a block of 8 × 8 as one orthonormal matrix."""
+    import numpy as np
+
     frequency, place = np.mgrid[:8, :8]
     rows = np.cos((2 * place + 1) * frequency * np.pi / 16) / 2
     rows[0] /= np.sqrt(2)
     return np.kron(rows, rows)
 
 
-def _code_blocks(planes: "torch.Tensor", steps: np.ndarray, middle: float, rounding: Callable) -> "torch.Tensor":
+def _code_blocks(planes: "torch.Tensor", steps: "np.ndarray", middle: float, rounding: Callable) -> "torch.Tensor":
     """Transform, divide, round, multiply, transform back; one matrix product each way holds all but the rounding."""
+    import numpy as np
     import torch
 
-    def place(matrix: np.ndarray) -> torch.Tensor:
+    def place(matrix: "np.ndarray") -> torch.Tensor:
         return torch.as_tensor(matrix, dtype=planes.dtype, device=planes.device)
 
     b, c, h, w = planes.shape
@@ -262,17 +277,18 @@ class Jitter(ImageTransform):
     shift: Annotated[float, Field(ge=0, le=0.5)] = 0.08
     probability: Probability = 0.7
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Scales and shifts."""
         return rng.uniform(*self.scale, count), rng.uniform(-self.shift, self.shift, (count, 2))
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Resize and move by bilinear look-up."""
         return _zoom(some, *drawn)
 
 
-def _zoom(photos: "torch.Tensor", scale: np.ndarray, shift: np.ndarray) -> "torch.Tensor":
+def _zoom(photos: "torch.Tensor", scale: "np.ndarray", shift: "np.ndarray") -> "torch.Tensor":
     """(k, 3, h, w) about the middle by (k,) `scale`, then right and down by (k, 2) `shift` shares of the side."""
+    import numpy as np
     import torch
     from torch.nn.functional import affine_grid, grid_sample
 

@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from pydantic import Field
 
 from toolkit.boosters.transforms.base import PaperTransform, Probability, as_factors
 from toolkit.core.config import Range, Rising
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 
@@ -27,8 +27,9 @@ class LightRanges(PaperTransform):
     tint: Annotated[float, Field(ge=0, lt=1)] = 0.06
     probability: Probability = 1.0
 
-    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """One light for each image."""
+        import numpy as np
         import torch
 
         count = len(paper)
@@ -62,8 +63,10 @@ class TapeGlare(PaperTransform):
     strip_width: Annotated[Range, Rising(0, 1)] = (0.05, 0.15)
     strip_probability: Probability = 0.1
 
-    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
         """Lay shine and strips over drawn patches."""
+        import numpy as np
+
         count = len(paper)
         shines, hides = self.draw_acting(rng, count), rng.random(count) < self.strip_probability
         width, length = rng.uniform(*self.width, count), rng.uniform(*self.length, count)
@@ -84,12 +87,13 @@ class TapeGlare(PaperTransform):
 
 
 def _measure(
-    mask: "torch.Tensor", angle: np.ndarray, centre: np.ndarray
+    mask: "torch.Tensor", angle: "np.ndarray", centre: "np.ndarray"
 ) -> tuple["torch.Tensor", "torch.Tensor", "torch.Tensor"]:
     """Coordinates (b, 1, m, m) along and across a direction, from `centre`, and a pixel's size.
 
     All are shares of the patch's side, here the root of its area; its own middle is (0, 0).
     """
+    import numpy as np
     import torch
 
     m = mask.shape[-1]
@@ -104,6 +108,6 @@ def _measure(
     return along, y * cosine - x * sine - as_factors(centre[:, 1], mask), pixel
 
 
-def _cover(paper: "torch.Tensor", mask: "torch.Tensor", alpha: "torch.Tensor", colour: np.ndarray) -> "torch.Tensor":
+def _cover(paper: "torch.Tensor", mask: "torch.Tensor", alpha: "torch.Tensor", colour: "np.ndarray") -> "torch.Tensor":
     """Paint `colour` over premultiplied paper where the patch is; alpha 0 leaves a value exactly as it was."""
     return paper + alpha * (mask * as_factors(colour, paper) - paper)

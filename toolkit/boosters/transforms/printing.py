@@ -3,17 +3,18 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field, model_serializer
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability, as_factors
 from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
-from toolkit.imaging.printer import PAPER, SOLIDS, Exponents, PrintProfile, Triple
-from toolkit.objects.records import printed_size_mm
+from toolkit.objects.spec import printed_size_mm
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
+
+    from toolkit.imaging.printer import PrintProfile
 
 LUMA = (0.2126, 0.7152, 0.0722)
 BLEED_MM = (0.03, 0.2)
@@ -54,26 +55,27 @@ class PrintProcess(ImageTransform):
     texel_mm: Texel = printed_size_mm(1)
     probability: Probability = 0.25
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Bleed in millimetres, dot gain, chroma, density, paper: a printer for each print."""
         bleed, gain = rng.uniform(*self.bleed_mm, count), rng.uniform(*self.dot_gain, count)
         chroma, density = rng.uniform(*self.chroma, count), rng.uniform(*self.density, count)
         white = rng.uniform(*self.white, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
         return bleed, gain, chroma, density, white
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Print each on its own printer."""
         bleed, gain, chroma, density, white = drawn
         printed = mix_solids(gain_dots(spread_ink(some, bleed / self.texel_mm), gain))
         return finish_inks(printed, chroma, density, white)
 
 
-def spread_ink(pixels: "torch.Tensor", sigma_texels: np.ndarray) -> "torch.Tensor":
+def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Tensor":
     """Blur each of (b, 3, h, w) by its Gaussian, exactly for square texels, whose edges may be much sharper than it.
 
     A texel's mean after blurring weighs its neighbours by the overlap of two boxes and a Gaussian between: the second
     difference of x Φ(x) + φ(x).
     """
+    import numpy as np
     import torch
     from scipy.special import ndtr
     from torch.nn.functional import conv2d, pad
@@ -91,7 +93,7 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: np.ndarray) -> "torch.Tenso
     return flat.reshape(pixels.shape)
 
 
-def gain_dots(pixels: "torch.Tensor", gain: np.ndarray) -> "torch.Tensor":
+def gain_dots(pixels: "torch.Tensor", gain: "np.ndarray") -> "torch.Tensor":
     """Let dots grow: coverage a = 1 - x becomes a + 4 g a (1 - a); paper and solids stay, tones between darken."""
     return pixels - 4 * as_factors(gain, pixels) * pixels * (1 - pixels)
 
@@ -100,15 +102,21 @@ def mix_solids(pixels: "torch.Tensor") -> "torch.Tensor":
     """Look (b, 3, h, w) in [0, 1] up in the cube of printed solids."""
     import torch
 
+    from toolkit.imaging.printer import SOLIDS
+
     off_on = torch.stack([1 - pixels, pixels], dim=2)
     areas = torch.einsum("bihw,bjhw,bkhw->bijkhw", off_on[:, 0], off_on[:, 1], off_on[:, 2])
     solids = torch.as_tensor(SOLIDS, dtype=pixels.dtype, device=pixels.device)
     return torch.einsum("bijkhw,ijkc->bchw", areas, solids)
 
 
-def finish_inks(printed: "torch.Tensor", chroma: np.ndarray, density: np.ndarray, white: np.ndarray) -> "torch.Tensor":
+def finish_inks(
+    printed: "torch.Tensor", chroma: "np.ndarray", density: "np.ndarray", white: "np.ndarray"
+) -> "torch.Tensor":
     """Dull, thin and yellow a print: shares of its distance from grey, of its distance from paper, and its paper."""
     import torch
+
+    from toolkit.imaging.printer import PAPER
 
     weights = torch.as_tensor(LUMA, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
     paper = torch.as_tensor(PAPER, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
@@ -136,9 +144,9 @@ class ProfiledPrint(ImageTransform):
     profile_sha256: str
     held_out: float
     power: float
-    exponents: tuple[Exponents, ...]
-    coefficients: tuple[Triple, ...]
-    paper_linear: Triple
+    exponents: tuple[tuple[int, int, int], ...]
+    coefficients: tuple[tuple[float, float, float], ...]
+    paper_linear: tuple[float, float, float]
     bleed_mm: Bleed = BLEED_MM
     texel_mm: Texel = printed_size_mm(1)
     probability: Probability = 1.0
@@ -147,11 +155,11 @@ class ProfiledPrint(ImageTransform):
     def _dump(self, dump: Callable[[Config], dict[str, Any]]) -> dict[str, Any]:
         return {"sha256" if name == "profile_sha256" else name: value for name, value in dump(self).items()}
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Bleed in millimetres."""
         return (rng.uniform(*self.bleed_mm, count),)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Spread the ink, and take the profile's colours."""
         return self.colour(spread_ink(some, drawn[0] / self.texel_mm))
 
@@ -174,7 +182,7 @@ class ProfiledPrint(ImageTransform):
         )
 
 
-def use_profile(profile: PrintProfile) -> ProfiledPrint:
+def use_profile(profile: "PrintProfile") -> ProfiledPrint:
     """The transform that prints as a profile says."""
     return ProfiledPrint(
         name=profile.name, profile_sha256=sha256_bytes(profile.model_dump_json().encode()),

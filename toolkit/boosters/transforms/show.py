@@ -3,24 +3,25 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Placer
 from toolkit.core.draws import Draws
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 RIM_PX = 2
 """Around the patch's corners: what its filtered edge may reach."""
 
 
-def find_windows(T_image_patch: np.ndarray, patch_px: int, image_px: int) -> tuple[np.ndarray, int]:
+def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "tuple[np.ndarray, int]":
     """Squares of one size, inside the image, that each hold all that is seen of a placed patch.
 
     Returns:
         (b, 2) int, their (left, top) corners in pixels, and their side.
     """
+    import numpy as np
+
     square = np.array([[0, patch_px, patch_px, 0], [0, 0, patch_px, patch_px], [1, 1, 1, 1]], float)
     x, y, w = np.moveaxis(T_image_patch @ square, 1, 0)
     points = np.stack([x / w, y / w], axis=1)
@@ -30,21 +31,23 @@ def find_windows(T_image_patch: np.ndarray, patch_px: int, image_px: int) -> tup
     return np.minimum(low, image_px - side).astype(int), side
 
 
-def move_origin(T_image_patch: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def move_origin(T_image_patch: "np.ndarray", corners: "np.ndarray") -> "np.ndarray":
     """`T_window_patch` for windows at `corners`."""
+    import numpy as np
+
     T_window_image = np.tile(np.eye(3), (len(corners), 1, 1))
     T_window_image[:, :2, 2] = -corners
     return T_window_image @ T_image_patch
 
 
-def cut_windows(images: "torch.Tensor", corners: np.ndarray, side: int) -> "torch.Tensor":
+def cut_windows(images: "torch.Tensor", corners: "np.ndarray", side: int) -> "torch.Tensor":
     """(b, c, side, side) from (b, c, m, m)."""
     import torch
 
     return torch.stack([image[:, y : y + side, x : x + side] for image, (x, y) in zip(images, corners, strict=True)])
 
 
-def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: np.ndarray) -> "torch.Tensor":
+def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.ndarray") -> "torch.Tensor":
     """Images with their windows replaced, differentiable in both.
 
     Autograd would record sixteen assignments and copy the whole gradient for each; here it is cut once.
@@ -88,11 +91,12 @@ class WarpPlan:
     repeat: int
     side: int
     start: int
-    footprints: np.ndarray
+    footprints: "np.ndarray"
 
 
-def plan_warp(T_image_patch: np.ndarray, patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
+def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
     """Sizes for `warp_patch`; `T_image_patch` is (b, 3, 3), affine or projective."""
+    import numpy as np
     from scipy.fft import next_fast_len
 
     jacobian = _jacobian(T_image_patch, patch_px)
@@ -105,8 +109,10 @@ def plan_warp(T_image_patch: np.ndarray, patch_px: int, scales: tuple[float, flo
     return WarpPlan(repeat, side, (side - patch_px * repeat) // 2, footprints)
 
 
-def _jacobian(T_image_patch: np.ndarray, patch_px: int) -> np.ndarray:
+def _jacobian(T_image_patch: "np.ndarray", patch_px: int) -> "np.ndarray":
     """(b, 2, 2) image pixels per texel at the patch's centre; exact everywhere when affine."""
+    import numpy as np
+
     centre = np.array([patch_px / 2, patch_px / 2, 1])
     x, y, w = np.moveaxis(T_image_patch @ centre, -1, 0)
     rows, last = T_image_patch[:, :2, :2], T_image_patch[:, 2:, :2]
@@ -114,7 +120,7 @@ def _jacobian(T_image_patch: np.ndarray, patch_px: int) -> np.ndarray:
 
 
 def warp_patch(
-    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int, scales: tuple[float, float] | None = None,
+    patch: "torch.Tensor", T_image_patch: "np.ndarray", image_px: int, scales: tuple[float, float] | None = None,
     mask: "torch.Tensor | None" = None,
 ) -> tuple["torch.Tensor", "torch.Tensor"]:  # fmt: skip
     """Draw a patch and its mask into images.
@@ -150,11 +156,13 @@ def warp_patch(
     return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
 
 
-def _filter_windows(plan: WarpPlan) -> np.ndarray:
+def _filter_windows(plan: WarpPlan) -> "np.ndarray":
     """(b, side, side // 2 + 1) float32 transfer functions of the pixel footprints.
 
     Bilinear look-up filters by sinc² per axis where square texels need sinc once; the window divides one of them out.
     """
+    import numpy as np
+
     down, right = np.fft.fftfreq(plan.side)[:, None], np.fft.rfftfreq(plan.side)[None]
     edges = np.moveaxis(plan.footprints, 0, -1)[..., None, None].astype(np.float32)
     down, right = down.astype(np.float32), right.astype(np.float32)
@@ -162,8 +170,9 @@ def _filter_windows(plan: WarpPlan) -> np.ndarray:
     return window / (np.sinc(right) * np.sinc(down))
 
 
-def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, like: "torch.Tensor") -> "torch.Tensor":
+def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, like: "torch.Tensor") -> "torch.Tensor":
     """(b, m, m, 2) look-up positions of pixel centres, in `grid_sample`'s [-1, 1], of `like`'s type and device."""
+    import numpy as np
     import torch
 
     to_unit = np.array(

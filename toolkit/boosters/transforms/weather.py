@@ -3,18 +3,19 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, cast
 
-import numpy as np
 from pydantic import field_validator
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.linear_view import LinearView
 from toolkit.worlds.conditions import read_weathers
-from toolkit.worlds.depth_view import DepthView
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
+
+    from toolkit.rig.linear_view import LinearView
+    from toolkit.worlds.depth_view import DepthView
 
 TINT = 0.12
 """How much bluer or yellower than grey the air's light may be drawn."""
@@ -37,12 +38,12 @@ class Fog(ImageTransform):
     smoothness: Annotated[Range, Rising(1.1, 4)] = (1.4, 2.0)
     probability: Probability = 0.3
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Strength, smoothness, and the seed of the clouds."""
         strength, smoothness = rng.uniform(*self.strength, count), rng.uniform(*self.smoothness, count)
         return strength, smoothness, rng.integers(1 << 62, size=count)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Lay clouds over each, within [0, 1]."""
         import torch
 
@@ -62,8 +63,10 @@ def read_words(given: object) -> object:
     return Weathered(weathers=read) if isinstance(read, tuple) else read
 
 
-def find_depths(views: Sequence[LinearView], metres_per_unit: Sequence[float]) -> list[DepthView]:
+def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float]) -> "list[DepthView]":
     """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
+    from toolkit.worlds.depth_view import DepthView
+
     buffers = [view.depth for view in views]
     return [
         DepthView.of_model(one.depth, one.camera, one.T_world_camera, metres)
@@ -108,7 +111,7 @@ class Weathered(Transform):
 
         return describe_weathers(self.weathers)
 
-    def draw(self, views: Sequence[DepthView], rng: np.random.Generator) -> "tuple[torch.Tensor, torch.Tensor]":
+    def draw(self, views: "Sequence[DepthView]", rng: "np.random.Generator") -> "tuple[torch.Tensor, torch.Tensor]":
         """Factor and offset of linear light, both (b, h, w, 3) float32: weathered light is factor · light + offset.
 
         They do not depend on the light, so that the gradient through weather is the factor: the true one.
@@ -117,6 +120,7 @@ class Weathered(Transform):
             views: depths of b views of one size, at the object's real size: see `DepthView.of_model`.
             rng: draws.
         """
+        import numpy as np
         import torch
 
         from toolkit.corruptions.batch import draw_corrupted
@@ -182,12 +186,13 @@ class Corrupted(ImageTransform):
 
         return f"{name_corruptions(self.corruptions)}, probability {self.probability:g}"
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
         """Which corruption, and the seed of it; as `toolkit.corruptions.batch.draw_corrupted`."""
         return rng.integers(len(self.corruptions), size=count), rng.integers(2**62, size=count)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
         """Corrupt each, within [0, 1]; see `corrupt_straight`."""
+        import numpy as np
         import torch
 
         kinds, seeds = drawn

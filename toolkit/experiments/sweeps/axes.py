@@ -3,18 +3,13 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from pydantic import Field, model_validator
-
-from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.eval_config import RunName
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
-from toolkit.rig.requests import PAIR
 from toolkit.rig.studio import BACKDROPS, LIGHTS
 from toolkit.rig.variants import Print, apply_booster, find_booster
 
@@ -260,47 +255,3 @@ def _plan_unit(
     except ToolkitError as error:
         refused = str(error)
     return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)
-
-
-class SweepConfig(Config):
-    """One sweep; see `run_sweep`."""
-
-    axis: Annotated[str, Flag(metavar="AXIS", positional=True)] = Field(
-        description="light, backdrop, distance, resolution, size or seed."
-    )
-    values: Annotated[tuple[Value, ...], Flag(metavar="VALUES", typed=tuple[str, ...])] = Field(
-        (),
-        description="Values to try; repeat, or separate by commas. Names of lights or backdrops, factors of the plan's "
-        "distance, widths of the picture in px, sides of the printed patch in mm, or seeds.",
-    )
-    objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
-        (), description="Object to shoot; repeat for more. Default: all in the plan."
-    )
-    variants: Annotated[tuple[str, ...], Flag("--variant", metavar="NAME")] = Field(
-        PAIR, description="As in capture-sim; repeat for more."
-    )
-    run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
-        None, description="Name in the results' file names; default: the network's, and that of the set of patches."
-    )
-    trained: Annotated[bool, Flag("--trained")] = Field(
-        False,
-        description="Of the axis size: at each size the set of patches trained for it, print/patches/60mm for 60 mm "
-        "('train-patch --size-mm 60 --out print/patches/60mm').",
-    )
-    seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
-
-    @model_validator(mode="after")
-    def _check_values(self) -> "SweepConfig":
-        axis, _ = self.parse()
-        if self.trained and axis.name != "size":
-            raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
-        return self
-
-    def parse(self) -> tuple[Axis, list[Value]]:
-        """The axis, and its values in order.
-
-        Raises:
-            ToolkitError: there is no such axis, or it cannot have such a value.
-        """
-        axis = find_axis(self.axis)
-        return axis, parse_values(axis, self.values)

@@ -17,7 +17,8 @@ from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.results import compare_predictions
-from toolkit.experiments.sweeps.axes import ShootSetup, SweepConfig, SweepPoint, plan_units
+from toolkit.experiments.sweeps.axes import ShootSetup, SweepPoint, plan_units
+from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.experiments.sweeps.sweep_rows import Sweep, draw_sweep, write_sweep
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan

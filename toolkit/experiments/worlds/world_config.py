@@ -9,9 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation.eval_config import RunName
-from toolkit.rig.variants import VARIANTS
 from toolkit.worlds import conditions
-from toolkit.worlds.airsim import Address
 from toolkit.worlds.conditions import CLEAR, Time
 from toolkit.worlds.requests import DRY, Kind
 
@@ -45,6 +43,8 @@ def read_grid(given: object) -> object:
 def check_renderer(renderer: str) -> str:
     """`raycast`, or a simulator's address; a `FieldError` where it is neither."""
     if renderer != RIG:
+        from toolkit.worlds.airsim import Address
+
         Address.parse(renderer)
     return renderer
 
@@ -55,6 +55,8 @@ def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
     Raises:
         ToolkitError: there is no such variant, or it lies on a table without the object.
     """
+    from toolkit.rig.variants import VARIANTS
+
     for variant in variants:
         if variant not in (*VARIANTS, ABSENT):
             raise one_of("variant", variant, [*VARIANTS, ABSENT])

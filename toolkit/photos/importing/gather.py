@@ -7,6 +7,7 @@ from pathlib import Path
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import real_path
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.photo import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
 from toolkit.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
@@ -163,7 +164,7 @@ def _list_all(
             except UnreadableImage as error:
                 unreadable.append((label, error.reason))
             else:
-                listed.append((file, label, (path.resolve().name, *parts[:-1])))
+                listed.append((file, label, (real_path(path).name, *parts[:-1])))
     return listed, unreadable, others
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import resolve_links
+from toolkit.core.files import real_path
 from toolkit.core.locks import hold_folder
 from toolkit.core.names import is_folder_name
 from toolkit.core.workspace import Workspace
@@ -64,9 +64,9 @@ def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
     Raises:
         ToolkitError: a path lies in the workspace's captures/, or holds it.
     """
-    captures = workspace.captures_dir.resolve()
+    captures = real_path(workspace.captures_dir)
     for path in paths:
-        real = resolve_links(path)
+        real = real_path(path)
         if real.is_relative_to(captures) or captures.is_relative_to(real):
             raise ToolkitError(
                 f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
