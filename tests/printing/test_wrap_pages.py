@@ -239,6 +239,7 @@ def test_the_same_wrap_gives_the_same_bytes(space, printed, tmp_path):
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", wanted=WrapSettings(roll_mm=600), out=tmp_path)
     assert printed.pages == 2
+    assert "of a roll, 2 pages" in printed.describe()
     width, height = pypdfium2.PdfDocument(printed.file)[1].get_size()
     assert width / 72 * MM_PER_INCH == pytest.approx(600)
     tops = [outline.bounds[3] for _, outline in outlines_on_pages(wrap, printed).values()]

@@ -271,6 +271,7 @@ def build_wrap_pdf(
         tuple(sizes),
         tuple(placed),
         tuple(order),
+        roll_mm,
     )
     return printed, pdf.finish(), {one.record.number: one.outline for one in sheets}
 
