@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import ezdxf
 import numpy as np
+import pdfplumber
 import pypdf
 import pypdfium2
 import pytest
@@ -72,6 +73,7 @@ def outlines_on_pages(wrap, printed):
     return found
 
 
+@pytest.mark.slow
 def test_every_edge_is_where_the_flat_piece_has_it(wrap, printed, tmp_path):
     """The cut line alone, drawn at 600 dpi, is within 0.2 mm of the outlines, and runs along all of them."""
     outlines = outlines_on_pages(wrap, printed)
@@ -147,6 +149,7 @@ def test_the_page_read_back_by_the_map_is_the_canvas(wrap, printed):
     assert len(np.concatenate(difference)) > 2000
 
 
+@pytest.mark.slow
 def test_bleed_reaches_past_the_cut_and_no_further(wrap, printed):
     """Green is on the page as far as 1.5 mm outside the outlines."""
     per_mm = 300 / MM_PER_INCH
@@ -239,6 +242,7 @@ def test_the_same_wrap_gives_the_same_bytes(space, printed, tmp_path):
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", wanted=WrapSettings(roll_mm=600), out=tmp_path)
     assert printed.pages == 2
+    assert "of a roll, 2 pages" in printed.describe()
     width, height = pypdfium2.PdfDocument(printed.file)[1].get_size()
     assert width / 72 * MM_PER_INCH == pytest.approx(600)
     tops = [outline.bounds[3] for _, outline in outlines_on_pages(wrap, printed).values()]
@@ -279,3 +283,19 @@ def test_the_first_page_numbers_every_piece_and_holds_the_strip(printed, wrap):
     assert "the kit knows these colours" in text
     assert all(side in text for side in ("front", "left", "back", "right", "top", "bottom"))
     assert wrap.record.map_sha256[:12] in text
+
+
+def test_every_piece_has_its_number_beside_it(printed, wrap):
+    """In 3 mm bold, off all pictures."""
+    outlines = outlines_on_pages(wrap, printed)
+    with pdfplumber.open(printed.file) as pdf:
+        for one in printed.placed:
+            page = pdf.pages[one.page - 1]
+            (mark,) = [
+                char for char in page.chars
+                if char["text"] == str(one.number) and abs(max(char["width"], char["height"]) - 8.5) < 0.1
+            ]  # fmt: skip
+            left, low, right, high = (mark[side] / 72 * MM_PER_INCH for side in ("x0", "y0", "x1", "y1"))
+            middle = shapely.Point((left + right) / 2, (low + high) / 2)
+            assert outlines[one.number][1].distance(middle) < 12
+            assert all(outline.distance(middle) > BLEED_MM for at, outline in outlines.values() if at == one.page)

@@ -32,7 +32,7 @@ CUT = "CutContour"
 CUT_CMYK = (0.0, 1.0, 0.0, 0.0)
 CUT_LINE_MM = 0.25 / 72 * 25.4
 """A quarter of a point, as those machines' manuals ask."""
-ROOM_MM = 4.9
+ROOM_MM = 5.4
 """Paper round a piece's box: bleed, and letters outside it."""
 LEAST_ROOM_MM = 2.2
 """Of a piece that nearly fills the page."""
@@ -271,6 +271,7 @@ def build_wrap_pdf(
         tuple(sizes),
         tuple(placed),
         tuple(order),
+        roll_mm,
     )
     return printed, pdf.finish(), {one.record.number: one.outline for one in sheets}
 
@@ -447,6 +448,7 @@ def _rings(outline: "Polygon") -> list[np.ndarray]:
 
 
 def _draw_piece(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece) -> None:
+    _draw_leaders(pdf, sheet, here)  # first: where one crosses the piece, the picture hides it
     with pdf.moved(here.x_mm, here.y_mm, 90 * here.quarters if here.quarters else None):
         _draw_flat(pdf, wrap, index, sheet)
     _draw_words(pdf, sheet, here)
@@ -488,13 +490,19 @@ def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
         pdf.line(near.x, near.y, x, y)
 
 
-def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
-    """Letters at seams, and the piece's number with the arrow up; all read level on the page."""
+def _draw_leaders(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
+    """Fine lines from letters that found no paper near their edge."""
+    pdf.ink(SOFT, 0.1)
     for label in sheet.letters:
-        (x, y), about = here.to_page(np.array(label.at)).tolist(), here.to_page(np.array(label.about)).tolist()
-        if np.hypot(x - about[0], y - about[1]) > BLEED_MM + 3.5:
-            pdf.ink(SOFT, 0.1)
-            pdf.line(x, y, *about)
+        start, end = here.to_page(np.array([label.at, label.about]))
+        if np.hypot(*(end - start)) > BLEED_MM + 3.5:
+            pdf.line(*start.tolist(), *end.tolist())
+
+
+def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
+    """Letters at seams, and the piece's number with the arrow up."""
+    for label in sheet.letters:
+        x, y = here.to_page(np.array(label.at)).tolist()
         pdf.write(label.text, x, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=12, font=BOLD, align="centre")
     if sheet.number is None:
         return
