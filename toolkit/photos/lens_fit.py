@@ -18,7 +18,7 @@ LEAST_OUTLIER_PX = 0.5
 BAD_VIEW = 3.0
 """A view whose corners lie so many times farther off than the median view's is left out: a blurred or moved board."""
 STRAY = 2.5
-"""A corner is left out alone if it lies beyond `OUTLIER_SIGMAS`, so many times farther off than its view's median."""
+"""Times its view's median that a corner must lie off, and beyond `OUTLIER_SIGMAS`, to be left out alone."""
 CELLS = (8, 6)
 """The frame is divided into so many cells across and down to say how much of it was covered."""
 GOOD_COVERAGE = 0.6
