@@ -97,6 +97,7 @@ def test_settings_are_valid(page: str) -> None:
     """Files that a page shows are read by the models that read the user's."""
     from toolkit.models.labels import LabelsFile
     from toolkit.objects.spec import ObjectSpec
+    from toolkit.rig.board_file import BoardSpec
     from toolkit.worlds.own import KitLayout
 
     if sys.version_info >= (3, 11):
@@ -107,6 +108,8 @@ def test_settings_are_valid(page: str) -> None:
         content = tomllib.loads(block.body)
         if "mesh" in content:
             ObjectSpec.model_validate(content)
+        elif "kind" in content:
+            BoardSpec.model_validate(content).make()
         elif "rows" in content:
             KitLayout.model_validate(content)
         else:

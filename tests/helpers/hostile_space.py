@@ -39,7 +39,7 @@ def furnish(space: Workspace) -> None:
     from toolkit.photos.gates.check_photo import PhotoCheck
     from toolkit.photos.gates.result import GateResult
     from toolkit.rig.board import DEFAULT_BOARD
-    from toolkit.rig.board_file import write_board
+    from toolkit.rig.board_file import BoardSpec, boards_dir, write_board, write_spec
     from toolkit.rig.plan import read_plan
     from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
@@ -48,6 +48,10 @@ def furnish(space: Workspace) -> None:
     shutil.rmtree(shoot_plan(space, plan, ["crate"], ["unpatched"], source="first").source_dir)
     write_shots(space.root / "rig" / "shots.json", list_shots(plan, order_shots(plan, ["crate"])))
     write_board(space, DEFAULT_BOARD)
+    spec = BoardSpec(
+        kind="charuco", columns=7, rows=5, square_mm=30, marker_mm=22.5, dictionary="DICT_4X4_50", first_id=2
+    )
+    write_spec(boards_dir(space) / "card.toml", spec)
     lens = LENS | {
         "camera": "a phone", "focal_35mm_mm": 26.0, "distortion": [0.1, 0.0, 0.0, 0.0, 0.0], "reprojection_px": 0.3,
         "focal_sigma_px": 1.0, "views": 12, "coverage": 0.8,
@@ -196,6 +200,12 @@ def _read_checks(root: Path) -> None:
     read_checks(root / "captures/real", "setup")
 
 
+def _read_card(root: Path) -> None:
+    from toolkit.rig.board_file import with_board
+
+    with_board(open_workspace(root), "card")
+
+
 def _by(name: str, *arguments: str) -> Callable[[Path], object]:
     """`module:function` called with paths below the workspace, or with the workspace itself."""
 
@@ -214,6 +224,7 @@ READERS = {
     "plan": Reader("rig/plan.json", _list_plan),
     "shot list": Reader("rig/shots.json", _by("rig.shot_order:read_shots", "rig/shots.json")),
     "board": Reader("rig/board.json", _by("rig.board_file:read_board")),
+    "card": Reader("rig/boards/card.toml", _read_card, "toml"),
     "lenses": Reader("rig/lens.json", _by("photos.lens:read_lenses")),
     "print profile": Reader(
         "print/profiles/p.json", _by("imaging.printer:read_print_profile", "print/profiles/p.json")

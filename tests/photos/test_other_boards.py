@@ -48,6 +48,7 @@ def test_corners_lie_where_the_camera_projects_them(name):
         assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.3  # and which side is up
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOARDS)
 def test_a_board_is_told_from_its_photographs(name):
     board = BOARDS[name]
@@ -94,6 +95,7 @@ def test_a_chessboard_that_looks_the_same_turned_gives_no_pose(tmp_path):
     assert "looks the same turned half round" in locate(None, np.zeros((60, 80, 3), np.uint8))
 
 
+@pytest.mark.slow
 def test_a_mirrored_print_and_no_board_are_said_of_a_folder(tmp_path):
     for i, picture in enumerate(pictures_of(CARD)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture[:, ::-1])
@@ -105,6 +107,7 @@ def test_a_mirrored_print_and_no_board_are_said_of_a_folder(tmp_path):
         identify_board(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_commands_tell_a_board_and_calibrate_with_it(tmp_path):
     space, folder = make_workspace(tmp_path / "space"), tmp_path / "photos"
     folder.mkdir()

@@ -17,6 +17,8 @@ OUTLIER_SIGMAS = 4.0
 LEAST_OUTLIER_PX = 0.5
 BAD_VIEW = 3.0
 """A view whose corners lie so many times farther off than the median view's is left out: a blurred or moved board."""
+STRAY = 2.5
+"""Times its view's median that a corner must lie off, and beyond `OUTLIER_SIGMAS`, to be left out alone."""
 CELLS = (8, 6)
 """The frame is divided into so many cells across and down to say how much of it was covered."""
 GOOD_COVERAGE = 0.6
@@ -40,7 +42,7 @@ UNEVEN_PIXELS, UNEVEN_SIGMAS = 0.01, 3.0
 BEND_SIGMAS = 3.0
 LEAST_BEND_SHARE = 1e-3
 """Of the board's diagonal, a third of a millimetre of A4: less bend is no matter."""
-BEND_ROUNDS, BEND_STOP_MM = 5, 2e-3
+BEND_ROUNDS, BEND_STOP_MM = 5, 5e-3
 ROUNDS = 4
 
 
@@ -141,7 +143,9 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
     for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
-        dropped = _drop_view(used, fit) or _drop_corners(used, fit)
+        dropped = _drop_corners(used, fit)
+        if dropped is None:
+            dropped = _drop_view(used, fit)
         if dropped is None:
             break
         refused |= dropped
@@ -168,8 +172,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
 
 def _drop_view(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
     """Take the view that lies farthest off out of `used`, which may have spoilt the others; (index, why), or None."""
-    # the median: a view with a few wrong corners loses those alone
-    off_px = [float(np.median(np.linalg.norm(one, axis=1))) for one in fit.residuals]
+    off_px = fit.median_px
     worst, usual = max(off_px), float(np.median(off_px))
     if worst <= max(BAD_VIEW * usual, LEAST_OUTLIER_PX):
         return None
@@ -179,9 +182,15 @@ def _drop_view(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | 
 
 
 def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str] | None:
-    """Take corners that lie far off out of the views, and views out of `used` that keep too few; as `_drop_view`."""
+    """Take corners out of the views that lie far off, also by the measure of their view, which may be bad as a whole.
+
+    Views that keep too few go out of `used`; as `_drop_view`, but empty where only corners went.
+    """
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
-    good = [np.linalg.norm(residuals, axis=1) < limit for residuals in fit.residuals]
+    good = [
+        np.linalg.norm(residuals, axis=1) < max(limit, STRAY * usual)
+        for residuals, usual in zip(fit.residuals, fit.median_px, strict=True)
+    ]
     if all(mask.all() for mask in good):
         return None
     bad = {}
@@ -241,6 +250,10 @@ class _Fit:
     @property
     def view_px(self) -> list[float]:
         return [float(np.sqrt((one**2).sum(axis=1).mean())) for one in self.residuals]
+
+    @property
+    def median_px(self) -> list[float]:
+        return [float(np.median(np.linalg.norm(one, axis=1))) for one in self.residuals]
 
     def tilts(self) -> list[float]:
         """Degrees between the board's normal and the optical axis."""
