@@ -141,6 +141,8 @@ SETS = {
     "--format": "the same two",
     "--schedule": "of the learning rate; a landing's may also rise first",
     "--optimiser": "a landing has no signs",
+    "--board": "one that is looked for; of a new page the switch that prints it",
+    "--square-mm": "of a board that is found, or of one that is printed: mm, the page takes the words of a range",
     "--roll": "of a camera, a range of turns; of paper, its width",
     "--renderer": "a world may be shot in a simulator, a table top by Filament",
 }

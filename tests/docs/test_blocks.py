@@ -268,7 +268,7 @@ def test_the_road_runs_from_an_empty_folder(
 
 
 def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], None]) -> None:
-    with pytest.raises(AssertionError, match="printed alone"):
+    with pytest.raises(AssertionError, match="in a call of its own"):
         run(["toolkit", "print", "--all", "--board"])
 
 

@@ -54,6 +54,7 @@ COMMANDS = {
     "refine-network": ("refine-network", "new", "--data", "nowhere"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
+    "retexture": ("retexture", "photos", "--found", "nobody"),
     "challenge init": ("challenge", "init", "entry"),
     "challenge check": ("challenge", "check", "nobody"),
     "challenge run": ("challenge", "run", "nobody"),

@@ -140,7 +140,7 @@ def test_what_is_no_classifier_or_is_cut_otherwise(timm, tmp_path, monkeypatch):
     features = "timm:vit_small_patch14_dinov2"
     file = tmp_path / "features.pth"
     torch.save({"cls_token": torch.zeros(1)}, file)
-    assert "no classifier" in error_of(lambda: load_classifier(features, file, "cpu"))
+    assert "not a classifier" in error_of(lambda: load_classifier(features, file, "cpu"))
     assert "squash" in error_of(lambda: load_classifier("timm:convnext_tiny.in12k_ft_in1k_384", file, "cpu"))
 
 

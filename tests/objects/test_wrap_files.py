@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_pieces import box
+from test_wrap_pieces import box
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes

@@ -69,7 +69,7 @@ def test_without_a_folder_to_write_to_each_start_compiles_and_says_so(start, tmp
         assert compiled.cache_folder() is None and not compiled.is_compiled()
         compiled.prepare(lambda: pytest.fail("numba compiles what is used, when it is used"))
     said = capsys.readouterr().err.splitlines()
-    assert len(said) == 2 and said[0] == said[1] and "each start" in said[0]
+    assert len(said) == 2 and said[0] == said[1] and "every start" in said[0]
 
 
 @pytest.fixture

@@ -80,7 +80,7 @@ def test_eight_at_once_for_one_pose_are_kept_or_told_of_the_later_one(desk, phot
 @pytest.mark.parametrize("size", [(1, 20000), (20000, 1), (8, 8), (40, 900)])
 def test_a_picture_that_shows_nothing_is_no_photograph(desk, photo, size):
     answer = desk.send(1, photo(size=size, kind="PNG"))
-    assert answer.status_code == 415 and "px shows nothing" in answer.json()["error"]
+    assert answer.status_code == 415 and "too small to be measured" in answer.json()["error"]
 
 
 @pytest.mark.parametrize(

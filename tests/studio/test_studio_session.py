@@ -82,7 +82,7 @@ def test_a_kill_between_keeping_and_clearing_up_is_no_retake(desk, photo, reopen
 def test_one_photograph_cannot_be_two_shots(desk, photo):
     desk.send_and_keep(1, photo())
     answer = desk.send(2, photo())
-    assert answer.status_code == 409 and "there already, as crate" in answer.json()["error"]
+    assert answer.status_code == 409 and "stored already, as crate" in answer.json()["error"]
     assert desk.statuses() == ["done", "open", "open", "open"]
 
 

@@ -321,7 +321,7 @@ def test_a_folder_of_other_classes_is_a_line(colours, tmp_path):
     space = make_space(tmp_path / "space")
     (colours / "red").rename(colours / "purple")
     try:
-        with pytest.raises(ToolkitError, match=r"'purple' is no class of own .*\{?model"):
+        with pytest.raises(ToolkitError, match=r"'purple' is not a class of own .*\{?model"):
             refine(space, colours)
     finally:
         (colours / "purple").rename(colours / "red")

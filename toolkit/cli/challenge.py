@@ -1,4 +1,4 @@
-"""`toolkit challenge`: enter a booster, check an entry, score it, and rank entries."""
+"""`toolkit challenge init`, `check`, `run` and `board`: enter a booster, check, score and rank entries."""
 
 from pathlib import Path
 from typing import Annotated

@@ -114,7 +114,7 @@ def find_sources(folder: Path, out: Path, image_format: str) -> tuple[list[Sourc
 
     def is_made(path: Path) -> bool:
         file = folder / path
-        return any(place.is_relative_to(real_out) for place in (file.resolve(), file.parent.resolve() / file.name))
+        return any(place.is_relative_to(real_out) for place in (real_path(file), real_path(file.parent) / file.name))
 
     found = find_files(folder)
     paths = [Path(*parts) for parts in found.images]

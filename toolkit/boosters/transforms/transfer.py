@@ -2,12 +2,12 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from pydantic import Field
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
 GREY = 0.5
@@ -30,12 +30,13 @@ class Cutout(ImageTransform):
     share: Annotated[float, Field(gt=0, le=1)] = 0.4
     probability: Probability = 0.9
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> tuple["np.ndarray", ...]:
         """(count, 2) middle of the square, right and down, shares of the side."""
         return (rng.uniform(-OVERHANG, 1 + OVERHANG, (count, 2)),)
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: tuple["np.ndarray", ...]) -> "torch.Tensor":
         """Hide it; texels are hidden by their middles."""
+        import numpy as np
         import torch
 
         n = some.shape[-1]
@@ -62,15 +63,17 @@ class BlockShuffle(ImageTransform):
     max_angle_deg: Annotated[float, Field(ge=0, le=180)] = 24.0
     probability: Probability = 0.5
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+    def draw(self, rng: "np.random.Generator", count: int) -> tuple["np.ndarray", ...]:
         """Axis of the strips; sizes and order of strips and of the blocks in each; angles."""
+        import numpy as np
+
         n = self.blocks
         sizes = rng.uniform(size=(count, 1 + n, n))
         orders = rng.permuted(np.tile(np.arange(n), (count, 1 + n, 1)), axis=2)
         angles = rng.uniform(-self.max_angle_deg, self.max_angle_deg, (count, n, n))
         return rng.integers(2, size=count), sizes, orders, angles
 
-    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+    def apply(self, some: "torch.Tensor", drawn: tuple["np.ndarray", ...]) -> "torch.Tensor":
         """Cut, turn, shuffle, and join."""
         import torch
 
@@ -78,7 +81,7 @@ class BlockShuffle(ImageTransform):
 
 
 def _shuffle(
-    photo: "torch.Tensor", axis: int, sizes: np.ndarray, orders: np.ndarray, angles: np.ndarray
+    photo: "torch.Tensor", axis: int, sizes: "np.ndarray", orders: "np.ndarray", angles: "np.ndarray"
 ) -> "torch.Tensor":
     """(3, h, w) with its strips along `axis` (0: down, 1: right), and the blocks of each, in other places."""
     import torch
@@ -97,8 +100,10 @@ def _shuffle(
     return torch.cat(joined, along)
 
 
-def divide(length: int, sizes: np.ndarray) -> list[int]:
+def divide(length: int, sizes: "np.ndarray") -> list[int]:
     """A length in whole parts that are to each other as `sizes`, to rounding; the largest takes what is left."""
+    import numpy as np
+
     parts = np.round(sizes / sizes.sum() * length).astype(int)
     parts[parts.argmax()] += length - parts.sum()
     return parts.tolist()
