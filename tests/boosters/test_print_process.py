@@ -154,7 +154,7 @@ def miss_of(file_linear: np.ndarray, seen: np.ndarray, slope: np.ndarray) -> flo
 @pytest.mark.slow
 @pytest.mark.parametrize("sticker", ["basketball1", "basketball2", "bear1", "bear2"])
 def test_the_ranges_hold_real_prints(sticker, shared):
-    """Eight of sixteen photographs, of 6 inches; the ranges were set on the other eight, after all sixteen were seen."""
+    """Eight of sixteen photographs; the ranges were set on the other eight, after all sixteen were seen."""
     part = PrintProcess(probability=1, tint=0)
     middle = [np.mean(one) for one in (part.bleed_mm, part.dot_gain, part.chroma, part.density)]
     rng, paper = np.random.default_rng(0), srgb_to_linear(PAPER)
