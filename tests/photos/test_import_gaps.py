@@ -67,7 +67,7 @@ def test_the_cheapest_way_is_the_one_that_all_ways_tried_out_give():
 
 
 def test_odds_decide_and_not_what_a_photograph_costs_alone():
-    """A bent sheet is seen at its own shot with a cost of 2.5: still far likelier than what is left, so it is placed."""
+    """A bent sheet is seen at its own shot with a cost of 2.5: far likelier than what is left, so it is placed."""
     costs = 2 * costs_of([0, 1, 3, 4], 5)
     costs[1, 1] = 2.5
     assert align_shots(costs) == [(0,), (1,), (3,), (4,)]
