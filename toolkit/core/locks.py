@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from toolkit.core.console import notice
-from toolkit.core.files import explain_write_error, make_folder, open_in_place
+from toolkit.core.files import explain_write_error, make_folder, open_in_place, real_path
 
 try:
     import fcntl
@@ -33,7 +33,7 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     Raises:
         ToolkitError: the folder may not be written.
     """
-    file = Path(folder).resolve() / name
+    file = real_path(Path(folder)) / name
     mine: set[Path] = _held.__dict__.setdefault("files", set())
     if fcntl is None or file in mine:
         yield
