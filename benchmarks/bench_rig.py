@@ -183,15 +183,15 @@ def measure_parts(width: int, height: int) -> dict[str, float]:
 
         return run
 
-    kept = trace.mark_edges, raycast.paint_mesh, raycast.paint_background, trace.Body.see
+    kept = trace.mark_edges, raycast.paint_mesh, raycast.paint_background, trace.LitBody.see
     trace.mark_edges, raycast.paint_mesh = timed("edges", kept[0]), timed("object", kept[1])
-    raycast.paint_background, trace.Body.see = timed("table and room", kept[2]), timed("first hits", kept[3])
+    raycast.paint_background, trace.LitBody.see = timed("table and room", kept[2]), timed("first hits", kept[3])
     develop, start = timed("development", tone_map), time.thread_time()
     try:
         for pose in poses:
             develop(renderer.render(camera, pose), (0,))
     finally:
-        trace.mark_edges, raycast.paint_mesh, raycast.paint_background, trace.Body.see = kept
+        trace.mark_edges, raycast.paint_mesh, raycast.paint_background, trace.LitBody.see = kept
     whole = time.thread_time() - start
     shares = {part: seconds / whole for part, seconds in spent.items()}
     return shares | {"the rest": 1 - sum(shares.values()), "ms": 1000 * whole / len(poses)}

@@ -143,7 +143,7 @@ def run(device: str = "auto") -> dict[str, float | str]:
     device = choose_device(device)
     target = make_target(device)
     default = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
-    plain = default.with_overrides(reuse=1, fog=False, camera=False)
+    plain = default.with_overrides(reuse=1, clouds=False, camera=False)
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
     render = time_rendering(atlas, plain.per_studio)
     rates = []

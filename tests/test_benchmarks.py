@@ -20,12 +20,14 @@ DISTRIBUTIONS = {"pyrender": "pyrender", "skimage": "scikit-image", "art": "adve
 
 
 def list_imports(file: Path) -> set[str]:
+    """Packages that a file imports, and those that the files beside it import which it imports."""
     found = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {one.name.partition(".")[0] for one in node.names}
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.add((node.module or "").partition(".")[0])
+            package, _, name = (node.module or "").partition(".")
+            found |= list_imports(file.with_name(f"{name}.py")) if package == "benchmarks" else {package}
     return found - set(sys.stdlib_module_names) - {"benchmarks", "toolkit"}
 
 

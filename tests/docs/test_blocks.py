@@ -137,6 +137,7 @@ QUICK: dict[str, Command] = {
     "train-patch": [
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
+    "train-wrap": ["--model", "rig18", "--steps", "1", "--batch", "2"],
     "world-eval": [
         *("--model", "rig18", "--world", "grass", "--places", "1", "--grid", "3x3x1", "--sample", "1"),
         *("--variant", "unpatched", "--variant", "patched"),
@@ -183,7 +184,7 @@ def is_quick(words: Command) -> bool:
     return (
         is_here
         and not any(one in word for word in words for one in NEEDS)
-        and ("racer" not in words or words[1] in ("wrap", "export"))
+        and ("racer" not in words or words[1] in ("wrap", "train-wrap", "export"))
     )
 
 

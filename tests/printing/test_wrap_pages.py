@@ -257,12 +257,14 @@ def test_a_piece_larger_than_the_page_is_tiled(space, wrap, tmp_path):
     assert printed.pages == len(pypdfium2.PdfDocument(printed.file))
 
 
-def test_what_it_cannot_do_is_one_clear_line(space):
+def test_what_it_cannot_do_is_one_clear_line(space, tmp_path):
     for settings, words in ((PrintSettings(copies=2), "copies"), (PrintSettings(size_mm=50.0), "size_mm")):
         with pytest.raises(ToolkitError, match=words):
             print_wrap(space, "ring", settings)
     with pytest.raises(ToolkitError, match="no wrap called 'rong'"):
         print_wrap(space, "rong")
+    with pytest.raises(ToolkitError, match="none yet: make one with"):
+        print_wrap(make_workspace(tmp_path), "ring")
 
 
 def test_pieces_are_stuck_on_beside_those_that_are_there(wrap):
@@ -293,7 +295,8 @@ def test_every_piece_has_its_number_beside_it(printed, wrap):
             page = pdf.pages[one.page - 1]
             (mark,) = [
                 char for char in page.chars
-                if char["text"] == str(one.number) and abs(max(char["width"], char["height"]) - 8.5) < 0.1
+                if char["text"] == str(one.number) and "Bold" in char["fontname"]
+                and abs(max(char["width"], char["height"]) - 8.5) < 0.1
             ]  # fmt: skip
             left, low, right, high = (mark[side] / 72 * MM_PER_INCH for side in ("x0", "y0", "x1", "y1"))
             middle = shapely.Point((left + right) / 2, (low + high) / 2)

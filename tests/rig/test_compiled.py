@@ -246,6 +246,6 @@ def test_all_is_compiled_under_the_one_notice_and_loaded_by_the_next_start(tmp_p
 def test_it_renders_where_nothing_can_be_kept(tmp_path):
     (tmp_path / "file").write_text("no folder")
     without = run_program(tmp_path / "file")
-    assert without.said == 1 and "each start" in without.stderr
+    assert without.said == 1 and "every start" in without.stderr
     assert without.places == ["None"] and without.mean > 10
     assert not [path for path in PACKAGE.rglob("*.nb[ic]")]

@@ -144,7 +144,12 @@ class Workspace:
 
     def wrap(self, name: str) -> Path:
         """The folder of one wrap; an unknown name is a `ToolkitError`."""
-        return _find_named("wrap", name, self.wraps())
+        known = self.wraps()
+        if not known:
+            raise ToolkitError(
+                f"no wrap called '{name}', as there is none yet: make one with 'toolkit wrap --object NAME'"
+            )
+        return _find_named("wrap", name, known)
 
 
 def _find_named(kind: str, name: str, known: dict[str, Path]) -> Path:

@@ -101,7 +101,7 @@ def prepare(compile_all: Callable[[], None]) -> None:
     elif not is_compiled():
         said = "compiling the renderer for this machine: some seconds, once"
         if refused := find_refusal():
-            said = f"compiling the renderer, some seconds at each start: its cache is not used, as {refused}"
+            said = f"compiling the renderer, some seconds at every start: its cache is not used, as {refused}"
             said += f": set {PLACE} to a folder of your own"
         notice(said)
         with without_collector():  # going through the compiler's objects is a tenth of its work
