@@ -246,8 +246,10 @@ def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
 
 
 def _letter_name(canvas: Picture, x: float, y: float, size: float) -> None:
-    canvas.text(x + 0.05 * size, y + 0.05 * size, "Egg Nog", size, DARK_RED, "italic", DARK_RED, 0.09 * size)
-    canvas.text(x, y, "Egg Nog", size, CREAM, "italic", DARK_RED, 0.05 * size)
+    canvas.text(
+        x + 0.05 * size, y + 0.05 * size, "Egg Nog", size, DARK_RED, "italic", outline=DARK_RED, outline_mm=0.09 * size
+    )
+    canvas.text(x, y, "Egg Nog", size, CREAM, "italic", outline=DARK_RED, outline_mm=0.05 * size)
 
 
 def paint_heel(width: int, height: int, px_per_mm: float) -> Image.Image:

@@ -219,7 +219,7 @@ def bend_circle(angle: np.ndarray, power: float) -> tuple[np.ndarray, np.ndarray
     return np.sign(cosine) * np.abs(cosine) ** (2 / power), np.sign(sine) * np.abs(sine) ** (2 / power)
 
 
-def curve(*knots: tuple[float, ...]) -> Callable[[float | np.ndarray], np.ndarray]:
+def curve(knots: Sequence[tuple[float, ...]]) -> Callable[[float | np.ndarray], np.ndarray]:
     """A smooth function of x through knots (x, value, …): monotone cubics."""
     from scipy.interpolate import PchipInterpolator
 

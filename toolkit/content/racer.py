@@ -35,11 +35,11 @@ FRONT_TYRE, REAR_TYRE = 20.0, 28.0
 FRONT_Y, REAR_Y = 56.0, 52.0
 """Wheels, millimetres: axles' x, tyres' radii and widths, and the y of their middles."""
 
-TUB = curve(  # x, width, lowest z, highest z, superellipse power
+TUB = curve([  # x, width, lowest z, highest z, superellipse power
     (135, 7, 9.5, 13.5, 2.2), (132, 15, 8.2, 16, 2.3), (122, 23, 7.5, 20, 2.6), (105, 31, 7, 25, 3.0),
     (88, 36, 6, 29, 3.2), (72, 42, 5, 33, 3.4), (56, 48, 5, 37.5, 3.6), (38, 54, 5, 41, 4.2), (24, 57, 5, 42, 5.0),
     (-25, 58, 5, 42, 5.0), (-64, 56, 5, 42, 5.0), (-76, 48, 6, 40, 4.2), (-92, 36, 8, 34, 3.6), (-106, 26, 11, 29, 3.2),
-)  # fmt: skip
+])  # fmt: skip
 POD = [  # x, inner y, outer y, lowest z, highest z, superellipse power
     (-76, 18, 31, 7, 35, 3.2), (-71, 18, 36, 6, 38, 4), (-58, 18, 47, 5, 40.7, 5), (-44, 18, 50, 5, 41.2, 5.5),
     (0, 18, 50, 5, 41.2, 5.5), (22, 18, 48.5, 5, 39.8, 5), (31, 19, 47, 6, 38, 4.5), (34, 20, 46, 7, 37, 4.2),
@@ -135,7 +135,7 @@ def _headrest() -> list[Part]:
         (45, 25, 63, 3), (43.5, 27, 65, 3), (39, 24, 64.5, 2.8), (34, 17, 57, 2.5), (28, 8, 42.5, 2.2),
     ]  # fmt: skip
     stations = np.linspace(28, 45, 16)
-    rows = zip(stations, curve(*table)(stations), strict=True)
+    rows = zip(stations, curve(table)(stations), strict=True)
     sections = [superellipse(width, high - 37, power, 40, x, 0, (high + 37) / 2) for x, (width, high, power) in rows]
     arch = [(42, y, 39 + 28.5 * (1 - abs(y / 13) ** 3.2)) for y in np.linspace(-13, 13, 25)]
     return [
@@ -150,7 +150,7 @@ def _sidepods() -> list[Part]:
     for side in (1, -1):
         sections = [
             superellipse(outer - inner, high - low, power, 48, x, side * (inner + outer) / 2, (low + high) / 2)
-            for x, (inner, outer, low, high, power) in zip(stations, curve(*POD)(stations), strict=True)
+            for x, (inner, outer, low, high, power) in zip(stations, curve(POD)(stations), strict=True)
         ]
         mouth, centre = sections[-1], sections[-1].mean(axis=0)
         lip, round_lip = (centre + (mouth - centre) * scale + [x, 0, 0] for scale, x in ((0.86, 0), (0.93, 1)))

@@ -24,16 +24,16 @@ def one_side(net: np.ndarray, side: int) -> np.ndarray:
     return net if side > 0 else net[:, ::-1] * np.array([1.0, -1.0, 1.0])
 
 
-CENTRE = curve(  # x, half width, top z, bottom z, power
+CENTRE = curve([  # x, half width, top z, bottom z, power
     (126, 0.5, -4.2, -5.2, 2.0), (122, 2.5, -2.0, -7.2, 2.0), (114, 5.2, 0.8, -9.6, 2.0), (104, 7.8, 3.4, -11.6, 2.0),
     (90, 10.4, 6.2, -13.2, 2.1), (76, 12.0, 8.8, -13.8, 2.2), (60, 12.8, 11.0, -14.0, 2.3),
     (44, 13.4, 12.8, -14.0, 2.4), (20, 14.0, 13.8, -13.6, 2.4), (-20, 14.0, 13.4, -12.6, 2.5),
     (-60, 12.0, 12.2, -10.0, 2.5), (-90, 8.0, 8.6, -5.0, 2.4), (-108, 6.0, 4.6, -2.0, 2.2),
-)  # fmt: skip
-NACELLE = curve(  # x, middle y, half width, top z, bottom z, power
+])  # fmt: skip
+NACELLE = curve([  # x, middle y, half width, top z, bottom z, power
     (40, 25.6, 9.2, 11.4, -13.4, 6.0), (20, 25.0, 9.8, 11.6, -14.0, 5.0), (-5, 22.4, 11.8, 11.6, -14.4, 4.2),
     (-40, 19.0, 13.4, 11.6, -14.2, 3.4), (-80, 15.6, 13.2, 11.4, -13.4, 2.6), (-108, 14.0, 11.8, 10.4, -12.4, 2.1),
-)  # fmt: skip
+])  # fmt: skip
 INTAKE_BACK_X, DUCT_BACK_X = -9.0, 15.0
 
 
@@ -122,10 +122,10 @@ def build_intake(side: int, around: list[Side]) -> list[Part]:
     ]  # fmt: skip
 
 
-CANOPY = curve(  # x, half width, sill z, top z
+CANOPY = curve([  # x, half width, sill z, top z
     (86, 2.6, 7.0, 7.3), (82, 5.0, 7.2, 10.2), (74, 8.0, 7.6, 16.2), (66, 9.4, 8.4, 20.6), (57, 10.0, 9.4, 23.2),
     (48, 9.8, 10.4, 22.8), (40, 8.8, 11.2, 19.8), (33, 7.0, 11.8, 16.2), (25, 3.4, 12.0, 13.4),
-)  # fmt: skip
+])  # fmt: skip
 
 
 def canopy_net(
@@ -301,10 +301,10 @@ def build() -> Mesh:
 
 def build_boom(side: int, around: list[Side]) -> list[Part]:
     """The beam outside an engine that carries the fin and the stabilator."""
-    shape = curve(  # x, middle y, half width, half height, power
+    shape = curve([  # x, middle y, half width, half height, power
         (-44, 28.0, 3.0, 2.0, 3.0), (-58, 29.2, 4.4, 3.8, 3.2), (-72, 29.8, 5.0, 4.6, 3.4), (-112, 29.8, 4.4, 4.2, 3.2),
         (-124, 29.8, 3.0, 2.8, 2.6), (-128, 29.8, 0.8, 0.8, 2.0),
-    )  # fmt: skip
+    ])  # fmt: skip
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 41)
     rows = []
     for x in np.linspace(-128, -44, 26):
