@@ -279,7 +279,7 @@ def test_command_prints_the_strip_alone(space):
         (["--board", "--ring"], "--board --ring: expected one of them"),
         (
             ["--board", "--class", "racer"],
-            "--board: cannot be printed together with patches: print it in a call of its own",
+            "--board: cannot be printed together with others: print it in a call of its own",
         ),
         (["--square-mm", "3"], "--square-mm 3: goes with --board"),
         (["--ring-mm", "200", "--board"], "goes with --ring"),

@@ -9,8 +9,10 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.core.console import list_skipped
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.names import is_file_name
+from toolkit.core.workspace import open_workspace
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace as Space
@@ -42,8 +44,6 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.photos.calibrate import calibrate_folder
     from toolkit.photos.lens import write_lenses
     from toolkit.photos.lens_picture import write_pictures
@@ -57,13 +57,8 @@ def calibrate(
         raise FieldError("goes with {find_board}", {"square_mm": square_mm})
     printed = read_board(with_board(space, board))
     run = calibrate_folder(photos, printed)
-    list_skipped([*run.unreadable, *run.without_board])
+    _list_refused(run)
     records = [record for result in run.lenses if (record := result.record()) is not None]
-    for result in run.lenses:
-        if result.calibration is None:
-            list_skipped([(_describe(result), result.why)])
-        else:
-            list_skipped((result.names[index], why) for index, why in result.calibration.refused)
     if not records:
         why = run.lenses[0].why if run.lenses else _say_none_found(run, printed.describe())
         raise ToolkitError(f"{photos}: no lens could be calibrated: {why}")
@@ -83,6 +78,15 @@ def calibrate(
         say(f"wrote {file}; next: toolkit import PHOTOS/")
     if run.unreadable:
         raise typer.Exit(1)
+
+
+def _list_refused(run: "CalibrationRun") -> None:
+    list_skipped([*run.unreadable, *run.without_board])
+    for result in run.lenses:
+        if result.calibration is None:
+            list_skipped([(_describe(result), result.why)])
+        else:
+            list_skipped((result.names[index], why) for index, why in result.calibration.refused)
 
 
 def _say_none_found(run: "CalibrationRun", described: str) -> str:
@@ -189,9 +193,7 @@ def print_profile(
     ] = None,
     paper: Annotated[
         str,
-        typer.Option(
-            metavar="SIZE", help="Size of the page, whose edges show the scale of the print: a4, letter, 200x300mm."
-        ),
+        typer.Option(metavar="SIZE", help="Size of the page, which shows the print's scale: a4, letter, 200x300mm."),
     ] = "a4",
     size_mm: Annotated[
         float | None,
@@ -211,8 +213,6 @@ def print_profile(
     as_json: options.Json = False,
 ) -> None:
     """Measure what a printer makes of a patch's colours and size, from photos of its page, for 'train-patch'."""
-    from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.imaging.printer import write_print_profile
     from toolkit.photos.prints.fitted_photo import read_known
     from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos

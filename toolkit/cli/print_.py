@@ -10,6 +10,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError
+from toolkit.core.workspace import open_workspace
 from toolkit.printing.settings import PrintSettings, SheetSettings, WrapSettings
 
 if TYPE_CHECKING:
@@ -30,9 +31,7 @@ def print_patches(
     ] = None,
     objects: Annotated[
         list[str] | None,
-        typer.Option(
-            "--object", metavar="NAME", help="The patch of this object, in the size of its spec; repeat for more."
-        ),
+        typer.Option("--object", metavar="NAME", help="The patch of this object, in its spec's size; repeat for more."),
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Every known patch.")] = False,
     files: Annotated[
@@ -55,53 +54,43 @@ def print_patches(
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs of patches, a wrap, or the board that the object stands on, at true size."""
-    from toolkit.core.workspace import open_workspace
-    from toolkit.printing import print_patches as of_patches
+    from toolkit.printing.print_patches import print_chosen
 
     place = open_workspace(workspace).with_patches(patches)
-    if sheet.kind is not None and wrap is not None:
-        raise FieldError("printed alone: print the wrap by a call of its own", {sheet.kind.replace("-", "_"): True})
+    alone: dict[str, object] = {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {"wrap": wrap}
+    several = objects or classes or everything or files or (sheet.kind is not None and wrap is not None)
+    if several and alone != {"wrap": None}:
+        raise FieldError("cannot be printed together with others: print it in a call of its own", alone)
     if sheet.kind is not None:
         from toolkit.printing.print_boards import print_board
 
-        if objects or classes or everything or files:
-            raise FieldError(
-                "cannot be printed together with patches: print it in a call of its own",
-                {sheet.kind.replace("-", "_"): True},
-            )
         _report_sheet(print_board(place, sheet, settings, out), as_json)
         return
     if wrap is not None:
         from toolkit.printing.wraps import print_wrap
 
-        if objects or classes or everything or files:
-            raise FieldError("printed alone: print patches by a call of their own", {"wrap": wrap})
         _report_wrap(print_wrap(place, wrap, settings, cut, out), as_json)
         return
     if cut != WrapSettings():
-        name = "roll_mm" if cut.roll_mm is not None else "cut"
-        raise FieldError("goes with {wrap}: add that, or leave it out", {name: getattr(cut, name)})
-    folder = out or place.print_dir
-    printed = of_patches.print_for_objects(place, objects or [], folder, settings)
-    failed: list[dict[str, str]] = []
-    if classes or everything or files or not objects:
-        chosen = of_patches.select_patches(place, classes or [], everything, files or [])
-        more, failed = of_patches.print_patches(chosen, folder, settings, go_on=everything, workspace=place)
-        printed += more
-    compared = [] if objects else printed
-    notes = list(dict.fromkeys(note for one in compared for note in of_patches.compare_with_rig(place, one)))
-    notes += of_patches.check_fits(place, printed)
-    for failure in failed:
-        warn(f"not printed: {failure['reason']}", style="red")
-    if as_json:
-        show_json({"printed": [one.as_json() for one in printed], "failed": failed, "notes": notes})
-    else:
-        _report_patches(printed, notes)
+        given = {"cut": cut.cut} if cut.roll_mm is None else {"roll_mm": cut.roll_mm}
+        raise FieldError("goes with {wrap}: add that, or leave it out", given)
+    printed, failed, notes = print_chosen(
+        place, out or place.print_dir, settings, objects=objects or [], classes=classes or [], everything=everything,
+        files=files or [],
+    )  # fmt: skip
+    _report_patches(printed, failed, notes, as_json)
     if failed:
         raise typer.Exit(1 if printed else 2)
 
 
-def _report_patches(printed: list["PrintedPatch"], notes: list[str]) -> None:
+def _report_patches(
+    printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: list[str], as_json: bool
+) -> None:
+    for failure in failed:
+        warn(f"not printed: {failure['reason']}", style="red")
+    if as_json:
+        show_json({"printed": [one.as_json() for one in printed], "failed": failed, "notes": notes})
+        return
     for one in printed:
         say(one.describe_scores())
         say(one.describe())

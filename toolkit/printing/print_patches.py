@@ -299,6 +299,29 @@ def print_for_objects(
     ]
 
 
+def print_chosen(
+    workspace: Workspace, out: Path, settings: PrintSettings | None = None, *, objects: Sequence[str] = (),
+    classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = (),
+) -> tuple[list[PrintedPatch], list[dict[str, str]], list[str]]:  # fmt: skip
+    """Print the patches of objects and those that `select_patches` finds.
+
+    Returns:
+        What was printed and what could not be, as `print_patches` does, and notes on sizes that differ from the rig's.
+
+    Raises:
+        ToolkitError: nothing is chosen, or see `print_for_objects` and `print_patches`.
+    """
+    printed = print_for_objects(workspace, objects, out, settings)
+    failed: list[dict[str, str]] = []
+    if classes or everything or files or not objects:
+        chosen = select_patches(workspace, classes, everything, files)
+        more, failed = print_patches(chosen, out, settings, go_on=everything, workspace=workspace)
+        printed += more
+    compared = [] if objects else printed
+    notes = list(dict.fromkeys(note for one in compared for note in compare_with_rig(workspace, one)))
+    return printed, failed, notes + check_fits(workspace, printed)
+
+
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
     """Each patch, who wears it, and its PDF; no two may share one."""
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
