@@ -127,7 +127,7 @@ class Livery:
             if lit:
                 self.glow[view].text(x, y, words, height_m, colour, fit_m=fit_m)
 
-    def sheet(self, name: str, looks: Looks, roughness: float = 0.22) -> "Sheet":
+    def sheet(self, name: str, looks: Looks, roughness: float = 0.22) -> "PaintMap":
         """All views on one texture."""
         rng = looks.rng(name)
         places, top, width = {}, 0, max(self.day["left"].size[0], 2 * self.day["front"].size[0]) + 4 * GUTTER_PX
@@ -147,7 +147,7 @@ class Livery:
             glow[gy : gy + h, gx : gx + w] = light[:h, :w]
         skin = looks.add(Material(name, sheet, roughness, 0.0, glow if glow.any() else None))
         boxes = {view: (x, y, *self.day[view].size) for view, (x, y) in places.items()}
-        return Sheet(skin, boxes, (width, height), {view: self.day[view].low for view in VIEWS}, self.body)
+        return PaintMap(skin, boxes, (width, height), {view: self.day[view].low for view in VIEWS}, self.body)
 
 
 def _paste(sheet: np.ndarray, picture: np.ndarray, x: int, y: int) -> None:
@@ -158,7 +158,7 @@ def _paste(sheet: np.ndarray, picture: np.ndarray, x: int, y: int) -> None:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class PaintMap:
     """A vehicle's paint on a texture, and where each view lies on it (x, y, width, height in texels)."""
 
     skin: Skin
@@ -192,7 +192,7 @@ class Sheet:
         return result
 
 
-def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 12) -> Piece:
+def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> Piece:
     """The lofted skin with its open wheel arches, underside dark."""
     half = body.length / 2
     x = np.linspace(-half, half, stations)

@@ -8,8 +8,8 @@ from toolkit.rig.kernel.frame import (
     NOTHING,
     SUBPIXELS,
     Hits,
-    Part,
     Samples,
+    TracedRegion,
     describe_hits,
     fill_key_rays,
     fill_rays,
@@ -105,7 +105,7 @@ class Tracer:
     others: LitBody | None
     key: Colour
 
-    def trace(self, view: View, region: tuple[int, int, int, int]) -> Part:
+    def trace(self, view: View, region: tuple[int, int, int, int]) -> TracedRegion:
         """Trace the pixels that can show a mesh, and again with four samples where edges need them.
 
         Args:
@@ -127,7 +127,7 @@ class Tracer:
         # where neighbours differ in mesh, material or bend, and on paper, whose print is finer than a pixel
         refine = np.flatnonzero(needed).astype(np.int32)
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
-        return Part(left, top, right, bottom, hits, refine, fine)
+        return TracedRegion(left, top, right, bottom, hits, refine, fine)
 
     def see(self, view: View, samples: Samples, near: np.ndarray) -> Hits:
         """First hits of samples; those of the part's pixels that are `near` (n,) bool may show the object."""

@@ -21,12 +21,12 @@ from toolkit.experiments.worlds.frames import (
     METHOD_VERSION,
     Answer,
     AnswerKey,
-    Answers,
     Frame,
     FrameAnswers,
     FrameSource,
     PictureTask,
     Stage,
+    ViewAnswers,
     WeatherKey,
     hash_inputs,
     make_answer,
@@ -115,7 +115,7 @@ class Said:
     """
 
     places: tuple[PlaceCameras, ...]
-    answers: dict[tuple[str, WeatherKey], Answers]
+    answers: dict[tuple[str, WeatherKey], ViewAnswers]
     computed: int
     kept: int
     failed: tuple[tuple[str, str], ...]
@@ -165,7 +165,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
 def _gather(
     asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]
-) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], Answers]]:
+) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], ViewAnswers]]:
     """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
@@ -175,7 +175,9 @@ def _gather(
     places = tuple(place.without(lost) for place, lost in zip(asked.places, failed, strict=True))
     whole = [task for task in tasks if task.camera.number not in failed[task.place]]
     answers = {
-        (variant, weather): Answers.of(known[task.frame, names[weather]] for task in whole if task.variant == variant)
+        (variant, weather): ViewAnswers.of(
+            known[task.frame, names[weather]] for task in whole if task.variant == variant
+        )
         for variant in asked.stage.variants
         for weather in asked.weathers
         if whole

@@ -47,7 +47,7 @@ class FrameAnswers(BaseModel):
 
 
 @dataclass(frozen=True)
-class Answers:
+class ViewAnswers:
     """What was said of every camera's picture of one variant in one weather, in the order of the cameras.
 
     Attributes:
@@ -62,7 +62,7 @@ class Answers:
     true_rank: np.ndarray
 
     @classmethod
-    def of(cls, rows: Iterable[Answer]) -> "Answers":
+    def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
         """From single answers."""
         columns = list(zip(*rows, strict=True))
         return cls(*(np.array(one) for one in columns))

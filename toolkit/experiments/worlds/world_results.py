@@ -24,7 +24,7 @@ from toolkit.evaluation.predict import OK
 from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.verdict import Verdict, find_tone
 from toolkit.experiments.worlds.cameras import GridCamera, PlaceCameras
-from toolkit.experiments.worlds.frames import Answers, Stage, WeatherKey
+from toolkit.experiments.worlds.frames import Stage, ViewAnswers, WeatherKey
 from toolkit.experiments.worlds.keep import name_picture
 from toolkit.experiments.worlds.world_config import ABSENT, WorldEvalConfig
 from toolkit.models.network import Classifier
@@ -65,7 +65,7 @@ class WorldResults:
     true_index: int
     stage: Stage
     places: tuple[PlaceCameras, ...]
-    answers: dict[tuple[str, WeatherKey], Answers]
+    answers: dict[tuple[str, WeatherKey], ViewAnswers]
     renderer: str | None = None
 
     @cached_property

@@ -14,7 +14,7 @@ from toolkit.evaluation.clusters import ClusterBootstrap
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import begin_summary
 from toolkit.experiments.worlds.cameras import FAILED, HIDDEN, LOWEST, NEAREST, count_cameras
-from toolkit.experiments.worlds.frames import Answers, WeatherKey, name_weather
+from toolkit.experiments.worlds.frames import ViewAnswers, WeatherKey, name_weather
 from toolkit.experiments.worlds.world_results import SOURCE, WorldResults, find_visibility_m
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_weather import make_weather
@@ -257,7 +257,7 @@ def _each_cell(results: WorldResults, variants: Sequence[str]) -> Iterator[tuple
         }, own  # fmt: skip
 
 
-def _answers(results: WorldResults, head: dict[str, Any], variant: str | None = None) -> Answers:
+def _answers(results: WorldResults, head: dict[str, Any], variant: str | None = None) -> ViewAnswers:
     """To the pictures of a row; `variant`: instead of its own."""
     return results.answers[variant or head["variant"], (head["weather"], head["severity"])]
 
@@ -267,7 +267,7 @@ def _each_group(results: WorldResults, sampler: ClusterBootstrap, among: np.ndar
         yield head | _count(_answers(results, head), own & among, sampler if head["place"] == POOLED else None)
 
 
-def _count(found: Answers, own: np.ndarray, sampler: ClusterBootstrap | None) -> dict[str, Any]:
+def _count(found: ViewAnswers, own: np.ndarray, sampler: ClusterBootstrap | None) -> dict[str, Any]:
     """Counts and shares; intervals over places where there is a sampler, else as if cameras were independent."""
     n = int(own.sum())
     shares: dict[str, Any] = {"n": n, "failed": 0}

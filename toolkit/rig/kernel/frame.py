@@ -225,7 +225,7 @@ def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hit
     needed[b] = True
 
 
-class Part(NamedTuple):
+class TracedRegion(NamedTuple):
     """The part of a picture that can show the object, and what its rays met.
 
     Attributes:
@@ -303,7 +303,7 @@ class Linear(NamedTuple):
 
 @kernel
 def paint_mesh(
-    around: Surround, mesh: LitMesh, number: int, view: View, part: Part, picture: np.ndarray, out: Linear
+    around: Surround, mesh: LitMesh, number: int, view: View, part: TracedRegion, picture: np.ndarray, out: Linear
 ) -> int:
     """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
 
