@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, read_json, write_bytes, write_json
+from toolkit.core.files import inside, read_json, real_path, write_bytes, write_json
 from toolkit.core.names import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.experiments.challenge.rules import (
@@ -176,7 +176,7 @@ def read_entry(folder: Path) -> ChallengeEntry:
         raise ToolkitError(
             f"{folder} is not an entry: expected {ENTRY} in it; 'toolkit challenge init {folder}' makes one"
         )
-    return ChallengeEntry(folder, read_json(folder / ENTRY, EntryRecord))
+    return ChallengeEntry(real_path(folder), read_json(folder / ENTRY, EntryRecord))
 
 
 def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> ChallengeEntry:
