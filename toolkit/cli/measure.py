@@ -210,7 +210,7 @@ def print_profile(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Measure what a printer makes of a patch's colours and size, from photos of its page, for 'train-patch'."""
+    """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.imaging.printer import write_print_profile
