@@ -85,7 +85,7 @@ def test_help_lists_the_road(run):
             ["plan", "--object", "eggnog", "--pattern", "gird"],
             "error: --pattern gird: expected grid, ring, hemisphere or fibonacci; did you mean grid?",
         ),
-        (["plan", "--object", "eggnog", "--resolution", "8", "8"], "error: camera: width"),
+        (["plan", "--object", "eggnog", "--resolution", "8", "8"], "error: a resolution of 8×8 px: expected both sides between 16 and 16384 px"),
         (
             ["plan", "--object", "eggnog", "--elevation", "60", "20"],
             "error: --elevation 60 20: expected two rising numbers from 0 to 90",
