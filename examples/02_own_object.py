@@ -31,7 +31,7 @@ def build_dumbbell() -> trimesh.Scene:
 
 mesh_file = lab.root / "dumbbell.glb"
 build_dumbbell().export(mesh_file)
-added = tk.add_object(lab, mesh_file, tk.ObjectRequest("dumbbell", length_mm=230, replace=True))
+added = tk.add_object(lab, mesh_file, tk.ObjectRequest(class_name="dumbbell", length_mm=230, replace=True))
 size_mm = " × ".join(f"{side:.0f}" for side in added.item.mesh.size_mm)
 print(f"{added.item.name}: {size_mm} mm, {len(added.item.mesh.faces)} triangles, described in {added.spec_file}")
 

@@ -6,7 +6,7 @@ from toolkit.core.workspace import Workspace as Workspace
 from toolkit.core.workspace import make_workspace as make_workspace
 from toolkit.core.workspace import open_workspace as open_workspace
 from toolkit.objects.add import add_object as add_object
-from toolkit.objects.add import ObjectRequest as ObjectRequest
+from toolkit.objects.spec import ObjectRequest as ObjectRequest
 from toolkit.objects.load import load_object as load_object
 from toolkit.models.load import load_classifier as load_classifier
 from toolkit.models.programs import wrap_module as wrap_module

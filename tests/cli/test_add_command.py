@@ -105,7 +105,7 @@ def test_bad_input_is_one_line(space, arguments, words):
 
 @pytest.mark.parametrize("option", ["--print-side", "--up", "--front"])
 def test_a_side_that_is_none_is_refused(space, option):
-    assert "expected" in call("../brick.ply", "--class", "crate", option, "bottom", code=2).stderr
+    assert f"{option} bottom: expected" in refused("../brick.ply", "--class", "crate", option, "bottom")
 
 
 @pytest.mark.slow

@@ -54,7 +54,7 @@ class PatchConfig(PixelConfig):
         description="Side of the printed patch, mm, to train for. Default: the object's spec, else 0.88 mm a pixel.",
     )
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
-        None, description="Instead of --steps: how often each image is seen."
+        None, description="In place of {steps}: how often each image is seen."
     )
     affine: AffineRanges | Placer = AffineRanges()
     pose: Annotated[PoseRanges | None, Flag("--vary-pose/--no-vary-pose", group=WHERE)] = Field(
@@ -64,16 +64,16 @@ class PatchConfig(PixelConfig):
         LightRanges(), description="Vary exposure, contrast and tint of the patch."
     )
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
-        None, description="Inks and paper of a desktop printer."
+        None, description="Show the patch in the inks of a desktop printer."
     )
     cutout: Annotated[Cutout | None, Later, Flag("--cutout", group=TRANSFER)] = Field(
         None, description="Hide a square of the patch, a sixth of it, in nine of ten steps."
     )
     glare: Annotated[TapeGlare | None, Flag(group=AUGMENTATION)] = Field(
-        None, description="Shine and strips of the tape."
+        None, description="Show shine, and strips of tape over the patch."
     )
     camera: Annotated[CameraParts | None, Flag(group=AUGMENTATION, make=make_camera)] = Field(
-        None, description="Blur, sensor noise and JPEG."
+        None, description="Add a camera's blur, sensor noise and JPEG."
     )
     tv_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(
         0.0, description="Weight of the patch's total variation."

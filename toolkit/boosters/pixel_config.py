@@ -50,7 +50,7 @@ class PixelConfig(Config):
     batch: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(16, description="Images per step.")
     lr: Annotated[
         float, Field(gt=0, le=1), Expect("a number above 0 and at most 1, the full range"), Flag(group=STEPS)
-    ] = Field(0.1, description="Change of every pixel in the first step, of the full range.")
+    ] = Field(0.1, description="Change of every pixel in the first step, as a share of the full range.")
     schedule: Annotated[Literal["constant", "linear", "cosine"], Flag(group=STEPS)] = Field(
         "cosine", description="How the learning rate falls."
     )
@@ -89,12 +89,13 @@ class PixelConfig(Config):
         Flag("--weather", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
     ] = Field(
         None,
-        description="Weather over half of the views, by the distance at the object's real size: fog:1-5, dust:3, "
+        description="Weather over half of the views, by distance at the object's real size: fog:1-5, dust:3, "
         "rain, snow; of several, each view draws one.",
     )
     world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
         None,
-        description="Views in this world, not in the studio: city, grass, apron, harbour, a mesh file of your own or "
+        description="Train on views in this world, not in the studio: city, grass, apron, harbour, a mesh file "
+        "of your own or "
         "the TOML of a kit.",
     )
     world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(

@@ -78,13 +78,15 @@ class TextureConfig(PixelConfig):
         (), exclude=True, description="Material that keeps its paint, such as glass; repeat for more."
     )
     keep_image: Annotated[Path | None, Flag(metavar="FILE", group=WEARS)] = Field(
-        None, exclude=True, description="Picture in the object's texture coordinates: white keeps its paint."
+        None,
+        exclude=True,
+        description="Picture in the object's texture coordinates; where it is white the object keeps its paint.",
     )
     unwrap: Annotated[bool | None, Flag("--unwrap/--own-uv", group=WEARS)] = Field(
         None, exclude=True, description="Make new texture coordinates, or use the mesh's. Default: as needed."
     )
     optimiser: Annotated[Literal["sign", "sgd", "adam"], Flag(group=STEPS)] = Field(
-        "sign", description="How the texture is moved."
+        "sign", description="How each step changes the texture."
     )
     start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
         None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
@@ -98,13 +100,13 @@ class TextureConfig(PixelConfig):
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
     )
     elevation_deg: Annotated[Range, Rising(-90, 90), Flag("--elevation", group=SEEN)] = Field(
-        (20.0, 70.0), exclude=True, description="Degrees above the table."
+        (20.0, 70.0), exclude=True, description="Lowest and highest camera, degrees above the table."
     )
     roll_deg: Annotated[Range, Rising(-180, 180), Flag("--roll", group=SEEN)] = Field(
-        (-8.0, 8.0), exclude=True, description="Of the camera, degrees."
+        (-8.0, 8.0), exclude=True, description="Roll of the camera, lowest and highest, degrees."
     )
     fill: Annotated[Range, Rising(0.05, 1), Flag(group=SEEN)] = Field(
-        (0.6, 0.95), exclude=True, description="Share of the frame that the object fills."
+        (0.6, 0.95), exclude=True, description="Smallest and largest share of the frame that the object fills."
     )
     off_centre: float = Field(0.0, exclude=True, description="Shift of the object's middle, share of the half frame.")
     evenly: bool = Field(False, exclude=True, description="Elevations are drawn evenly over the sphere's area.")
@@ -112,7 +114,9 @@ class TextureConfig(PixelConfig):
         4, exclude=True, description="That are used together, see ViewSettings."
     )
     per_studio: Annotated[int, Field(ge=1)] = Field(24, exclude=True, description="Views of each studio.")
-    reuse: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(3, description="How often a rendered view is used.")
+    reuse: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(
+        3, description="How many times each rendered view is used."
+    )
     exposure: Annotated[Exposure | None, Flag(group=AUGMENTATION)] = Field(
         Exposure(), description="Vary strength and tint of the light."
     )
@@ -122,7 +126,7 @@ class TextureConfig(PixelConfig):
         description="ImageNet-C's clouds over half of the views; they ignore distance, {weather} does not.",
     )
     camera: Annotated[CameraParts | None, Flag(group=AUGMENTATION, make=make_camera)] = Field(
-        None, exclude=True, description="Blur, sensor noise and JPEG."
+        None, exclude=True, description="Add a camera's blur, sensor noise and JPEG."
     )
     corrupted: MeetsCorruptions = Field(None, exclude=True, description=CORRUPTED_HELP)
     backgrounds: Annotated[Path | None, Flag("--background-folder", metavar="FOLDER", group=SEEN)] = Field(

@@ -169,7 +169,7 @@ def train_wrap(
     Example:
         >>> _ = trimesh.creation.box((0.1, 0.06, 0.04)).export("crate.glb")
         >>> space, network = tk.make_workspace(Path("space")), tk.load_classifier("rig18")
-        >>> _ = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest("crate"))
+        >>> _ = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest(class_name="crate"))
         >>> with tk.quietly():
         ...     made = tk.train_wrap(space, "crate", network, class_name="warplane", steps=1, batch=2, workers=0)
         >>> made.wrap.record.class_name, made.wrap.pixels.shape[2]

@@ -37,7 +37,7 @@ class WrapTrainConfig(TextureConfig):
     unwrap: None = Field(None, exclude=True)
     start: None = Field(None, exclude=True)
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
-        None, description="Inks and paper of a desktop printer."
+        None, description="Show the patch in the inks of a desktop printer."
     )
     misfit: Annotated[Misfit | None, Flag(group=STUCK_ON)] = Field(
         None, description="Stick each piece a little beside its place, in each studio another way."

@@ -51,7 +51,7 @@ def render(
     Example:
         >>> _ = trimesh.creation.box((0.1, 0.1, 0.1)).export("crate.glb")
         >>> space, camera = tk.make_workspace(Path("space")), tk.Camera.from_fov(64, 48)
-        >>> crate = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest("crate")).item
+        >>> crate = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest(class_name="crate")).item
         >>> tk.render(crate, tk.plan_poses(crate, camera, tk.Pattern(count=2)), camera).shape
         (2, 48, 64, 3)
     """

@@ -4,15 +4,18 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
+from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
 from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.models.find import find_class
+from toolkit.objects.add import AddedObject, add_object
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.objects.spec import Side, write_mounts
+from toolkit.objects.spec import ObjectRequest, Side, write_mounts
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, mounted_sizes_mm
 from toolkit.rig.patch_places import (
@@ -190,6 +193,50 @@ def suggest_places(
         object_name, config.sheets, len(poses), now, tuple(places), picture=picture, steps=steps, written=written,
         trained=tuple(trained),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NewObject:
+    """An object that was added, with its sheet where it lies.
+
+    Attributes:
+        added: its files.
+        moved: what was changed of its sheet's place, in a sentence; empty where it stays.
+        drawn: the preview.
+    """
+
+    added: AddedObject
+    moved: str
+    drawn: ObjectPreview
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        page, trouble = self.drawn.page, self.drawn.trouble
+        drawn = {"preview": str(self.drawn.picture), "page": page and str(page), "trouble": trouble}
+        return self.added.as_json() | {"moved": self.moved} | drawn
+
+    def lines(self) -> Iterator[str]:
+        """What was made, what to look at, and what to do next, a sentence each."""
+        yield from (*self.added.lines(), *self.drawn.lines())
+        for note in (self.moved, self.drawn.trouble, self.added.ask_length()):
+            if note:
+                yield f"note: {note}"
+        name = self.added.item.name
+        yield f"next: toolkit plan --object {name}, then toolkit train-patch --object {name}"
+
+
+def add_and_place(workspace: Workspace, mesh_file: Path, request: ObjectRequest) -> NewObject:
+    """Make an object of a mesh, move its sheet to where it lies, and draw it.
+
+    Raises:
+        ToolkitError: as `add_object`.
+    """
+    label = find_class(str(request.class_name), workspace.classifiers_dir)
+    added = add_object(workspace, mesh_file, request.with_overrides(class_name=label))
+    sides = get_args(Side) if request.print_side is None else (request.print_side,)
+    moved = move_sheet(workspace, added.item.name, sides)
+    return NewObject(added, moved, preview_object(workspace, load_object(added.spec_file)))
 
 
 def move_sheet(workspace: Workspace, object_name: str, sides: Sequence[Side]) -> str:

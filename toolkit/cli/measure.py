@@ -212,7 +212,7 @@ def print_profile(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Measure what a printer makes of a patch's colours and size, from photos of its page, for 'train-patch'."""
+    """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""
     from toolkit.imaging.printer import write_print_profile
     from toolkit.photos.prints.fitted_photo import read_known
     from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos

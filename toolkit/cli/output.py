@@ -39,7 +39,7 @@ class Result(Protocol):
     def skipped(self) -> Sequence[tuple[str, str]]:
         """(path, reason) of what could not be used."""
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> Any:
         """All of it for a script."""
 
     def lines(self) -> Iterable[str]:

@@ -120,7 +120,7 @@ def check(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Judge photographs: sharp, well exposed, whole, of the right variant, the patch in its place; else a retake list.
+    """Check photographs: sharp, well exposed, whole, right variant, patch in its place; list what to take again.
 
     Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
     """

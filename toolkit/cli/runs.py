@@ -1,18 +1,14 @@
 """`toolkit runs`, `compare`, `report` and `export`: what all the runs of a workspace found; objects for others."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.output import say, show_json, warn
-from toolkit.core.errors import FieldError, ToolkitError
-
-if TYPE_CHECKING:
-    from toolkit.rig.export import MeshFormat
+from toolkit.cli.output import say, show_json, show_result, warn
+from toolkit.core.errors import FieldError
 
 MESHES = "An object's mesh"
 RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
@@ -64,7 +60,10 @@ def compare(
     ] = None,
     captures: Captures = None,
     cluster: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="Of a CSV: what images share, such as a scene.")
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="For CSV files: the column that says which images belong together, such as a scene."
+        ),
     ] = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -155,89 +154,42 @@ def export(
         typer.Option(
             "--object",
             metavar="NAME",
-            help="An object instead of predictions; repeat for more.",
+            help="Write this object's mesh, not predictions; repeat for more.",
             rich_help_panel=MESHES,
         ),
     ] = None,
     as_3mf: Annotated[
-        bool, typer.Option("--3mf", help="For colour 3D printers, in millimetres.", rich_help_panel=MESHES)
+        bool, typer.Option("--3mf", help="Write 3MF, for colour 3D printers, in millimetres.", rich_help_panel=MESHES)
     ] = False,
     as_obj: Annotated[bool, typer.Option("--obj", help="In millimetres.", rich_help_panel=MESHES)] = False,
     as_glb: Annotated[
         bool, typer.Option("--glb", help="In metres. Default without another format.", rich_help_panel=MESHES)
     ] = False,
     variant: Annotated[
-        str, typer.Option(metavar="NAME", help="What is on it: unpatched, textured, patched.", rich_help_panel=MESHES)
+        str,
+        typer.Option(
+            metavar="NAME", help="What is on the object: unpatched, textured, patched.", rich_help_panel=MESHES
+        ),
     ] = "unpatched",
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Write predictions of runs, by default of all that have any, or the mesh of an object, for other programs."""
+    from toolkit.core.workspace import open_workspace
+
+    formats = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
     if objects:
         if names:
             raise FieldError("exported alone: name runs in a call of their own", {"objects": objects[0]})
-        asked: dict[MeshFormat, bool] = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
-        formats = [one for one, is_asked in asked.items() if is_asked]
-        _export_objects(objects, formats or ["glb"], variant, out, workspace, as_json)
+        from toolkit.rig.export import export_objects
+
+        chosen = [one for one, is_asked in formats.items() if is_asked] or ["glb"]
+        show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)
         return
-    for flag, is_given in {"as_3mf": as_3mf, "as_obj": as_obj, "as_glb": as_glb}.items():
-        if is_given:
-            raise FieldError("goes with {objects}: add that, or leave it out", {flag: True})
-    from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.export import write_coco_results, write_csv, write_fiftyone, write_parquet
-    from toolkit.evaluation.runs import find_runs, open_run
+    for one, is_asked in formats.items():
+        if is_asked:
+            raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{one}": True})
+    from toolkit.evaluation.export import export_predictions
 
-    if to not in ("parquet", "csv", "fiftyone", "coco"):
-        raise FieldError("expected parquet, csv, fiftyone or coco", {"to": to})
-    space = open_workspace(workspace)
-    refused: Sequence[tuple[str, str]] = ()
-    if names:
-        runs = [open_run(space, name) for name in names]
-    else:
-        found, refused = find_runs(space)
-        runs = [run for run in found if run.has_predictions and (to != "coco" or run.kind == "detection")]
-    list_skipped(refused)
-    if not runs:
-        wanted = "of a detector" if to == "coco" else "with predictions"
-        raise ToolkitError(f"{space.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
-    left_out = 0
-    if to in ("parquet", "csv"):
-        place = out or space.eval_dir / f"predictions.{to}"
-        count = (write_parquet if to == "parquet" else write_csv)(place, space, runs, captures)
-        line = f"{count} predictions of {len(runs)} runs: {place}"
-    else:
-        place = out or space.eval_dir / to
-        write = write_fiftyone if to == "fiftyone" else write_coco_results
-        count, left_out = write(place, space, runs, captures)
-        load, files = place / "load.py", f"{place}/RUN/instances.json, results.json"
-        then = f"with FiftyOne: python {load}" if to == "fiftyone" else files
-        line = f"{count} images, {len(runs)} runs; {then}"
-    if left_out:
-        warn(f"left out {left_out} answers to images that have no file of their own, or could not be read")
-    if as_json:
-        names = [run.name for run in runs]
-        show_json({"file": str(place), "format": to, "count": count, "runs": names, "left_out": left_out})
-    else:
-        say(line)
-    if refused:
-        raise typer.Exit(1)
-
-
-def _export_objects(
-    names: Sequence[str], formats: "Sequence[MeshFormat]", variant: str, out: Path | None, workspace: Path | None,
-    as_json: bool,
-) -> None:  # fmt: skip
-    from toolkit.core.workspace import open_workspace
-    from toolkit.rig.export import export_object
-
-    space = open_workspace(workspace)
-    rows: list[dict[str, Any]] = []
-    for name in dict.fromkeys(names):
-        files, solid = export_object(space, name, formats, variant, out)
-        rows.append({"object": name, "variant": variant, "files": [str(file) for file in files], **asdict(solid)})
-        if not as_json:
-            say(f"{', '.join(str(file) for file in files)}: {solid.describe()}")
-    if as_json:
-        show_json(rows)
+    show_result(export_predictions(open_workspace(workspace), names or (), to, out, captures), as_json)

@@ -41,7 +41,7 @@ def studio(
 ) -> None:
     """Serve a page to take the photographs with: the next shot as an outline, upload, checks, progress, predictions.
 
-    Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
+    Each photograph that you keep goes into captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.core.workspace import open_workspace
     from toolkit.rig.board_file import with_board

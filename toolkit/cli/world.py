@@ -123,7 +123,7 @@ def export(
     *,
     item: ObjectInWorld,
     lamps: Annotated[
-        bool, typer.Option("--lamps", help="Write lamps as lit, as at dusk: what glows becomes emissive textures.")
+        bool, typer.Option("--lamps", help="Write lamps as lit, as at dusk, by emissive textures.")
     ] = False,
     scale: Scale = 1.0,
     out: Annotated[

@@ -2,20 +2,21 @@
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit import __version__
 from toolkit.captures.truth import as_bbox, write_instances
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import detections_csv, predictions_csv
 from toolkit.evaluation.detections_csv import format_box
 from toolkit.evaluation.predict import Box, Detection, Prediction
-from toolkit.evaluation.runs import Run
+from toolkit.evaluation.runs import Run, find_runs, open_run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, read_predictions
 from toolkit.imaging.read import read_image
 
@@ -26,7 +27,87 @@ SCHEMA_VERSION = 1
 VERSION_KEY = b"toolkit_schema_version"
 MOST_PARQUET_BYTES = 1 << 30
 HEADS: dict[str, type] = {"run": str, "network": str, "condition": str, "severity": int}
+FORMS = {"parquet": "predictions.parquet", "csv": "predictions.csv", "fiftyone": "fiftyone", "coco": "coco"}
+"""Name of what is written below `eval/`."""
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Predictions that were written.
+
+    Attributes:
+        place: file or folder.
+        form: `parquet`, `csv`, `fiftyone` or `coco`.
+        count: rows of a table, else images.
+        runs: names of the runs.
+        left_out: answers to images that have no file of their own, or could not be read.
+        skipped: (path, reason) of runs that could not be read.
+    """
+
+    place: Path
+    form: str
+    count: int
+    runs: tuple[str, ...]
+    left_out: int
+    skipped: Sequence[tuple[str, str]]
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        about = {"file": str(self.place), "format": self.form, "count": self.count}
+        return about | {"runs": list(self.runs), "left_out": self.left_out}
+
+    def lines(self) -> Iterator[str]:
+        """What lies where, in a sentence."""
+        runs = f"{len(self.runs)} runs"
+        if self.form == "fiftyone":
+            yield f"{self.count} images, {runs}; with FiftyOne: python {self.place / 'load.py'}"
+        elif self.form == "coco":
+            yield f"{self.count} images, {runs}; {self.place}/RUN/instances.json, results.json"
+        else:
+            yield f"{self.count} predictions of {runs}: {self.place}"
+
+    def warnings(self) -> Iterator[str]:
+        """What is missing."""
+        if self.left_out:
+            yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
+
+
+def export_predictions(
+    workspace: Workspace, names: Sequence[str] = (), form: str = "parquet", out: Path | None = None,
+    captures_dir: Path | None = None,
+) -> Exported:  # fmt: skip
+    """Write the predictions of runs, by default of all that have any, as one table or a folder.
+
+    Args:
+        workspace: that the runs are of.
+        names: of runs.
+        form: `parquet`, `csv`, `fiftyone`, or of detectors `coco`.
+        out: where to; by default below `eval/`.
+        captures_dir: where the images lie; by default of each run's own.
+
+    Raises:
+        ToolkitError: there is no such form or run, or as `write_parquet`, `write_csv`, `write_fiftyone` and
+            `write_coco_results`.
+    """
+    if form not in FORMS:
+        raise FieldError("expected parquet, csv, fiftyone or coco", {"to": form})
+    refused: Sequence[tuple[str, str]] = ()
+    if names:
+        runs = [open_run(workspace, name) for name in names]
+    else:
+        found, refused = find_runs(workspace)
+        runs = [run for run in found if run.has_predictions and (form != "coco" or run.kind == "detection")]
+    if not runs:
+        wanted = "of a detector" if form == "coco" else "with predictions"
+        raise ToolkitError(f"{workspace.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
+    place, left_out = out or workspace.eval_dir / FORMS[form], 0
+    if form in ("parquet", "csv"):
+        count = (write_parquet if form == "parquet" else write_csv)(place, workspace, runs, captures_dir)
+    else:
+        write = write_fiftyone if form == "fiftyone" else write_coco_results
+        count, left_out = write(place, workspace, runs, captures_dir)
+    return Exported(place, form, count, tuple(run.name for run in runs), left_out, refused)
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:

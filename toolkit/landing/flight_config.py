@@ -46,7 +46,9 @@ class DescentConfig(Config):
     rate: Annotated[float, Field(gt=0)] = 0.5
     align_m: Annotated[float, Field(gt=0)] = 0.15
     align_share: Annotated[float, Field(ge=0)] = 0.25
-    blind_m: Annotated[float, Field(ge=0), Flag()] = Field(0.8, description="Below this height it goes straight down.")
+    blind_m: Annotated[float, Field(ge=0), Flag()] = Field(
+        0.8, description="Below this height it flies straight down without looking, metres."
+    )
     unseen_m: Annotated[float, Field(ge=0)] = 1.6
 
 
@@ -66,27 +68,33 @@ class EpisodeConfig(Config):
         time_limit_s: of an episode.
     """
 
-    start_height_m: Annotated[Range, Rising(0.5, 100), Flag()] = Field((5.0, 8.0), description="Height of the start.")
-    start_angle_deg: Annotated[Range, Rising(0, 60), Flag()] = Field(
-        (5.0, 20.0), description="Angle of the start off the pad's vertical."
+    start_height_m: Annotated[Range, Rising(0.5, 100), Flag()] = Field(
+        (5.0, 8.0), description="Lowest and highest start, metres."
     )
-    wind_m_s: Annotated[Range, Rising(0, 20), Flag("--wind")] = Field((0.0, 3.0), description="Steady wind.")
+    start_angle_deg: Annotated[Range, Rising(0, 60), Flag()] = Field(
+        (5.0, 20.0), description="Direction of the start, degrees from straight above the pad."
+    )
+    wind_m_s: Annotated[Range, Rising(0, 20), Flag("--wind")] = Field(
+        (0.0, 3.0), description="Slowest and fastest steady wind, m/s."
+    )
     gust_m_s: Annotated[float, Field(ge=0, le=10), Flag("--gust")] = Field(
-        0.5, description="Gusts on top: standard deviation."
+        0.5, description="Gusts added to the wind, m/s, standard deviation."
     )
     gust_time_s: Annotated[float, Field(gt=0, le=60)] = 1.0
     camera_hz: Annotated[float, Field(gt=0, le=100), Flag()] = Field(10.0, description="Pictures a second.")
-    latency_s: Annotated[float, Field(ge=0), Flag()] = Field(0.05, description="From a picture to its command.")
+    latency_s: Annotated[float, Field(ge=0), Flag()] = Field(
+        0.05, description="Delay from a picture to its command, seconds."
+    )
     gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
-        0.3, description="Of the camera's mount: standard deviation."
+        0.3, description="Error of the camera's mount, degrees, standard deviation."
     )
     radius_m: Annotated[float, Field(gt=0, le=10), Flag()] = Field(
-        0.5, description="A success touches down within this of the centre."
+        0.5, description="A landing counts as a success within this distance of the centre, metres."
     )
     touchdown_m_s: Annotated[float, Field(gt=0)] = 1.2
     touchdown_tilt_deg: Annotated[float, Field(gt=0, le=90)] = 15.0
     lost_s: Annotated[float, Field(gt=0)] = 2.0
-    time_limit_s: Annotated[float, Field(gt=0, le=600), Flag()] = Field(30.0, description="Longest episode.")
+    time_limit_s: Annotated[float, Field(gt=0, le=600), Flag()] = Field(30.0, description="Longest episode, seconds.")
 
     @model_validator(mode="after")
     def _check(self) -> "EpisodeConfig":

@@ -29,10 +29,12 @@ Pool = Literal["average", "grid"]
 OwnName = Annotated[str, AfterValidator(_check_name)]
 """Of a file or folder; empty where it follows from something else."""
 WorldName = Annotated[str, Flag(metavar="NAME|FILE"), Field(description="Built-in world, or a mesh or kit file.")]
-WorldSeed = Annotated[int, Field(ge=0, description="Of the world."), Flag()]
+WorldSeed = Annotated[int, Field(ge=0, description="Seed of the world."), Flag()]
 OneTime = Annotated[Time, Flag(metavar="NAME"), Field(description="Time of day.")]
 WeatherWords = Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])]
-Heights = Annotated[Range, Rising(0.3, 200), Flag(), Field(description="Heights of the camera.")]
+Heights = Annotated[
+    Range, Rising(0.3, 200), Flag(), Field(description="Lowest and highest camera, metres above the pad.")
+]
 HalfAngle = Annotated[float, Field(gt=0, le=50), Flag("--half-angle")]
 
 
@@ -45,9 +47,11 @@ class CameraConfig(Config):
         noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
     """
 
-    image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(96, description="Side of a picture.")
+    image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(
+        96, description="Side of a picture, pixels."
+    )
     fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov", metavar="DEGREES")] = Field(
-        70.0, description="Angle of view."
+        70.0, description="Horizontal field of view."
     )
     noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
 
@@ -94,25 +98,31 @@ class CollectConfig(Config):
         "plain", description="plain, apriltag, grey, noise, one of print/pads, or a square picture."
     )
     size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
-    frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
-    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(40, description="Places that the pad lies on in turn.")
+    frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="Number of pictures.")
+    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(
+        40, description="Number of places that the pad lies on, one after the other."
+    )
     ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
         None, description="One place of your own in the world, metres, instead."
     )
     height_m: Heights = (0.8, 10.0)
-    half_angle_deg: HalfAngle = Field(25.0, description="Of the cone that cameras are in, its vertex on the pad.")
+    half_angle_deg: HalfAngle = Field(
+        25.0, description="Cameras stand in a cone above the pad; degrees from its axis to its side."
+    )
     gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
-        0.3, description="Of the camera's mount: standard deviation."
+        0.3, description="Error of the camera's mount, degrees, standard deviation."
     )
     times: Annotated[Times, Flag("--time", metavar="NAME")] = Field(
-        ("noon",), description="Time of day; repeat for more, which places have in turn."
+        ("noon",), description="Time of day; repeat for more: each place takes the next."
     )
     weathers: WeatherWords = Field(
         (CLEAR,), description="Weather, drawn for each frame: clear, fog:3, dust:1-3, rain; repeat for more."
     )
-    split: Annotated[Literal["place", "random"], Flag()] = Field("place", description="How frames are held out.")
-    held_out: Annotated[float, Field(ge=0, le=0.9), Flag()] = Field(0.2, description="Share that is held out.")
+    split: Annotated[Literal["place", "random"], Flag()] = Field(
+        "place", description="What is held out to test on: all frames of some places, or frames at random."
+    )
+    held_out: Annotated[float, Field(ge=0, le=0.9), Flag()] = Field(0.2, description="Share of the frames to test on.")
     shard_frames: Annotated[int, Field(ge=1, le=100_000)] = 500
     optics: CameraConfig = CameraConfig()
 
@@ -161,25 +171,33 @@ class LandingTrainConfig(Config):
     )
     arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
     init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
-        None, description="Weights to start from. Default: ImageNet's, else the bundled network."
+        None,
+        description="Weights to start from. Default: ImageNet's if they are on this machine, else the bundled "
+        "network's.",
     )
-    pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
-    probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
-    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="Most frames to train on.")
+    pool: Annotated[Pool, Flag()] = Field(
+        "grid", description="Features for the last layer: their average, or a grid of them."
+    )
+    probe: Annotated[bool, Flag()] = Field(True, description="Fit the last layer by ridge regression before training.")
+    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(
+        None, description="Train on at most so many frames."
+    )
     epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
-    batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
+    batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames per step.")
     lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
-    optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
+    optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Optimiser of the weights.")
     schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
-        "one-cycle", description="Of the learning rate."
+        "one-cycle", description="How the learning rate changes."
     )
     momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
-    weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Of the weights.")
+    weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Weight decay.")
     loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
         "relative", description="mse: mean square error in metres; relative: as a share of the height."
     )
     augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
-    uncertainty: Annotated[bool, Flag()] = Field(False, description="Also predict how sure it is, calibrated.")
+    uncertainty: Annotated[bool, Flag()] = Field(
+        False, description="Also predict the error to be expected, calibrated."
+    )
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:
         """Of the loop."""
@@ -222,7 +240,9 @@ class BoostConfig(Config):
         noise: standard deviation of the camera's noise, encoded.
     """
 
-    name: Annotated[OwnName, Flag(metavar="NAME")] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
+    name: Annotated[OwnName, Flag(metavar="NAME")] = Field(
+        "", description="Name of the pad. Default: REGRESSOR-boosted."
+    )
     size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
     start: Annotated[Literal["plain", "grey", "noise"], Flag("--start-pad")] = Field(
         "plain", description="Picture that training starts from."
@@ -232,17 +252,19 @@ class BoostConfig(Config):
     places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
     ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     time: OneTime = "noon"
-    views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Rendered views.")
+    views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Number of rendered views.")
     height_m: Heights = (0.8, 10.0)
-    half_angle_deg: HalfAngle = Field(25.0, description="Of the cone of cameras.")
+    half_angle_deg: HalfAngle = Field(
+        25.0, description="Cameras stand in a cone above the pad; degrees from its axis to its side."
+    )
     weathers: WeatherWords = Field(
         parse_weathers(["fog", "dust"]), description="Weather between pad and camera; repeat for more."
     )
     weather_probability: Annotated[float, Field(ge=0, le=1), Flag()] = Field(
-        0.7, description="That a view has weather."
+        0.7, description="Probability that a view has weather."
     )
     steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Training steps.")
-    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views of a step.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views per step.")
     lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(
         0.02, description="Learning rate: the change of a pixel per step."
     )
@@ -293,7 +315,9 @@ class FlyConfig(Config):
     )
     world: WorldName = "grass"
     world_seed: WorldSeed = 0
-    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that episodes have in turn.")
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(
+        8, description="Number of places; each episode takes the next."
+    )
     ground: Annotated[Ground, Flag()] = Field("both", description="What pads lie on: decks, bare grass, or both.")
     time: OneTime = "noon"
     weathers: WeatherWords = Field((CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain.")
@@ -301,12 +325,13 @@ class FlyConfig(Config):
         ("gentle",), description="paper (5,0,5), gentle (1,0,0), or your own; repeat for more."
     )
     episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Episodes in each cell.")
-    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that are computed together.")
     size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
         None, description="Side of the pads, metres. Default: as trained."
     )
     image_px: Annotated[int | None, Field(ge=32, le=1024), Flag("--image-px", typed=int)] = Field(
-        None, description="Side of a picture, of classical finders alone. Default: 96; of regressors, as trained."
+        None,
+        description="Side of a picture for features and apriltag. Default: 96. Regressors: as trained.",
     )
     episode: EpisodeConfig = EpisodeConfig()
     descent: DescentConfig = DescentConfig()
@@ -331,9 +356,9 @@ class DemoConfig(Config):
 
     frames: Annotated[int, Field(ge=40), Flag()] = Field(2400, description="Pictures to collect.")
     epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Epochs of the regressor.")
-    image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
+    image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture, pixels.")
     steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Steps of the pad's training.")
     episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Episodes in each cell.")
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
-        ("clear", "fog:4", "snow:2"), description="To fly in; repeat for more."
+        ("clear", "fog:4", "snow:2"), description="Weather to fly in; repeat for more."
     )

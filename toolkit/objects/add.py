@@ -15,7 +15,7 @@ from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
 from toolkit.objects.records import printed_size_mm
-from toolkit.objects.spec import Axis, Side, axes_of_format
+from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format
 
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
@@ -23,34 +23,6 @@ USUAL_MM = (20.0, 3000.0)
 """Of things that stand on a table or a floor before a camera: other lengths are asked after."""
 DEFAULT_PATCH_MM = printed_size_mm(100)
 """Of a patch of 100 px, which training makes unless it is told otherwise."""
-
-
-@dataclass(frozen=True)
-class ObjectRequest:
-    """What is known of a new object; what is None follows from the mesh and its format.
-
-    Attributes:
-        class_name: the category it should be recognised as: a label, or an index.
-        name: of the object; None: the mesh file's.
-        length_mm: longest side of the real object; None: glTF's own metres, else a guess.
-        print_side: the side that the printed patch is taped to.
-        patch_mm: side of the printed patch; None: of a patch of 100 px, or a third of a small object.
-        up, front: the mesh's axes that point up and to the front.
-        replace: whether an object of this name may be replaced, and a built-in one covered.
-
-    Example:
-        >>> tk.ObjectRequest("crate", length_mm=300.0).print_side
-        'top'
-    """
-
-    class_name: str | int
-    name: str | None = None
-    length_mm: float | None = None
-    print_side: Side = "top"
-    patch_mm: float | None = None
-    up: Axis | None = None
-    front: Axis | None = None
-    replace: bool = False
 
 
 @dataclass(frozen=True)
@@ -134,10 +106,6 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     _check_name(workspace, name, request.replace)
     named = find_named_files(mesh_file)
     mesh = read_mesh(mesh_file)
-    if request.length_mm is not None and not 0 < request.length_mm < 100_000:
-        raise ToolkitError(f"length_mm: expected millimetres over 0 and under 100000, found {request.length_mm:g}")
-    if request.patch_mm is not None and not 1 <= request.patch_mm < 100_000:
-        raise ToolkitError(f"patch_mm: expected millimetres from 1 to under 100000, found {request.patch_mm:g}")
     is_gltf = mesh_file.suffix.lower() in (".glb", ".gltf")
     stated_mm = float(mesh.size_mm.max()) * MM_PER_M if is_gltf else 0.0
     length_mm = request.length_mm or (stated_mm if 1 <= stated_mm < 100_000 else GUESSED_LENGTH_MM)
@@ -179,7 +147,7 @@ def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
 
 def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple[Axis, Axis]) -> str:
     # a patch wider than a third of a small object finds no flat place
-    size_mm = request.patch_mm or min(DEFAULT_PATCH_MM, length_mm / 3)
+    size_mm = request.size_mm or min(DEFAULT_PATCH_MM, length_mm / 3)
     size = f"size_mm = {size_mm:.3g}" if size_mm != DEFAULT_PATCH_MM else f"# size_mm = {DEFAULT_PATCH_MM:.0f}"
     fields = [
         ("class", _quote(request.class_name), "an ImageNet category, an index, or a label of your own classifier"),
@@ -190,7 +158,7 @@ def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple
         ("front", _quote(axes[1]), "and the one that points to the front"),
         ("", "", ""),
         ("[patch]", "", "where the printed patch is taped"),
-        ("at", _quote(request.print_side), "top, front, back, left or right"),
+        ("at", _quote(request.print_side or "top"), "top, front, back, left or right"),
         (*size.rsplit(" = ", 1), "side of the printed patch; without it, the size in the patch's record"),
         ("offset_mm", "[0, 0]", "from the middle of that side: right and up; for the top, forward and left"),
         ("rotation_deg", "0", "turn of the patch, counter-clockwise as one sees it"),

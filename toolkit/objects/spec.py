@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.names import FileName, is_file_name
@@ -143,6 +144,51 @@ class ObjectSpec(BaseModel):
     def with_mounts(self, mounts: Sequence[PatchMount]) -> "ObjectSpec":
         """The same object with its sheets in other places."""
         return self.model_copy(update={"mounts": tuple(mounts)})
+
+
+AXES = "x, y, z, -x, -y or -z"
+
+
+class ObjectRequest(Config):
+    """What is known of a new object; what is None follows from the mesh and its format.
+
+    Example:
+        >>> tk.ObjectRequest(class_name="crate", length_mm=300.0).length_mm
+        300.0
+    """
+
+    class_name: Annotated[str | int, Flag("--class", metavar="NAME", typed=str)] = Field(
+        description="What it should be recognised as: an ImageNet category, or your classifier's."
+    )
+    name: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
+        None, description="Name of the object. Default: the file's."
+    )
+    length_mm: Annotated[
+        Annotated[float, Field(gt=0, lt=100_000)] | None,
+        Expect("millimetres over 0 and under 100000"),
+        Flag(metavar="X", typed=float),
+    ] = Field(None, description="Longest side of the real object. Default: a glTF's own size, else 200.")
+    print_side: Annotated[Side | None, Flag(metavar="SIDE", typed=Side)] = Field(
+        None,
+        description="Where its patch goes: top, front, back, left or right. Default: top if it lies flat there, else "
+        "a side where it does.",
+    )
+    size_mm: Annotated[
+        Annotated[float, Field(ge=1, lt=100_000)] | None,
+        Expect("millimetres from 1 to under 100000"),
+        Flag(metavar="MM", typed=float),
+    ] = Field(
+        None,
+        description="Side of its printed patch. Default: 88, or a third of a small object. Made smaller where it does "
+        "not lie flat.",
+    )
+    up: Annotated[Axis | None, Flag(metavar="AXIS", typed=Axis)] = Field(
+        None, description=f"The mesh's axis that points up: {AXES}. Default: by format."
+    )
+    front: Annotated[Axis | None, Flag(metavar="AXIS", typed=Axis)] = Field(
+        None, description="The mesh's axis that points to the front. Default: by format."
+    )
+    replace: Annotated[bool, Flag("--replace")] = Field(False, description="Replace the object of that name.")
 
 
 def read_spec(path: Path) -> ObjectSpec:

@@ -53,7 +53,7 @@ class PrintSettings(Config):
         Flag("--scale", metavar="PERCENT", group=PAGE, typed=str),
     ] = Field(
         None,
-        description="Side = pixels / dpi × scale.  [default: the size that the object's spec states, else "
+        description="Side of the print = pixels / dpi × scale.  [default: the size that the object's spec states, else "
         f"{100 * SCALE:g}]",
     )
     dpi: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
@@ -66,7 +66,7 @@ class PrintSettings(Config):
         1, description="Of each patch, packed on a page where they fit."
     )
     margin_mm: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_MM), Flag(group=PAGE)] = Field(
-        5.0, description="White paper round the patch to tape it by, inside the cut."
+        5.0, description="Width of white paper around the patch, for the tape; it lies inside the cut line."
     )
     paper: Annotated[AnyPaper, Flag(metavar="SIZE", group=PAGE, typed=str)] = Field(
         parse_paper("a4"), description="a0 to a5, b3 to b5, letter, legal, tabloid, or one's own: 200x300mm."

@@ -1,8 +1,9 @@
 """An object with what is put on it, as files for other programs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import write_bytes
@@ -15,8 +16,37 @@ from toolkit.rig.variants import apply_booster, find_booster
 MeshFormat = Literal["glb", "obj", "3mf"]
 
 
+@dataclass(frozen=True)
+class ExportedObjects:
+    """Objects that were written: of each its name, its files and how it stands to being printed in 3D."""
+
+    variant: str
+    made: tuple[tuple[str, list[Path], Soundness], ...]
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """All of it for a script."""
+        return [
+            {"object": name, "variant": self.variant, "files": [str(file) for file in files], **asdict(solid)}
+            for name, files, solid in self.made
+        ]
+
+    def lines(self) -> Iterator[str]:
+        """A sentence for each."""
+        for _, files, solid in self.made:
+            yield f"{', '.join(str(file) for file in files)}: {solid.describe()}"
+
+
+def export_objects(
+    workspace: Workspace, names: Sequence[str], formats: Sequence[str], variant: str, out: Path | None
+) -> ExportedObjects:
+    """`export_object` of each."""
+    made = ((name, *export_object(workspace, name, formats, variant, out)) for name in dict.fromkeys(names))
+    return ExportedObjects(variant, tuple(made))
+
+
 def export_object(
-    workspace: Workspace, name: str, formats: Sequence[MeshFormat] = ("glb",), variant: str = "unpatched",
+    workspace: Workspace, name: str, formats: Sequence[str] = ("glb",), variant: str = "unpatched",
     out: Path | None = None,
 ) -> tuple[list[Path], Soundness]:  # fmt: skip
     """Write an object as GLB (metres), OBJ or 3MF (millimetres).

@@ -62,7 +62,7 @@ class Corrupting(Config):
     corruptions: Annotated[tuple[tuple[str, int], ...], Field(min_length=1)]
     share: Annotated[
         float, Field(gt=0, le=1), Expect("a share above 0 and at most 1, such as 0.5"), Flag("--corrupt-share")
-    ] = Field(0.5, description="Which share of them.")
+    ] = Field(0.5, description="Share of the training images that are corrupted.")
 
 
 LARGEST = {"l2": 1000.0, "linf": 1.0}
@@ -84,7 +84,7 @@ class Attack(Config):
     norm: Literal["l2", "linf"]
     eps: Annotated[float, Field(gt=0)]
     steps: Annotated[int, Field(ge=1), Flag("--attack-steps", group="Steps")] = Field(
-        ATTACK_STEPS, description="Of gradient ascent on each image, for {robust}; each of 2/N of the radius."
+        ATTACK_STEPS, description="Steps of gradient ascent on each image, for {robust}; each is 2/N of the radius."
     )
 
     @model_validator(mode="after")
@@ -244,7 +244,7 @@ class ClassifierConfig(Config):
     warm_up: Annotated[float, Field(ge=0, le=1)] = Field(0.2, description="Share of the steps in which it rises.")
     momentum: Annotated[float, Field(ge=0, lt=1)] = Field(0.9, description="Nesterov's.")
     weight_decay: Annotated[float, Field(ge=0, lt=1), Expect("0 to below 1, such as 0.0005"), Flag(group=STEPS)] = (
-        Field(5e-4, description="Of the weights, not of biases and normalisation.")
+        Field(5e-4, description="Weight decay; biases and normalisation have none.")
     )
     label_smoothing: Annotated[float, Field(ge=0, lt=1), Expect("0 to below 1"), Flag(group=STEPS)] = Field(
         0.1, description="Share of each target spread over all classes."
@@ -266,7 +266,7 @@ class ClassifierConfig(Config):
     ] = Field(
         None,
         description="Train on the worst images in a ball around each, as far as EPS in values of 0 to 1: l2:0.5, "
-        "linf:8/255. It takes three to four times as long.",
+        "linf:8/255. Training takes three to four times as long.",
     )
     keep_labels: Annotated[bool, Later, Flag("--keep-labels")] = Field(
         False, description="Keep all classes of --init; the folders are called by WordNet id or label."

@@ -20,16 +20,16 @@ class ObjectInWorld(Config):
     """Which object stands in a world, in which variant, where and how large."""
 
     object_name: Annotated[str | None, Flag("--object", metavar="NAME", typed=str)] = Field(
-        None, description="Stand this object in it, at its real size."
+        None, description="Put this object into the world, at its real size."
     )
     variant: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
-        None, description="Of the object: unpatched, patched, textured, or a control."
+        None, description="What is on the object: unpatched, patched, textured, or a control."
     )
     place: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
-        None, description="Where it stands; the map shows names. Default: by seed."
+        None, description="Place where it stands, by its name on the map. Default: drawn by the seed."
     )
     length_m: Annotated[float | None, Flag(metavar="X", typed=float)] = Field(
-        None, description="Longest side of the object. Default: its spec's."
+        None, description="Longest side of the object, metres. Default: as its spec says."
     )
 
     def check(self) -> None:
@@ -56,9 +56,10 @@ class PreviewRequest(Config):
         None, description="Your panorama, used before the {times} skies."
     )
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
-        ("fog:1",), description="The first sky's view also in: fog:1, dust, rain:3-5, snow; repeat for more."
+        ("fog:1",),
+        description="Weather of further pictures, under the first sky: fog:1, dust, rain:3-5, snow; repeat for more.",
     )
     resolution: Annotated[tuple[int, int], Flag(metavar="WIDTH HEIGHT")] = Field(
-        (1280, 720), description="Of the pictures, pixels."
+        (1280, 720), description="Size of the pictures, pixels."
     )
     film_s: Annotated[float, Flag(metavar="X")] = Field(4.0, description="Length of the film, seconds; 0 makes none.")

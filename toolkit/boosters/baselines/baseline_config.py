@@ -37,7 +37,9 @@ class BaselineConfig(Config):
     border: Annotated[
         int | None, Field(ge=1), Expect("1 or more white modules, without which no reader finds it"), Flag()
     ] = Field(
-        None, description="White modules around a code. Default: 1, as the paper; the standard of QR codes asks for 4."
+        None,
+        description="Width of the white border around a code, in modules. Default: 1, as in the paper; the QR "
+        "standard asks for 4.",
     )
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
 

@@ -34,13 +34,14 @@ class AffineRanges(Transform):
 
     stage = "place"
     rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation", group=WHERE)] = Field(
-        (-180.0, 180.0), description="Rotation of the patch, degrees, clockwise."
+        (-180.0, 180.0), description="Smallest and largest rotation of the patch, degrees, clockwise."
     )
     share: Annotated[Range, Rising(0.02, 2), Flag(group=WHERE)] = Field(
-        (0.20, 0.42), description="Side of the patch as a share of the image's, before foreshortening."
+        (0.20, 0.42),
+        description="Smallest and largest side of the patch, as a share of the image's, before foreshortening.",
     )
     foreshortening: Annotated[Range, Rising(0.05, 1), Flag(group=WHERE)] = Field(
-        (0.35, 1.0), description="Compression by an oblique view, 1 is none."
+        (0.35, 1.0), description="How much an oblique view narrows the patch; 1 is not at all."
     )
     overhang: Annotated[float, Field(ge=0, lt=0.5)] = Field(
         0.1, description="Share of the placed square's bounding box that may reach over the image's edge."
@@ -106,7 +107,9 @@ class Placement(Transform):
         (0.9, 1.1), description="Smallest and largest side of the placed patch, as a multiple of its own pixels."
     )
     translate: Annotated[float, Field(ge=0, le=0.5), Expect("0 to 0.5 of the image's side"), Flag()] = Field(
-        0.3, description="Largest move from the middle along each axis, of the image's side; it may be cut off."
+        0.3,
+        description="Largest move from the middle along each axis, as a share of the image's side; the patch "
+        "may be cut off.",
     )
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":

@@ -25,11 +25,11 @@ class TransferConfig(Config):
     )
     left_out: Annotated[tuple[str, ...], Flag("--leave-out", metavar="NAME")] = Field(
         (),
-        description="Only this network is left out, by its name in --model; repeat for more. Default: each in turn. "
-        "Where some are detectors: classifiers or detectors, all of them; default: both in turn.",
+        description="Leave out only this network, by its name in --model; repeat for more. Default: each once. "
+        "With detectors among them: classifiers or detectors, all of that kind; default: each kind once.",
     )
     corruptions: Annotated[Corruptions, Flag("--also", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        (("fog", 3),), description="Judge the captures under this corruption of ImageNet-C as well."
+        (("fog", 3),), description="Also judge the images under this corruption of ImageNet-C."
     )
     run: Annotated[RunName, Flag(metavar="NAME")] = Field("leave-one-out", description="Folder under eval/transfer.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
@@ -43,7 +43,7 @@ class TransferConfig(Config):
         None, description="How the networks are joined, as in train-patch."
     )
     objective: Annotated[Literal["cross-entropy", "logit"] | None, Flag(group=TRANSFER)] = Field(
-        None, description="What is raised, as in train-patch."
+        None, description="What training raises, as in train-patch."
     )
     jitter: Annotated[Jitter | None, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="As in train-patch."
@@ -55,7 +55,7 @@ class TransferConfig(Config):
         None, description="As in train-patch."
     )
     max_change: Annotated[MaxChange, Flag(metavar="X|auto", group=TRANSFER, typed=str)] = Field(
-        None, description="Of textures, as in train-texture."
+        None, description="For textures, as in train-texture."
     )
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 

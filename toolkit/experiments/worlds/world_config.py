@@ -91,7 +91,7 @@ class WorldEvalConfig(Config):
     world: Annotated[str, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
         "city", description="city, grass, apron, harbour, a world of your own by name, or its file."
     )
-    world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Number of the world.")
+    world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Seed of the world.")
     scale: Annotated[float, Field(gt=0), Flag("--world-scale", group=WORLD)] = Field(
         1.0, description="Metres in one unit of your own mesh."
     )

@@ -25,7 +25,7 @@ class ImportSettings(Config):
     """
 
     object: Annotated[str | None, Flag(metavar="NAME")] = Field(
-        None, description="What all photographs show. Default: their folders, names or the shot list say it."
+        None, description="Object in all photographs. Default: as folders, names or the shot list say."
     )
     variant: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None, description="unpatched, patched, a control, or a booster's name. Default: as for --object."
@@ -37,17 +37,18 @@ class ImportSettings(Config):
         "auto", description="What tells the pose: board, name (pose_07), order (of time), render, or auto."
     )
     first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="Number of the first photograph's shot, where they are only a part of the shot list."
+        None, description="Number of the first photograph's shot, if these are only a part of the shot list."
     )
     pairs: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
-        None, description="Table file,object,variant,pose[,class] that says what each shows; no plan and no board then."
+        None,
+        description="Table file,object,variant,pose[,class]: what each photograph shows; needs no plan or board.",
     )
     link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
     replace: Annotated[bool, Flag("--replace")] = Field(
         False, description="A retake replaces the earlier photograph, which is kept aside."
     )
     every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
-        None, description="From a video take one frame per this many seconds, instead of one per still moment."
+        None, description="From a video, take one frame every so many seconds. Default: one for each moment of rest."
     )
     source: Source = Field("real", description="Folder below captures/.")
 
