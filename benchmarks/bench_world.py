@@ -142,7 +142,7 @@ def measure_growth() -> dict[str, float]:
 
 def run(quiet: bool = False) -> dict[str, float]:
     """Median rates, ratios, and the growth with the triangles."""
-    from toolkit.objects.export import to_glb
+    from toolkit.objects.export_mesh import to_glb
 
     with TemporaryDirectory() as folder:
         glb = Path(folder) / "city.glb"

@@ -11,8 +11,8 @@ import pytest
 import torch
 from tiny_network import tiny_classifier
 
-from toolkit.boosters.wrap import train_wrap, wrap_object
 from toolkit.boosters.wrap_config import RECIPES, make_config
+from toolkit.boosters.wrap_task import train_wrap, wrap_object
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -34,7 +34,7 @@ torch.set_num_threads(1)
 import toolkit.objects.wrap as wraps
 from test_wrap_run import QUICK
 from tiny_network import tiny_classifier
-from toolkit.boosters.wrap import train_wrap
+from toolkit.boosters.wrap_task import train_wrap
 from toolkit.boosters.wrap_config import make_config
 from toolkit.core.workspace import Workspace
 from toolkit.training.checkpoint import Checkpoint

@@ -3,7 +3,7 @@
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, hash_shape
-from toolkit.objects.wrap import Piece, PieceRecord, Wrap, WrapRecord
+from toolkit.objects.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord
 
 N_PX, TEXEL_MM = 512, 0.5
 FRONT_AND_TOP, SIDE = (10, 10), (240, 240)
@@ -17,8 +17,8 @@ def make_box_wrap(box: Mesh, *, with_top: bool = True) -> Wrap:
     front, top, right = middle[:, 1] < -29.9, middle[:, 2] > 39.9, middle[:, 0] > 49.9
     net = np.stack([x + 50, np.where(top[:, None], y + 70, z)], axis=2)
     pieces = (
-        Piece(np.flatnonzero(front | (top & with_top)).astype(np.int32), net[front | (top & with_top)], 0.0),
-        Piece(np.flatnonzero(right).astype(np.int32), np.stack([y + 30, z], axis=2)[right], 0.0),
+        FlatPiece(np.flatnonzero(front | (top & with_top)).astype(np.int32), net[front | (top & with_top)], 0.0),
+        FlatPiece(np.flatnonzero(right).astype(np.int32), np.stack([y + 30, z], axis=2)[right], 0.0),
     )
     records = [
         PieceRecord(

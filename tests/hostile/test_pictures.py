@@ -135,7 +135,7 @@ ALLOWED = {
     ("worlds/film.py", "VideoCapture"),  # what it has just written
     ("printing/canvas.py", "ImageReader"),  # what it has just encoded
     ("objects/load.py", "load_scene"),  # within `open_textures`
-    ("objects/export.py", "load_scene"),  # what it has just encoded
+    ("objects/export_mesh.py", "load_scene"),  # what it has just encoded
 }
 
 

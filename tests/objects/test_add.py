@@ -14,7 +14,7 @@ from PIL import Image
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.add import ObjectRequest, add_object, find_named_files
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 
@@ -267,7 +267,7 @@ def test_an_unusual_or_unknown_length_is_asked_after(space, elsewhere, suffix, s
 
 
 def test_the_page_to_turn_it_holds_the_mesh_and_needs_no_network(make_box):
-    from toolkit.objects.export import make_turntable
+    from toolkit.objects.export_mesh import make_turntable
 
     page = make_turntable(make_box(), "crate <1>", "100 mm & more")
     assert "<title>crate &lt;1&gt;</title>" in page and "100 mm &amp; more" in page

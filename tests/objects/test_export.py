@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.load import read_mesh, turn_upright
 from toolkit.objects.mesh import merge_meshes
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.objects.export import to_3mf, to_obj
+from toolkit.objects.export_mesh import to_3mf, to_obj
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import merge_meshes
 from toolkit.objects.records import decode_png, encode_png

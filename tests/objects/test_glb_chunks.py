@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from toolkit.objects.atlas import apply_texture, make_atlas
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.load import build_mesh
 from toolkit.objects.mesh import Material, Mesh, merge_meshes, mesh_from_corners
 

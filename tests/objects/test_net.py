@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from tests.objects.test_pieces import A4, areas, box, check, cone, make_mesh
 
-from tests.objects.test_wrap_pieces import A4, areas, box, check, cone, make_mesh
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.flatten import weld_surface
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.net import find_tabs, unfold
 from toolkit.objects.seams import find_folds
-from toolkit.objects.wrap import Piece
+from toolkit.objects.wrap import FlatPiece
 
 
 def step() -> Mesh:
@@ -29,7 +29,7 @@ def ball() -> Mesh:
     return make_mesh(made.vertices, made.faces)
 
 
-def refold(mesh: Mesh, piece: Piece) -> np.ndarray:
+def refold(mesh: Mesh, piece: FlatPiece) -> np.ndarray:
     """(k, 3, 3) where corners come to lie: the first face is laid on the mesh, then edge after edge is bent.
 
     Which edges hold is taken from the flat piece alone, by how much they bend from trimesh.

@@ -11,7 +11,7 @@ from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
 from toolkit.objects.seams import find_folds, find_seams
 from toolkit.objects.trim import Limits
-from toolkit.objects.wrap import Piece
+from toolkit.objects.wrap import FlatPiece
 
 A4 = (190.0, 277.0)
 GREY = Material("grey", np.full((4, 4, 3), 128, np.uint8))
@@ -60,13 +60,13 @@ def areas(mesh: Mesh) -> np.ndarray:
     return np.linalg.norm(cross_products(mesh.vertices[mesh.faces]), axis=1) / 2
 
 
-def find(mesh: Mesh, stretch: float, count: int, sheet: tuple[float, float] = A4) -> list[Piece]:
+def find(mesh: Mesh, stretch: float, count: int, sheet: tuple[float, float] = A4) -> list[FlatPiece]:
     found = find_pieces(mesh, areas(mesh), np.ones(len(mesh.faces), bool), Limits(stretch, sheet), count)
     check(mesh, found, stretch)
     return found
 
 
-def check(mesh: Mesh, pieces: list[Piece], stretch: float) -> None:
+def check(mesh: Mesh, pieces: list[FlatPiece], stretch: float) -> None:
     """What holds for any pieces: the right way round, over nothing twice, as stretched as they say, each face once."""
     faces = np.concatenate([piece.faces for piece in pieces])
     assert len(np.unique(faces)) == len(faces)
@@ -82,7 +82,7 @@ def check(mesh: Mesh, pieces: list[Piece], stretch: float) -> None:
         assert piece.area_mm2 == pytest.approx(areas(mesh)[piece.faces].sum(), rel=max(0.005, stretch))
 
 
-def stretch_by_singular_values(mesh: Mesh, piece: Piece) -> float:
+def stretch_by_singular_values(mesh: Mesh, piece: FlatPiece) -> float:
     """The same figure from each triangle's two singular values and the directions that they act along."""
     solid = mesh.vertices[mesh.faces[piece.faces]].astype(float)
     edges = np.stack([solid[:, 1] - solid[:, 0], solid[:, 2] - solid[:, 0]], axis=2)

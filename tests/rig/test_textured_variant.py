@@ -11,7 +11,7 @@ from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.content.modelling import assemble, box
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Material, hash_mesh, hash_shape
 from toolkit.objects.records import encode_png, write_texture

@@ -15,7 +15,7 @@ from PIL import Image
 from walled_field import make_field
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.worlds import preview
 from toolkit.worlds.film import count_frames, write_film
 from toolkit.worlds.place import place_object

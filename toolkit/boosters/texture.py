@@ -41,7 +41,7 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.atlas import apply_texture
-from toolkit.objects.export import to_glb
+from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer

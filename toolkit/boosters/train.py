@@ -12,7 +12,7 @@ from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture import TrainedTexture
 from toolkit.boosters.validation import Validation
-from toolkit.boosters.wrap import TrainedWrap
+from toolkit.boosters.wrap_task import TrainedWrap
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.models.network import Classifier

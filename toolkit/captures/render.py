@@ -12,7 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.objects.add import DEFAULT_PATCH_MM
-from toolkit.objects.export import make_turntable
+from toolkit.objects.export_mesh import make_turntable
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import Patch, Texture
 from toolkit.rig.camera import Camera

@@ -38,7 +38,7 @@ def list_objects(
             }
         )  # fmt: skip
         if export is not None:
-            from toolkit.objects.export import to_glb
+            from toolkit.objects.export_mesh import to_glb
 
             write_bytes(export / f"{name}.glb", to_glb(item.mesh, name))
     if as_json:

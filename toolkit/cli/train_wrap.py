@@ -46,7 +46,7 @@ def train_wrap(
     """Train what is on the pieces of a wrap, planning them first where there are none; goes on where it stopped."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.patch_config import use_printer
-    from toolkit.boosters.wrap import train_wrap as run
+    from toolkit.boosters.wrap_task import train_wrap as run
     from toolkit.core.workspace import open_workspace
 
     if print_profile is not None:

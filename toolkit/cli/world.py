@@ -140,7 +140,7 @@ def export(
     """
     from toolkit.core.files import write_bytes
     from toolkit.core.workspace import open_workspace
-    from toolkit.objects.export import to_glb
+    from toolkit.objects.export_mesh import to_glb
     from toolkit.objects.mesh import merge_meshes
     from toolkit.worlds.catalogue import open_world
     from toolkit.worlds.place import stand_object

@@ -22,7 +22,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.objects.region import Region, hold_together, join_edges, relax_region, take
 from toolkit.objects.trim import NARROWEST_MM, Limits, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
-from toolkit.objects.wrap import Piece
+from toolkit.objects.wrap import FlatPiece
 
 RING = 1.35
 """A piece's radius grows by this factor before it is relaxed again."""
@@ -32,7 +32,7 @@ LEAST_GAIN = 0.002
 """Share of all value below which a piece is not worth a cut."""
 
 
-def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[Piece]:
+def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[FlatPiece]:
     """At most `count` pieces with the most value, best first.
 
     Args:

@@ -18,7 +18,7 @@ from toolkit.objects.region import Region
 from toolkit.objects.seams import Edge, find_joined, spread_pieces
 from toolkit.objects.spec import MOST_PIECES
 from toolkit.objects.trim import make_piece, turn_to_fit
-from toolkit.objects.wrap import Piece, SeamRecord, TabRecord
+from toolkit.objects.wrap import FlatPiece, SeamRecord, TabRecord
 
 MOST_FACES = 2_000
 """Nobody folds more."""
@@ -46,7 +46,7 @@ class Tab:
     outline: np.ndarray
 
 
-def unfold(surface: Surface, sheet_mm: tuple[float, float]) -> list[Piece]:
+def unfold(surface: Surface, sheet_mm: tuple[float, float]) -> list[FlatPiece]:
     """All faces as nets that fold without stretch, largest first; faces larger than the sheet are left out.
 
     Args:
@@ -139,7 +139,7 @@ def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
     return ~apart
 
 
-def find_tabs(surface: Surface, pieces: Sequence[Piece]) -> tuple[list[Tab], int]:
+def find_tabs(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[list[Tab], int]:
     """A glue tab for each pair of edges that meet when folded, on the side that has more room.
 
     Returns:
@@ -168,7 +168,7 @@ def find_tabs(surface: Surface, pieces: Sequence[Piece]) -> tuple[list[Tab], int
 
 
 def name_tabs(
-    surface: Surface, pieces: Sequence[Piece], seams: Sequence[Sequence[SeamRecord]]
+    surface: Surface, pieces: Sequence[FlatPiece], seams: Sequence[Sequence[SeamRecord]]
 ) -> list[list[TabRecord]]:
     """The tabs of each net, named as the seams that they are glued at; says how many edges go without one."""
     tabs, missed = find_tabs(surface, pieces)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from toolkit.objects.flatten import Surface
-from toolkit.objects.wrap import Piece, Point, SeamRecord
+from toolkit.objects.wrap import FlatPiece, Point, SeamRecord
 
 LEAST_SEAM_MM = 8.0
 """Shorter ones need no letter."""
@@ -15,7 +15,7 @@ SAME_MM = 1e-6
 """Corners closer than this on a piece are one."""
 
 
-def find_seams(surface: Surface, pieces: Sequence[Piece]) -> list[list[SeamRecord]]:
+def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamRecord]]:
     """The seams of each piece, each with a letter that stands on both of its sides.
 
     Args:
@@ -59,7 +59,7 @@ def find_seams(surface: Surface, pieces: Sequence[Piece]) -> list[list[SeamRecor
 
 
 def find_folds(
-    surface: Surface, piece: Piece, least_deg: float = FOLD_DEG
+    surface: Surface, piece: FlatPiece, least_deg: float = FOLD_DEG
 ) -> tuple[list[tuple[Point, Point]], list[tuple[Point, Point]]]:
     """Edges inside a piece that are bent by more, from and to in mm; and those of them that are valleys."""
     owner, flat = spread_pieces(surface, [piece])
@@ -107,7 +107,7 @@ def name_letter(number: int) -> str:
 Edge = tuple[int, int]
 
 
-def spread_pieces(surface: Surface, pieces: Sequence[Piece]) -> tuple[np.ndarray, np.ndarray]:
+def spread_pieces(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[np.ndarray, np.ndarray]:
     """(m,) index of the piece of each face of the mesh, -1 where there is none, and (m, 3, 2) where it lies on it."""
     owner, flat = np.full(len(surface.faces), -1), np.zeros((len(surface.faces), 3, 2))
     for number, piece in enumerate(pieces):

@@ -15,7 +15,7 @@ from toolkit.objects.flatten import (
 )
 from toolkit.objects.region import Region, join_edges, largest_part, relax_region, take
 from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import Piece
+from toolkit.objects.wrap import FlatPiece
 
 NARROWEST_MM = 12.0
 """A hand does not place a narrower piece."""
@@ -89,7 +89,7 @@ def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float
     return best
 
 
-def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> Piece:
+def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> FlatPiece:
     """A region as a piece, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
     order = np.argsort(region.faces)
     faces, flat = region.faces[order], turn_to_fit(region.flat[order], sheet_mm)[0]
@@ -98,7 +98,7 @@ def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) 
     climb = (surface.area[faces] * (height - height.mean())) @ (middles - middles.mean(axis=0))
     flat = turn(flat, np.pi / 2 * round(np.arctan2(climb[0], climb[1]) / (np.pi / 2)))
     flat -= flat.reshape(-1, 2).min(axis=0)
-    return Piece(faces.astype(np.int32), flat, measure_stretch(surface.corners[faces], flat))
+    return FlatPiece(faces.astype(np.int32), flat, measure_stretch(surface.corners[faces], flat))
 
 
 def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:

@@ -41,7 +41,7 @@ Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Piece:
+class FlatPiece:
     """A part of an object's surface that lies flat.
 
     Attributes:
@@ -129,7 +129,7 @@ class PieceRecord(BaseModel):
         number: from 1, best first.
         origin_px: column and row of the canvas, from its lower left, where the piece's box begins.
         width_mm, height_mm, area_mm2: of the flat piece.
-        stretch: see `Piece`.
+        stretch: see `FlatPiece`.
         outline_mm: rings of points, the outer one first.
         seams: where it meets others.
         folds_mm: edges where it is bent sharply, from and to.
@@ -235,7 +235,7 @@ class Wrap:
     """
 
     record: WrapRecord
-    pieces: tuple[Piece, ...]
+    pieces: tuple[FlatPiece, ...]
     pixels: np.ndarray | None = None
 
     def corner_uv(self, faces_count: int) -> np.ndarray:
@@ -370,7 +370,7 @@ def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
     faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
     _check_map(file, record, faces, flat_mm=flat_mm, piece=piece)
     pieces = tuple(
-        Piece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
+        FlatPiece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
         for i, one in enumerate(record.pieces)
     )
     for one, part in zip(record.pieces, pieces, strict=True):

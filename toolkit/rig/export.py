@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.export import to_3mf, to_glb, to_obj
+from toolkit.objects.export_mesh import to_3mf, to_glb, to_obj
 from toolkit.objects.load import load_object
 from toolkit.objects.solid import Soundness, examine_solid
 from toolkit.rig.variants import apply_booster, find_booster

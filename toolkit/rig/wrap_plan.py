@@ -18,7 +18,7 @@ from toolkit.objects.seams import FOLD_DEG, find_folds, find_seams
 from toolkit.objects.spec import STRETCH
 from toolkit.objects.trim import Limits, turn_to_fit
 from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import Piece, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
+from toolkit.objects.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.requests import WrapConfig
@@ -90,7 +90,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     return Wrap(record, tuple(pieces), draw_paint(wrap, item.mesh))
 
 
-def _describe(surface: Surface, piece: Piece, least_fold_deg: float, **known: Any) -> PieceRecord:
+def _describe(surface: Surface, piece: FlatPiece, least_fold_deg: float, **known: Any) -> PieceRecord:
     """A piece's record, of which its number, place, seams and tabs are known."""
     outline = piece.outline()
     rings = [outline.exterior, *outline.interiors]

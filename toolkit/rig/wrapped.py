@@ -10,7 +10,7 @@ from toolkit.core.draws import Draws
 from toolkit.objects.atlas import cover_texels, nearest_covered
 from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh, cross_products, merge_meshes
-from toolkit.objects.wrap import Piece, Wrap
+from toolkit.objects.wrap import FlatPiece, Wrap
 from toolkit.rig.mount import PAPER
 from toolkit.rig.requests import Misfit
 
@@ -40,7 +40,7 @@ def draw_places(wrap: Wrap, misfit: Misfit | None, draws: Draws) -> list[np.ndar
     return [_draw_place(piece, misfit, draws.of(f"piece {number}")) for number, piece in enumerate(wrap.pieces, 1)]
 
 
-def _draw_place(piece: Piece, misfit: Misfit, rng: np.random.Generator) -> np.ndarray:
+def _draw_place(piece: FlatPiece, misfit: Misfit, rng: np.random.Generator) -> np.ndarray:
     shift = rng.uniform(-misfit.shift_mm, misfit.shift_mm, 2)
     turn = np.radians(rng.uniform(-misfit.turn_deg, misfit.turn_deg))
     factor = 1 + rng.uniform(-misfit.scale, misfit.scale)
@@ -130,7 +130,7 @@ def _join(parts: Sequence[Laid]) -> Laid:
     return Laid(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def lay_piece(mesh: Mesh, piece: Piece, T_flat_sheet: np.ndarray, height_mm: float = SHEET_MM) -> tuple[Laid, Laid]:
+def lay_piece(mesh: Mesh, piece: FlatPiece, T_flat_sheet: np.ndarray, height_mm: float = SHEET_MM) -> tuple[Laid, Laid]:
     """Stick one piece on: what is printed of it, and its white edge.
 
     The surface is known flat, triangle by triangle; where the sheet reaches over the piece's border, the triangles
@@ -157,7 +157,7 @@ def lay_piece(mesh: Mesh, piece: Piece, T_flat_sheet: np.ndarray, height_mm: flo
         regions.append((_continue_ground(ground, reach_mm), over.intersection(inner), over.difference(inner)))
     back = np.linalg.inv(turned)
 
-    def lay(part: "_Ground", region: "Geometry") -> Laid:
+    def lay(part: "_FlatSurface", region: "Geometry") -> Laid:
         cut, where = _cut(part.flat, region)
         return part.carry(cut, where, (where - shift) @ back.T)
 
@@ -168,7 +168,7 @@ def lay_piece(mesh: Mesh, piece: Piece, T_flat_sheet: np.ndarray, height_mm: flo
 
 
 @dataclass(frozen=True)
-class _Ground:
+class _FlatSurface:
     """Triangles that a sheet may lie on: (k, 3, 2) flat, (k, 3, 3) where it lies over them, and its normals there."""
 
     flat: np.ndarray
@@ -186,7 +186,7 @@ class _Ground:
         return Laid(weights @ self.corners[triangle], normals, sheet_mm)
 
 
-def _find_ground(mesh: Mesh, piece: Piece, height_mm: float) -> _Ground:
+def _find_ground(mesh: Mesh, piece: FlatPiece, height_mm: float) -> _FlatSurface:
     """The piece's own triangles, lifted."""
     faces = mesh.faces[piece.faces]
     corners, flat = mesh.vertices[faces].astype(np.float64), np.asarray(piece.flat_mm, np.float64)
@@ -202,7 +202,7 @@ def _find_ground(mesh: Mesh, piece: Piece, height_mm: float) -> _Ground:
     solid = _flat_areas(flat) > SLIVER_MM2
     np.minimum.at(cosine, corner[solid], np.einsum("kcx,kx->kc", lift[corner], unit)[solid])
     lift *= np.minimum(1 / np.maximum(cosine, 1e-6), LIFT_LIMIT)[:, None]
-    return _Ground(flat[solid], (corners + height_mm * lift[corner])[solid], mesh.normals[faces][solid])
+    return _FlatSurface(flat[solid], (corners + height_mm * lift[corner])[solid], mesh.normals[faces][solid])
 
 
 def _corner_angles(corners: np.ndarray) -> np.ndarray:
@@ -224,7 +224,7 @@ def _flat_areas(flat: np.ndarray) -> np.ndarray:
     return (ax * by - ay * bx) / 2
 
 
-def _continue_ground(ground: _Ground, reach_mm: float) -> _Ground:
+def _continue_ground(ground: _FlatSurface, reach_mm: float) -> _FlatSurface:
     """A rim of `reach_mm` round the ground: a quad at each edge of its border, in the planes of the triangles there."""
     corner = _number_corners(ground.flat)
     triangle, start = np.repeat(np.arange(len(corner)), 3), np.tile(np.arange(3), len(corner))
@@ -262,7 +262,7 @@ def _continue_ground(ground: _Ground, reach_mm: float) -> _Ground:
     flat = quads(ground.flat, step)
     whole = _flat_areas(flat) > SLIVER_MM2  # in a narrow bay quads turn over; those beside them cover it
     still = np.zeros((count, 3))
-    return _Ground(flat[whole], quads(ground.corners, way)[whole], quads(ground.normals, still)[whole])
+    return _FlatSurface(flat[whole], quads(ground.corners, way)[whole], quads(ground.normals, still)[whole])
 
 
 def _cut(flat: np.ndarray, region: "Geometry") -> tuple[np.ndarray, np.ndarray]:
