@@ -56,6 +56,7 @@ class MountedViews:
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
         boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
+        held_out: how many of the last ones are never trained on; None: a fifth.
     """
 
     batch: ViewBatch
@@ -63,13 +64,14 @@ class MountedViews:
     sha256: str
     depths: tuple[DepthView, ...] = ()
     boxes: np.ndarray | None = None
+    held_out: int | None = None
 
     def __len__(self) -> int:
         return len(self.batch)
 
     def divide(self) -> tuple["MountedViews", "MountedViews"]:
-        """Those to train on, and the last fifth, which is held out."""
-        kept = len(self) - count_held_out(len(self))
+        """Those to train on, and the last ones, which are held out."""
+        kept = len(self) - (count_held_out(len(self)) if self.held_out is None else self.held_out)
         train, held_out = (
             replace(
                 self,

@@ -149,6 +149,7 @@ def train_patch(
     workspace: Workspace,
     *,
     name: str | None = None,
+    views: MountedViews | None = None,
     out: Path | None = None,
     restart: bool = False,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
@@ -162,6 +163,7 @@ def train_patch(
         data: which images, or images that are in memory already.
         workspace: whose folders and objects are used.
         name: of the patch's files; by default from the label.
+        views: with the patch's place in them, instead of renders of an object.
         out: folder for the patch instead of the workspace's.
         restart: forget what an earlier run left.
         checkpoint_every_s: how much work a kill may cost.
@@ -182,8 +184,11 @@ def train_patch(
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
     config = config.count_steps(len(data.train)).for_networks(len(targets))
-    views, seen_world = None, None
-    if config.mounted_share:
+    seen_world = None
+    if views is not None:
+        if detectors is not None or config.weather is not None or config.world is not None:
+            raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
+    elif config.mounted_share:
         if rig_source is None:
             raise FieldError(
                 "needs the object in the rig: add {sources} rig, or set it to 0",

@@ -1,7 +1,7 @@
 """`toolkit train-patch`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from pydantic import Field
@@ -13,6 +13,12 @@ from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import show_result, warn
 from toolkit.core.config import Flag
+
+if TYPE_CHECKING:
+    from toolkit.boosters.mounted import MountedViews
+    from toolkit.boosters.pixels import Network
+    from toolkit.boosters.train import PreparedPatch
+    from toolkit.core.workspace import Workspace
 
 
 class AskedData(DataConfig):
@@ -39,6 +45,13 @@ def train_patch(
         typer.Option("--class", metavar="NAME", help="What it should be recognised as: a label, index or WordNet id."),
     ] = None,
     data: AskedData,
+    found: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATCH",
+            help="The patch that is printed in the photographs of --data, by name or PNG: the new one takes its place.",
+        ),
+    ] = None,
     overrides: Overrides,
     recipe: str,
     model: options.Models = None,
@@ -74,6 +87,8 @@ def train_patch(
     from toolkit.core.workspace import open_workspace
 
     space = open_workspace(workspace)
+    if found and overrides.get("mounted_share") is None:
+        overrides = {**overrides, "mounted_share": RECIPES["default"].mounted_share}
     asked = prepare_patch(
         space, recipe, overrides, data, object_name=object_name, class_name=class_name, print_profile=print_profile,
         seed=seed,
@@ -81,7 +96,31 @@ def train_patch(
     if asked.misfit:
         warn(asked.misfit)
     networks = load_networks(model, weights, device, space.classifiers_dir)
+    views = _view_photos(space, asked, found, networks[0]) if found else None
     trained = run(
-        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, out=out, restart=restart
-    )
+        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, views=views, out=out,
+        restart=restart,
+    )  # fmt: skip
     show_result(trained, as_json, trained.lines(object_name))
+
+
+def _view_photos(
+    space: "Workspace", asked: "PreparedPatch", found: list[str], network: "Network"
+) -> "MountedViews":  # fmt: skip
+    """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.errors import FieldError
+    from toolkit.objects.records import printed_size_mm
+    from toolkit.photos.prints.views import view_photos
+
+    if asked.data.rig_source is not None:
+        raise FieldError(
+            "expected folders of photographs with {found}, and no renders", {"sources": asked.data.sources}
+        )
+    config, photos = asked.config, [Path(source) for source in asked.data.sources]
+    views, skipped = view_photos(
+        space, photos, found, size_px=config.size_px, size_mm=config.size_mm or printed_size_mm(config.size_px),
+        count=config.mounted_views, image_px=network.preprocessing.resize_px, seed=config.seed, device=network.device,
+    )  # fmt: skip
+    list_skipped(skipped)
+    return views

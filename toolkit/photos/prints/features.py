@@ -118,7 +118,7 @@ def slant_view(upright: np.ndarray, slant: float, turn_deg: float) -> tuple[np.n
         blurred = _blur_along(upright, turn_deg, 0.6 * np.sqrt(slant**2 - 1))
     pixel = np.diag([1 / side, 1 / side, 1.0])
     view = cv2.warpAffine(
-        blurred, _to_cv(T @ pixel)[:2], size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=235
+        blurred, to_cv(T @ pixel)[:2], size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=235
     )
     return view, T
 
@@ -133,7 +133,7 @@ def _blur_along(image: np.ndarray, turn_deg: float, sigma: float) -> np.ndarray:
     return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE))
 
 
-def _to_cv(T: np.ndarray) -> np.ndarray:
+def to_cv(T: np.ndarray) -> np.ndarray:
     """The same map between pixels whose centres are integers, as OpenCV's warps have it."""
     half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     return np.linalg.inv(half) @ T @ half

@@ -247,7 +247,10 @@ class Scene:
     Attributes:
         left, top: of the part, pixels of the photo.
         uv: (h, w, 2) places on the patch.
+        step: (h, w, 2) how far u and v run over a pixel.
         cover: (h, w) share of each pixel that lies on the patch.
+        around: (h, w, 3) linear light of what lies round the patch, and near its rim under it.
+        gain: (h, w, 3) factor on the light of a texel, 1 at the patch's middle.
         seen, drawn: (h, w, 3) luma and chroma, of the photo and of the known patch.
         hidden: (h, w) from 0 to 1, where something hides the patch.
     """
@@ -264,8 +267,8 @@ class Scene:
             coarse = self.uv[::COARSE_PX, ::COARSE_PX]
             self.uv = self.uv - self._enlarge((ripple_terms(np.clip(coarse, 0, 1)) @ look.ripple).astype(np.float32))
         du, dv = (sum(np.abs(part) for part in np.gradient(self.uv[..., k])) for k in (0, 1))
-        self._step = np.stack([du, dv], axis=-1)
-        edges = np.clip(np.minimum(self.uv, 1 - self.uv) / np.maximum(self._step, 1e-9) + 0.5, 0, 1)
+        self.step = np.stack([du, dv], axis=-1)
+        edges = np.clip(np.minimum(self.uv, 1 - self.uv) / np.maximum(self.step, 1e-9) + 0.5, 0, 1)
         self.cover = edges.prod(axis=-1)
         h, w = uv.shape[:2]
         self._cut = image[self.top : self.top + h, self.left : self.left + w]
@@ -274,9 +277,9 @@ class Scene:
         light = LINEAR_OF_CODE[self._cut]
         near = cv2.GaussianBlur(outside, (0, 0), 3.0)[..., None]
         around = cv2.GaussianBlur(light * outside[..., None], (0, 0), 3.0) / np.maximum(near, 1e-3)
-        self._around = np.where(outside[..., None] > 0, light, around)
+        self.around = np.where(outside[..., None] > 0, light, around)
         gain = np.exp(light_terms(self.uv[::COARSE_PX, ::COARSE_PX]) @ look.light).astype(np.float32)
-        self._gain = self._enlarge(gain)
+        self.gain = self._enlarge(gain)
         self.drawn = self.draw(patch_pixels)
         self.hidden = self._find_hidden(patch_pixels.shape[0])
 
@@ -289,10 +292,10 @@ class Scene:
     def draw(self, pixels: np.ndarray) -> np.ndarray:
         """(h, w, 3) float32 luma and chroma: a patch (n, n, 3) uint8 sRGB in this place, without noise."""
         colours = srgb_to_linear(self.look.colours(pixels))
-        light = draw_texels(colours, self.uv, self._step)
-        light *= self._gain
+        light = draw_texels(colours, self.uv, self.step)
+        light *= self.gain
         cover = self.cover[..., None].astype(np.float32)
-        ycc = _to_ycc(linear_to_srgb(cover * light + (1 - cover) * self._around))
+        ycc = _to_ycc(linear_to_srgb(cover * light + (1 - cover) * self.around))
         return np.stack([_filter(ycc[..., k], self.look.kernels[k]) for k in range(3)], axis=-1)
 
     def _find_hidden(self, n: int) -> np.ndarray:
@@ -327,7 +330,7 @@ class Scene:
         is; further in, nothing of the old patch is left.
         """
         other = self.draw(pixels)
-        rim_px = np.minimum(self.uv, 1 - self.uv) / np.maximum(self._step, 1e-9)
+        rim_px = np.minimum(self.uv, 1 - self.uv) / np.maximum(self.step, 1e-9)
         low, high = FEATHER_PX
         inner = np.clip((rim_px.min(axis=-1) - low) / (high - low), 0, 1)[..., None]
         new = other + self._draw_noise(other[..., 0], rng)
