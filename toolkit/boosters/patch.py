@@ -20,7 +20,7 @@ from toolkit.boosters.data import (
     stack_on_device,
 )
 from toolkit.boosters.data_config import DataConfig
-from toolkit.boosters.detectors import find_detectors, judge_detectors
+from toolkit.boosters.detectors import find_detectors, judge_detectors, meet_networks
 from toolkit.boosters.mounted import (
     MountedViews,
     draw_cuts,
@@ -43,7 +43,6 @@ from toolkit.boosters.pixels import (
     judge_photos,
     list_networks,
     quantise,
-    resolve_targets,
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
 from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
@@ -169,7 +168,8 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets, detectors = resolve_targets(networks, class_name), find_detectors(networks)
+    config, targets = meet_networks(config, networks, class_name)
+    detectors = find_detectors(networks)
     if detectors is not None:
         config = config.model_copy(update={"mounted_share": 1.0})
     first, index = networks[0], targets[0].class_index
@@ -181,7 +181,7 @@ def train_patch(
     if isinstance(data, DataConfig):
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
-    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    config = config.count_steps(len(data.train))
     views, seen_world = None, None
     if config.mounted_share:
         if rig_source is None:
@@ -205,8 +205,8 @@ def hash_patch(
     config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: TrainingData, name: str
 ) -> str:
     """Hash of the inputs of a patch that is trained on images in memory alone: what its record calls inputs_sha256."""
-    targets = resolve_targets(networks, class_name)
-    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    config, targets = meet_networks(config, networks, class_name)
+    config = config.count_steps(len(data.train))
     return hash_inputs(config, name, list_networks(targets), data.sha256)
 
 
@@ -289,14 +289,20 @@ class PatchTask(BoosterTask[TrainedPatch]):
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy of photographs with the patch, and the patch's own losses."""
+        import torch
+
         draws = Draws(self.config.seed, step)
         count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
         batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
         views = self._views if count else None
         mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
+        clean = None
+        if self.config.feature_mixup is not None:
+            with torch.no_grad():
+                clean = photograph(grey_paper(self.pixels), batch, self._appearance, draws, mounted)
         loss, recognised = patch_loss(
             self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
-            judge=partial(judge_ensemble, config=self.config, draws=draws),
+            judge=partial(judge_ensemble, config=self.config, draws=draws, clean=clean),
         )  # fmt: skip
         return loss, {"accuracy": recognised}
 
@@ -401,11 +407,18 @@ def patch_loss(
         penalty: a loss of the patch itself, added to the networks'.
         judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
+    loss, recognised = judge(photograph(theta, images, appearance, draws, mounted), targets)
+    return (loss if penalty is None else loss + penalty(theta)), recognised
+
+
+def photograph(
+    theta: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws, mounted: "Mounted | None"
+) -> "torch.Tensor":
+    """Photographs (b, 3, m, m) with a patch in them, printed and placed, and of the object; see `patch_loss`."""
     import torch
 
     printed = print_patch(theta, appearance, draws)
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))
-    loss, recognised = judge(take_photos(torch.cat(scenes), appearance, draws), targets)
-    return (loss if penalty is None else loss + penalty(theta)), recognised
+    return take_photos(torch.cat(scenes), appearance, draws)
