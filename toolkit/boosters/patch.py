@@ -45,7 +45,7 @@ from toolkit.boosters.pixels import (
     quantise,
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
-from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
+from toolkit.boosters.transforms.show import Appearance, Mounted, print_patch, show_patch, take_photos
 from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
@@ -61,8 +61,6 @@ from toolkit.worlds.views import open_setting
 if TYPE_CHECKING:
     import torch
 
-Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
-"""Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
 Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
@@ -299,7 +297,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
         clean = None
         if self.config.feature_mixup is not None:
             with torch.no_grad():
-                clean = photograph(grey_paper(self.pixels), batch, self._appearance, draws, mounted)
+                clean = show_patch(grey_paper(self.pixels), batch, self._appearance, draws, mounted)
         loss, recognised = patch_loss(
             self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
             judge=partial(judge_ensemble, config=self.config, draws=draws, clean=clean),
@@ -393,7 +391,7 @@ class DetectorPatchTask(PatchTask):
 
 def patch_loss(
     theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
-    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
+    mounted: Mounted | None = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
 ) -> "tuple[torch.Tensor, float]":  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
@@ -407,18 +405,5 @@ def patch_loss(
         penalty: a loss of the patch itself, added to the networks'.
         judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
-    loss, recognised = judge(photograph(theta, images, appearance, draws, mounted), targets)
+    loss, recognised = judge(show_patch(theta, images, appearance, draws, mounted), targets)
     return (loss if penalty is None else loss + penalty(theta)), recognised
-
-
-def photograph(
-    theta: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws, mounted: "Mounted | None"
-) -> "torch.Tensor":
-    """Photographs (b, 3, m, m) with a patch in them, printed and placed, and of the object; see `patch_loss`."""
-    import torch
-
-    printed = print_patch(theta, appearance, draws)
-    scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
-    if mounted is not None:
-        scenes.append(mounted(printed))
-    return take_photos(torch.cat(scenes), appearance, draws)
