@@ -147,30 +147,25 @@ class FeatureMixup(Transform):
         """
         layers, largest_px = find_layers(module), image_px // LARGEST_MAP
         acting = self.draw_acting(self.rng(draws, f"{of} layers"), len(layers))
-        chosen = {k: layer for k, layer in enumerate(layers) if acting[k]}
-        clean: dict[int, list[torch.Tensor]] = {k: [] for k in chosen}
+        clean: dict[torch.nn.Module, list[torch.Tensor]] = {layers[k]: [] for k in acting.nonzero()[0]}
+        is_clean = True
 
-        def watch(hook: Callable[[int, "torch.Tensor"], "torch.Tensor | None"]) -> ExitStack:
-            stack = ExitStack()
-            for k, layer in chosen.items():
-
-                def act(_: "torch.nn.Module", __: object, output: "torch.Tensor", k: int = k) -> "torch.Tensor | None":
-                    return hook(k, output) if output.ndim != 4 or output.shape[-1] <= largest_px else None
-
-                stack.callback(layer.register_forward_hook(act).remove)
-            return stack
-
-        def keep(k: int, output: "torch.Tensor") -> None:
-            clean[k].append(output.detach().clone())  # what follows may write over it
-
-        def mix(k: int, output: "torch.Tensor") -> "torch.Tensor":
+        def act(layer: "torch.nn.Module", _: object, output: "torch.Tensor") -> "torch.Tensor | None":
+            if output.ndim == 4 and output.shape[-1] > largest_px:
+                return None
+            if is_clean:
+                clean[layer].append(output.detach().clone())  # what follows may write over it
+                return None
             # a layer that is asked twice meets its answers in the same order
-            return self.apply(output, clean[k].pop(0), self.rng(draws, f"{of} {k} {len(clean[k])}"))
+            number, answers = layers.index(layer), clean[layer]
+            return self.apply(output, answers.pop(0), self.rng(draws, f"{of} {number} {len(answers)}"))
 
-        if chosen:
-            with watch(keep):
+        with ExitStack() as hooks:
+            for layer in clean:
+                hooks.callback(layer.register_forward_hook(act).remove)
+            if clean:
                 see_clean()
-        with watch(mix):
+            is_clean = False
             yield
 
     def apply(self, output: "torch.Tensor", clean: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
