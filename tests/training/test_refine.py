@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from colour_folder import write_colours
+from PIL import Image
 from safetensors.torch import load_file, save_file
 from tiny_network import tiny_config, train_tiny, write_photos
 from torch.nn.functional import softmax
@@ -325,6 +327,24 @@ def test_a_folder_of_other_classes_is_a_line(colours, tmp_path):
             refine(space, colours)
     finally:
         (colours / "purple").rename(colours / "red")
+
+
+def test_a_class_without_a_usable_photograph_is_said_and_does_not_stop_it(colours, tmp_path):
+    folder, space = tmp_path / "set", make_space(tmp_path / "space")
+    shutil.copytree(colours, folder)
+    for file in (folder / "red").iterdir():
+        Image.new("RGB", (3, 2)).save(file)
+    shutil.rmtree(folder / "green")
+    (folder / "green").mkdir()
+    made = refine(space, folder)
+    why = dict(made.skipped)
+    assert why.pop("set/green") == "a class without images"
+    assert len(why) == 10 and all("set/red/" in path and "3×2 px, too small" in why[path] for path in why)
+    assert made.records[0].data["trained_on"]["images"] + made.records[0].data["held_out"]["images"] == 10
+    for file in (folder / "blue").iterdir():
+        Image.new("RGB", (3, 2)).save(file)
+    with pytest.raises(ToolkitError, match=r"class 'blue': none of its images can be used; set/blue/.*too small"):
+        refine(space, folder)
 
 
 def test_the_command_says_before_and_after(colours, tmp_path):

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.pixels import Network, Target, resize_photos
+from toolkit.boosters.pixel_config import Settings
+from toolkit.boosters.pixels import Network, Target, resize_photos, resolve_targets
+from toolkit.boosters.transforms.base import OF_NETWORKS
+from toolkit.boosters.transforms.transfer import find_layers
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.detector import Detector, detector_class
@@ -96,6 +99,34 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
     if found and len(found) < len(networks):
         raise FieldError("name classifiers or detectors, not both", {"model": " ".join(one.arch for one in networks)})
     return found or None
+
+
+def meet_networks(
+    config: Settings, networks: Sequence[Network], class_name: str | int
+) -> tuple[Settings, list[Target]]:
+    """The settings that act for these networks, and the class in each one's own labels.
+
+    Raises:
+        ToolkitError: a network does not know the class or cannot be trained against, some are classifiers and some
+            detectors, or an option does not act on them.
+    """
+    targets = resolve_targets(networks, class_name)
+    if find_detectors(networks):
+        refuse_for_detectors([name for name, part in config.held_transforms() if part.stage in OF_NETWORKS])
+    if config.feature_mixup is not None:
+        whole = [one for one in networks if not find_layers(getattr(one, "module", None))]
+        if whole:
+            expected = "its features cannot be reached, so {feature_mixup} cannot mix them: leave one of the two out"
+            raise FieldError(expected, {"model": whole[0].arch})
+    return config.for_networks(len(targets)), targets
+
+
+def refuse_for_detectors(acting: Sequence[str]) -> None:
+    """Raise for the first of some fields: what they hold acts before classifiers alone."""
+    for name in acting:
+        raise FieldError(
+            f"{{{name}}} acts on classifiers alone: leave it out, or train against classifiers without detectors", {}
+        )
 
 
 def load_networks(

@@ -20,7 +20,7 @@ from toolkit.boosters.data import (
     stack_on_device,
 )
 from toolkit.boosters.data_config import DataConfig
-from toolkit.boosters.detectors import find_detectors, judge_detectors
+from toolkit.boosters.detectors import find_detectors, judge_detectors, meet_networks
 from toolkit.boosters.mounted import (
     MountedViews,
     draw_cuts,
@@ -43,10 +43,9 @@ from toolkit.boosters.pixels import (
     judge_photos,
     list_networks,
     quantise,
-    resolve_targets,
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
-from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
+from toolkit.boosters.transforms.show import Appearance, Mounted, print_patch, show_patch, take_photos
 from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
@@ -62,8 +61,6 @@ from toolkit.worlds.views import open_setting
 if TYPE_CHECKING:
     import torch
 
-Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
-"""Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
 Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
@@ -171,7 +168,8 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets, detectors = resolve_targets(networks, class_name), find_detectors(networks)
+    config, targets = meet_networks(config, networks, class_name)
+    detectors = find_detectors(networks)
     if detectors is not None:
         config = config.model_copy(update={"mounted_share": 1.0})
     first, index = networks[0], targets[0].class_index
@@ -183,7 +181,7 @@ def train_patch(
     if isinstance(data, DataConfig):
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
-    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    config = config.count_steps(len(data.train))
     seen_world = None
     if views is not None:
         if detectors is not None or config.weather is not None or config.world is not None:
@@ -210,8 +208,8 @@ def hash_patch(
     config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: TrainingData, name: str
 ) -> str:
     """Hash of the inputs of a patch that is trained on images in memory alone: what its record calls inputs_sha256."""
-    targets = resolve_targets(networks, class_name)
-    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    config, targets = meet_networks(config, networks, class_name)
+    config = config.count_steps(len(data.train))
     return hash_inputs(config, name, list_networks(targets), data.sha256)
 
 
@@ -294,14 +292,20 @@ class PatchTask(BoosterTask[TrainedPatch]):
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy of photographs with the patch, and the patch's own losses."""
+        import torch
+
         draws = Draws(self.config.seed, step)
         count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
         batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
         views = self._views if count else None
         mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
+        clean = None
+        if self.config.feature_mixup is not None:
+            with torch.no_grad():
+                clean = show_patch(grey_paper(self.pixels), batch, self._appearance, draws, mounted)
         loss, recognised = patch_loss(
             self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
-            judge=partial(judge_ensemble, config=self.config, draws=draws),
+            judge=partial(judge_ensemble, config=self.config, draws=draws, clean=clean),
         )  # fmt: skip
         return loss, {"accuracy": recognised}
 
@@ -392,7 +396,7 @@ class DetectorPatchTask(PatchTask):
 
 def patch_loss(
     theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
-    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
+    mounted: Mounted | None = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
 ) -> "tuple[torch.Tensor, float]":  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
@@ -406,11 +410,5 @@ def patch_loss(
         penalty: a loss of the patch itself, added to the networks'.
         judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
-    import torch
-
-    printed = print_patch(theta, appearance, draws)
-    scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
-    if mounted is not None:
-        scenes.append(mounted(printed))
-    loss, recognised = judge(take_photos(torch.cat(scenes), appearance, draws), targets)
+    loss, recognised = judge(show_patch(theta, images, appearance, draws, mounted), targets)
     return (loss if penalty is None else loss + penalty(theta)), recognised

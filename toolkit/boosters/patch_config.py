@@ -21,7 +21,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_transforms,
 )
-from toolkit.boosters.transforms.base import Placer
+from toolkit.boosters.transforms.base import OF_NETWORKS, Placer
 from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
@@ -45,7 +45,7 @@ SMALLEST_PX = 8
 class PatchConfig(PixelConfig):
     """Every setting of a patch's training. Transforms that are None do not act."""
 
-    stages = ("print", "paper", "photo", "network")
+    stages = ("print", "paper", "photo", *OF_NETWORKS)
     size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
         100, exclude=True, description="Side of the patch, pixels."
     )

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from toolkit.boosters.transforms.base import STAGES, Transform
+from toolkit.boosters.transforms.base import OF_NETWORKS, STAGES, Transform
 from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
-from toolkit.boosters.transforms.transfer import BlockShuffle
+from toolkit.boosters.transforms.transfer import BlockShuffle, FeatureMixup
 from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
@@ -68,6 +68,11 @@ class PixelConfig(Config):
     )
     block_shuffle: Annotated[BlockShuffle | None, Later, Flag("--block-shuffle", group=TRANSFER)] = Field(
         None, description="Show each network half of the photographs in blocks that are shuffled and turned."
+    )
+    feature_mixup: Annotated[FeatureMixup | None, Later, Flag("--feature-mixup", group=TRANSFER)] = Field(
+        None,
+        description="Inside each network, mix features with those of other photographs without the booster; a step "
+        "takes about half as long again.",
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
         0.0, description="How much of the earlier steps' direction each step keeps."
@@ -134,7 +139,7 @@ class PixelConfig(Config):
         held = sorted(self.held_transforms(), key=lambda one: STAGES.index(one[1].stage))
         rows = [
             (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
-            for name, part in held if part.stage not in (*idle_stages, "network")
+            for name, part in held if part.stage not in (*idle_stages, *OF_NETWORKS)
         ]  # fmt: skip
         return [(name.replace("_", " "), words) for name, words in rows]
 
@@ -178,7 +183,7 @@ class PixelConfig(Config):
             smoothing = "none"
         objective = None if self.objective == "cross-entropy" else self.objective
         transfer: dict[str, object] = {"ensemble": self.ensemble, "objective": objective, "jitter": self.jitter}
-        transfer["block shuffle"] = self.block_shuffle
+        transfer |= {"block shuffle": self.block_shuffle, "feature mixup": self.feature_mixup}
         transfer["momentum"] = self.momentum or None
         return [
             ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),

@@ -1,8 +1,9 @@
 """What patch and texture share: pixels in [0, 1] that networks shall recognise as a class, and their way there."""
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import is_program
-from toolkit.models.network import AnyNetwork
+from toolkit.models.network import AnyNetwork, Classifier
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
 from toolkit.training.loop import Made, TrainingTask
@@ -174,8 +175,9 @@ def judge_photos(
 
 
 def judge_ensemble(
-    photos: "torch.Tensor", targets: Sequence[Target], config: PixelConfig, draws: Draws
-) -> tuple["torch.Tensor", float]:
+    photos: "torch.Tensor", targets: Sequence[Target], config: PixelConfig, draws: Draws,
+    clean: "torch.Tensor | None" = None,
+) -> tuple["torch.Tensor", float]:  # fmt: skip
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
     What networks share carries over to those that were never asked; what one of them has alone does not. The means are
@@ -186,17 +188,26 @@ def judge_ensemble(
     Args:
         photos: (b, 3, m, m) sRGB-encoded, rendered once for all networks; of several processes each judges its part.
         targets: the networks.
-        config: its `ensemble`, `objective` and transforms of the stage `network` act here. By `sum` the losses are
-            added. By `normalised` the value is that sum, and the gradient by the photographs is the sum of the
-            networks' own, each scaled to their mean length, so that none drowns the others. By `turns` one network is
-            asked, see `choose_turn`.
+        config: its `ensemble`, `objective`, `feature_mixup` and transforms of the stage `network` act here. By `sum`
+            the losses are added. By `normalised` the value is that sum, and the gradient by the photographs is the sum
+            of the networks' own, each scaled to their mean length, so that none drowns the others. By `turns` one
+            network is asked, see `choose_turn`.
         draws: of this step.
+        clean: all photographs without the booster, where features are mixed.
     """
 
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
+        target = targets[number]
         for one in config.transforms("network"):
             seen = one.change(seen, one.rng(draws, f" {number}"))
-        return judge_photos(current().share(seen), [targets[number]], config.objective)
+        with ExitStack() as acting:
+            if clean is not None:
+                network, see_clean = target.classifier, partial(judge_photos, clean, [target])
+                assert isinstance(network, Classifier)
+                for one in config.transforms("features"):
+                    side = network.preprocessing.crop_px
+                    acting.enter_context(one.inside(network.module, side, see_clean, draws, f" {number}"))
+            return judge_photos(current().share(seen), [target], config.objective)
 
     if config.ensemble == "turns":
         return ask(photos, choose_turn(config.seed, draws.step, len(targets)))

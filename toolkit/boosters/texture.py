@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.boosters.booster import BoosterFiles, BoosterTask, Trained, TrainedBooster, read_finished, train_booster
-from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors
+from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors, meet_networks
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
@@ -22,7 +22,6 @@ from toolkit.boosters.pixels import (
     judge_ensemble,
     list_networks,
     quantise,
-    resolve_targets,
 )
 from toolkit.boosters.preview import draw_turntable, write_preview
 from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
@@ -34,6 +33,7 @@ from toolkit.boosters.texture_objects import (
     load_objects,
     read_keep_image,
 )
+from toolkit.boosters.transforms.transfer import GREY
 from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
@@ -134,9 +134,7 @@ def train_texture(
     config.check_backgrounds()
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
-    targets = resolve_targets(networks, choose_class(class_name, objects))
-    find_detectors(networks)
-    config = config.for_networks(len(targets))
+    config, targets = meet_networks(config, networks, choose_class(class_name, objects))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
@@ -238,6 +236,8 @@ class SurfaceTask(BoosterTask[Trained]):
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy of photographs of random views; the first step of a group waits until it is rendered."""
+        import torch
+
         config, draws = self.config, Draws(self.config.seed, step)
         group, inside = divmod(step, config.steps_per_group)
         views = choose_views(self._stream.group(group), config, group, inside)
@@ -253,7 +253,11 @@ class SurfaceTask(BoosterTask[Trained]):
             boxes = np.array([box_of_coverage(one.view.coverage) for one in views], np.float32)
             loss, recognised = judge_detectors(photos, self.targets, boxes)
         else:
-            loss, recognised = judge_ensemble(photos, self.targets, config, draws)
+            clean = None
+            if config.feature_mixup is not None:
+                with torch.no_grad():
+                    clean = take_photos(torch.full_like(self.pixels, GREY), batch, config, draws)
+            loss, recognised = judge_ensemble(photos, self.targets, config, draws, clean)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":

@@ -20,6 +20,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_transforms,
 )
+from toolkit.boosters.transforms.base import OF_NETWORKS
 from toolkit.boosters.transforms.camera import Exposure
 from toolkit.boosters.transforms.weather import Fog
 from toolkit.core.config import Expect, Flag, Later, Range, Rising, align_rows, describe
@@ -64,7 +65,7 @@ def make_clouds() -> Fog:
 class TextureConfig(PixelConfig):
     """Every setting of a texture's training. Transforms that are None do not act."""
 
-    stages: ClassVar[tuple[str, ...]] = ("light", "photo", "network")
+    stages: ClassVar[tuple[str, ...]] = ("light", "photo", *OF_NETWORKS)
     objects: Annotated[
         tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
     ] = Field(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.boosters.booster import BoosterFiles, TrainedBooster, train_booster
-from toolkit.boosters.detectors import find_detectors
-from toolkit.boosters.pixels import Network, list_networks, resolve_targets
+from toolkit.boosters.detectors import meet_networks
+from toolkit.boosters.pixels import Network, list_networks
 from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
 from toolkit.boosters.texture_config import METHOD_VERSION
 from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
@@ -174,10 +174,9 @@ def train_wrap(
     item = load_object(workspace.object_spec(config.objects[0]))
     wrap = open_plan(workspace, item)
     worn = wrap_object(item, wrap, config.misfit)
-    targets = resolve_targets(networks, choose_class(class_name, [worn]))
-    find_detectors(networks)
+    config, targets = meet_networks(config, networks, choose_class(class_name, [worn]))
     record = wrap.record
-    config = config.for_networks(len(targets)).with_overrides(
+    config = config.with_overrides(
         {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
     )
     inputs = load_inputs(config, [worn], None, networks[0], workspace)

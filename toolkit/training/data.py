@@ -264,8 +264,9 @@ class TrainingSet:
 
 
 def load_training_set(
-    sources: Sequence[DataSource], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int
-) -> TrainingSet:
+    sources: Sequence[DataSource], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int, *,
+    every_class: bool = True,
+) -> TrainingSet:  # fmt: skip
     """Render and decode what the sources offer, or take what an earlier run left in `keep`.
 
     Args:
@@ -274,9 +275,10 @@ def load_training_set(
         how: how images are stored: square, `crop_px` a side.
         keep: folder for what is rendered and packed, until the training is finished.
         workers: processes that render.
+        every_class: whether each must have an image to train on; a network's own answers are learnt without.
 
     Raises:
-        ToolkitError: a class none of whose images can be read, or the disk is full.
+        ToolkitError: a class none of whose images can be read, no image at all, or the disk is full.
     """
     place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
     if not (place / "about.json").is_file():
@@ -287,7 +289,8 @@ def load_training_set(
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
     offered = {item.label for source in sources for item in source.train}
-    _check_classes({label: classes.index_of[label] for label in sorted(offered)}, train, skipped)
+    if every_class or not len(train.images):
+        _check_classes({label: classes.index_of[label] for label in sorted(offered)}, train, skipped)
     record = {
         "sources": [source.record for source in sources],
         "trained_on": {"images": len(train.images), "sha256": train.sha256},

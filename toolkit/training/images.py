@@ -161,14 +161,15 @@ def _find_by_class(root: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, s
     return images, refused
 
 
-def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
+def _list_classes(root: Path, every_class: bool = True) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
     images, skipped = _find_by_class(root)
     files = [LabelledFile(root.joinpath(*parts), parts[0], show_path((root.name, *parts))) for parts in images]
     filled = {one.label for one in files}
     folders = sorted(path.name for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
-    if empty := [name for name in folders if name not in filled]:
+    empty = [name for name in folders if name not in filled]
+    if empty and every_class:
         raise ToolkitError(f"{root / empty[0]}: a class without images: put some in, or remove the folder")
-    return files, skipped
+    return files, [*skipped, *((show_path((root.name, name)), "a class without images") for name in empty)]
 
 
 def find_photographs(folder: Path, share: float) -> FolderClasses:
@@ -177,9 +178,9 @@ def find_photographs(folder: Path, share: float) -> FolderClasses:
     Which are held out goes by their names alone: the same in every run, and where photographs are added nearly so.
 
     Raises:
-        ToolkitError: no such folder, no class in it, or a class without images.
+        ToolkitError: no such folder, or no class with images in it.
     """
-    files, skipped = _list_classes(_check_folder(Path(folder), "a folder with one folder per class"))
+    files, skipped = _list_classes(_check_folder(Path(folder), "a folder with one folder per class"), False)
     order = sorted(files, key=lambda one: (crc32(f"{one.label}/{one.path.name}".encode()), one.path))
     chosen = set(order[: round(share * len(files))])
     parts = [tuple(one for one in files if (one in chosen) == wanted) for wanted in (False, True)]

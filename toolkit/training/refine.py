@@ -112,7 +112,7 @@ def refine_network(
     classes = keep_classes(sources, teacher, "model")
     stored = store_preprocessing(teacher.preprocessing, teacher.preprocessing.resize_px)
     with hold_folder(folder, f".{config.name}.lock"):
-        data = load_training_set(sources, classes, stored, training, workers=1)
+        data = load_training_set(sources, classes, stored, training, workers=1, every_class=False)
     held_out = len(data.held_out.images)
     notice(f"data: {len(data.train.images)} photographs to refine with, {held_out} held out")
     inputs_sha256 = sha256_bytes(

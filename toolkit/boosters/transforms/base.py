@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
 
-STAGES = ("place", "print", "paper", "view", "light", "photo", "network")
+STAGES = ("place", "print", "paper", "view", "light", "photo", "network", "features")
 """Where a transform acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene,
-on a view by its depth, on a view's light, on the photograph, on what one network sees of it."""
+on a view by its depth, on a view's light, on the photograph, on what one network sees of it, on what it makes of it."""
+OF_NETWORKS = ("network", "features")
+"""Stages that act for each network by itself."""
 Probability = Annotated[float, Field(ge=0, le=1)]
 
 

@@ -1,5 +1,6 @@
 """A patch in photographs: printed, placed, seen by a camera, each step with the transforms that act there."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -188,6 +189,10 @@ def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, l
     return (points[:, :2] / points[:, 2:]).permute(0, 2, 3, 1)
 
 
+Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
+"""Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
+
+
 @dataclass(frozen=True)
 class Appearance:
     """The transforms, each with its own random draws.
@@ -205,19 +210,28 @@ class Appearance:
     on_photo: tuple[ImageTransform, ...] = ()
 
 
-def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+def show_patch(
+    patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws, mounted: Mounted | None = None
+) -> "torch.Tensor":
     """Photographs with the printed patch in them: the three steps below, one after the other.
 
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1].
-        images: x, (b, 3, m, m) sRGB-encoded in [0, 1].
+        images: x, (b, 3, m, m) sRGB-encoded in [0, 1]; may be none where there are others.
         appearance: the transforms.
         draws: of this step.
+        mounted: pictures of the object that wait for the patch on it; they come last.
 
     Returns:
         (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
-    return take_photos(place_patch(print_patch(patch, appearance, draws), images, appearance, draws), appearance, draws)
+    import torch
+
+    printed = print_patch(patch, appearance, draws)
+    scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
+    if mounted is not None:
+        scenes.append(mounted(printed))
+    return take_photos(torch.cat(scenes), appearance, draws)
 
 
 def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":

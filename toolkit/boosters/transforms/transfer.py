@@ -1,10 +1,14 @@
-"""What makes a booster carry over to other networks: parts of it hidden, photographs in blocks."""
+"""What makes a booster carry over to other networks: parts of it hidden, photographs in blocks, features mixed."""
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from toolkit.boosters.transforms.base import ImageTransform, Probability
+from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform, as_factors
+from toolkit.core.draws import Draws
+from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,6 +17,8 @@ if TYPE_CHECKING:
 GREY = 0.5
 OVERHANG = 0.05
 """How far outside the patch the middle of a hidden square may lie, share of its side."""
+LARGEST_MAP = 4
+"""Features are mixed where a map's side is at most the image's divided by this."""
 
 
 class Cutout(ImageTransform):
@@ -107,3 +113,74 @@ def divide(length: int, sizes: "np.ndarray") -> list[int]:
     parts = np.round(sizes / sizes.sum() * length).astype(int)
     parts[parts.argmax()] += length - parts.sum()
     return parts.tolist()
+
+
+class FeatureMixup(Transform):
+    """Features inside the network mixed with those of the other photographs of the batch, without the booster.
+
+    Clean feature mixup (CFM; Byun et al. 2023, section 3.2), with the numbers of its release: in some of the
+    convolutions and fully connected layers, drawn anew in each step, (1 - a) f + a g, with g of another photograph by
+    a random order, and `a` drawn for each photograph and channel. Convolutions whose maps are larger than a quarter of
+    the image's side are left alone. Here each step has photographs of its own, and sees them without the booster too.
+
+    Attributes:
+        max_share: the largest a.
+        probability: of a layer, that it acts in a step.
+    """
+
+    stage = "features"
+    max_share: Annotated[float, Field(gt=0, le=1)] = 0.75
+    probability: Probability = 0.1
+
+    @contextmanager
+    def inside(
+        self, module: "torch.nn.Module", image_px: int, see_clean: Callable[[], object], draws: Draws, of: str = ""
+    ) -> Iterator[None]:
+        """Let it act on what the network is asked; afterwards the network is as it was.
+
+        Args:
+            module: the network; of several processes each asks it about its part of the photographs.
+            image_px: side of the images that it sees.
+            see_clean: asks it about all photographs without the booster.
+            draws: of the step.
+            of: tells networks of one step apart.
+        """
+        layers, largest_px = find_layers(module), image_px // LARGEST_MAP
+        acting = self.draw_acting(self.rng(draws, f"{of} layers"), len(layers))
+        clean: dict[torch.nn.Module, list[torch.Tensor]] = {layers[k]: [] for k in acting.nonzero()[0]}
+        is_clean = True
+
+        def act(layer: "torch.nn.Module", _: object, output: "torch.Tensor") -> "torch.Tensor | None":
+            if output.ndim == 4 and output.shape[-1] > largest_px:
+                return None
+            if is_clean:
+                clean[layer].append(output.detach().clone())  # what follows may write over it
+                return None
+            # a layer that is asked twice meets its answers in the same order
+            number, answers = layers.index(layer), clean[layer]
+            return self.apply(output, answers.pop(0), self.rng(draws, f"{of} {number} {len(answers)}"))
+
+        with ExitStack() as hooks:
+            for layer in clean:
+                hooks.callback(layer.register_forward_hook(act).remove)
+            if clean:
+                see_clean()
+            is_clean = False
+            yield
+
+    def apply(self, output: "torch.Tensor", clean: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
+        """Mix this process's part of (b, c, …) features with (b, c, …) clean ones of all photographs."""
+        import torch
+
+        order = current().share(rng.permutation(len(clean)))
+        shares = current().share(rng.uniform(0, self.max_share, clean.shape[:2]))
+        weights = as_factors(shares, output).reshape(*output.shape[:2], *[1] * (output.ndim - 2))
+        return (1 - weights) * output + weights * clean[torch.as_tensor(order, device=clean.device)]
+
+
+def find_layers(module: "torch.nn.Module | None") -> "list[torch.nn.Module]":
+    """The convolutions and fully connected layers of a network; none of what is no module of torch."""
+    import torch
+
+    inside = [] if module is None else module.modules()
+    return [one for one in inside if isinstance(one, torch.nn.Conv2d | torch.nn.Linear)]

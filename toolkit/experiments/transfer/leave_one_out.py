@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.boosters import texture_config
-from toolkit.boosters.detectors import DetectorNetwork
+from toolkit.boosters.detectors import DetectorNetwork, refuse_for_detectors
 from toolkit.boosters.texture import train_texture
 from toolkit.boosters.train import train_for_object
 from toolkit.captures.manifest import MANIFEST
@@ -25,7 +25,7 @@ from toolkit.evaluation.detect import evaluate_detector
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer.matrix import JudgedCell, JudgedRow, collect_rows, write_matrix
-from toolkit.experiments.transfer.transfer_config import Kind, TransferConfig
+from toolkit.experiments.transfer.transfer_config import FOR_CLASSIFIERS, Kind, TransferConfig
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
 
@@ -68,6 +68,8 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     if len(by_name) < max(2, len(networks)):
         raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
     groups = group_networks(networks)
+    if any(isinstance(one, DetectorNetwork) for one in networks):
+        refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
     for name in config.left_out:
         if name not in groups:
             raise one_of("network", name, list(groups))

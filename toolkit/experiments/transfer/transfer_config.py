@@ -7,11 +7,15 @@ from pydantic import Field
 from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorruptions
 from toolkit.boosters.texture_config import MaxChange
 from toolkit.boosters.transforms.camera import Jitter
-from toolkit.core.config import Config, Flag
+from toolkit.boosters.transforms.transfer import FeatureMixup
+from toolkit.core.config import Config, Flag, Later
 from toolkit.evaluation.eval_config import Corruptions, RunName
 
 Kind = Literal["patch", "texture"]
-OF_TRAINING = ("steps", "batch", "ensemble", "objective", "jitter", "momentum", "last_smoothing_px", "corrupted")
+FOR_CLASSIFIERS = ("jitter", "feature_mixup")
+OF_TRAINING = (
+    "steps", "batch", "ensemble", "objective", *FOR_CLASSIFIERS, "momentum", "last_smoothing_px", "corrupted",
+)  # fmt: skip
 
 
 class TransferConfig(Config):
@@ -46,6 +50,9 @@ class TransferConfig(Config):
         None, description="What training raises, as in train-patch."
     )
     jitter: Annotated[Jitter | None, Flag("--view-jitter", group=TRANSFER)] = Field(
+        None, description="As in train-patch."
+    )
+    feature_mixup: Annotated[FeatureMixup | None, Later, Flag("--feature-mixup", group=TRANSFER)] = Field(
         None, description="As in train-patch."
     )
     momentum: Annotated[float | None, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
