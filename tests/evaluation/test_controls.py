@@ -133,9 +133,9 @@ def test_every_control_must_be_beaten():
     [
         (16, 18, "bad", "The network reads the sticker, not the object"),
         (8, 10, "open", "not shown to add"),
-        (0, 18, "good", "The object is read"),
+        (0, 18, "good", "The network reads the object"),
         (9, 18, "open", "Both"),
-        (0, 2, "open", "mostly not enough, nor"),
+        (0, 2, "open", "mostly not enough; that"),
     ],
 )
 def test_object_or_sticker(alone, patched, tone, words):
