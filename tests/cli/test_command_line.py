@@ -87,7 +87,7 @@ def test_help_lists_the_road(run):
         ),
         (
             ["plan", "--object", "eggnog", "--resolution", "8", "8"],
-            "error: a resolution of 8×8 px: expected both sides",
+            "error: a resolution of 8×8 px: expected both sides between 16 and 16384 px",
         ),
         (
             ["plan", "--object", "eggnog", "--elevation", "60", "20"],
@@ -134,7 +134,7 @@ def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
     monkeypatch.setattr("toolkit.core.workspace.make_workspace", stop)
     code, _, err = run("init", "here")
     assert code == 130 and "Traceback" not in err
-    assert err == "stopped: what is finished is kept; the same command goes on from here\n"
+    assert err == "stopped: what is finished is kept; run the same command again to go on\n"
 
 
 def test_init_makes_a_workspace_and_says_what_is_next(run, tmp_path):

@@ -61,13 +61,13 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         needed = COLUMNS if run.kind == "detection" else NEEDED
         missing = [name for name in needed if name not in names]
         if missing:
-            raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+            raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
         with without_collector():
             cells = (map(decode_cell, line) if is_escaped else line for line in lines if line)
             return [_read_line(dict(zip(names, line, strict=False)), find, sources) for line in cells]
     except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
-        raise ToolkitError(f"{file} is damaged ({error}): evaluate the captures again") from None
+        raise ToolkitError(f"{file} is damaged ({error}): run 'toolkit eval' again") from None
 
 
 def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:

@@ -58,7 +58,7 @@ class PreviewSettings:
     """
 
     resolution: tuple[int, int] = (1280, 720)
-    film_size: tuple[int, int] = (640, 360)
+    film_size: tuple[int, int] = (480, 270)
     map_px: int = 1400
     film_s: float = 12.0
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
