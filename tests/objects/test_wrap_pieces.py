@@ -218,13 +218,12 @@ def test_teeth_and_notches_of_an_edge_are_evened_out() -> None:
     mesh = make_mesh(np.stack([5.0 * x, 5.0 * y, 0.0 * x], axis=-1).reshape(-1, 3), faces)
     surface = weld_surface(mesh)
     middle = surface.corners.mean(axis=1)
-    rows = np.flatnonzero(middle[:, 1] + 0.9 * middle[:, 0] < 140)
+    rows = np.flatnonzero(middle[:, 1] + 0.2 * middle[:, 0] < 100)
     ragged = join_edges(surface, Region(rows, surface.corners[rows][..., :2], np.zeros((len(rows), 3), bool)), 0.0)
     even = even_border(surface, ragged, np.ones(len(faces), bool))
-    before, after = (shapely.union_all(shapely.polygons(one.flat)) for one in (ragged, even))
+    before, after = (shapely.union_all(shapely.polygons(np.round(one.flat, 6))) for one in (ragged, even))
     assert after.geom_type == "Polygon" and after.is_valid
-    assert after.area == pytest.approx(before.area, rel=0.03)
-    straight = np.hypot(140, 140 / 0.9) + 140 + 140 / 0.9
-    assert before.length > 1.08 * straight and after.length < 1.02 * straight
+    assert after.area == pytest.approx(before.area, rel=0.02)
+    assert before.length > 560 and after.length == pytest.approx(520)  # of steps along the grid alone
     # what it may not have, it does not take
     assert set(even_border(surface, ragged, np.isin(np.arange(len(faces)), rows)).faces) <= set(rows)

@@ -258,14 +258,13 @@ def test_the_tabs_of_a_net_are_printed_and_cut_out_with_it(net):
         record = wrap.record.pieces[one.number - 1]
         tabs = [shapely.Polygon(one.to_page(np.array(tab.outline_mm))) for tab in record.tabs]
         assert tabs and cut[one.number].area == pytest.approx(record.area_mm2 + sum(tab.area for tab in tabs), rel=1e-4)
-        for tab in tabs:  # also where they bleed past the cut
-            ring = tab.buffer(BLEED_MM - 0.4).exterior
-            for x, y in [*tab.buffer(-1).exterior.coords, *ring.coords]:
+        for tab in tabs:
+            inner, bleed = tab.buffer(-1).exterior, tab.buffer(BLEED_MM - 0.5).exterior
+            outside = [spot for spot in bleed.coords if cut[one.number].distance(shapely.Point(spot)) > 0.4]
+            assert len(outside) > 4
+            for x, y in [*inner.coords, *outside]:
                 seen = pixels[round(len(pixels) - y * per_mm), round(x * per_mm)].astype(int)
-                inside = cut[one.number].contains(shapely.Point(x, y))
-                near = cut[one.number].exterior.distance(shapely.Point(x, y)) < 0.4
-                assert near or not inside or np.abs(seen - (0, 200, 90)).max() < 12, (seen, x, y)
-                assert seen.max() - seen.min() > 60 or near, (seen, x, y)  # nowhere white
+                assert np.abs(seen - (0, 200, 90)).max() < 12, (seen, x, y)
 
 
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
@@ -322,7 +321,8 @@ def test_every_piece_has_its_number_beside_it(printed, wrap):
             page = pdf.pages[one.page - 1]
             (mark,) = [
                 char for char in page.chars
-                if char["text"] == str(one.number) and abs(max(char["width"], char["height"]) - 8.5) < 0.1
+                if char["text"] == str(one.number) and "Bold" in char["fontname"]
+                and abs(max(char["width"], char["height"]) - 8.5) < 0.1
             ]  # fmt: skip
             left, low, right, high = (mark[side] / 72 * MM_PER_INCH for side in ("x0", "y0", "x1", "y1"))
             middle = shapely.Point((left + right) / 2, (low + high) / 2)

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from toolkit.boosters import patch, patch_config, texture, texture_config, wrap, wrap_config
+from toolkit.boosters import patch, patch_config, texture, texture_config, wrap_config, wrap_task
 from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixels import Network
@@ -179,7 +179,7 @@ def train_wrap(
     if print_profile is not None:
         overrides = patch_config.use_printer(overrides, print_profile)
     config = wrap_config.make_config(recipe, overrides)
-    return wrap.train_wrap(
+    return wrap_task.train_wrap(
         config, _as_list(classifiers), workspace, class_name=class_name, restart=restart, workers=workers
     )
 

@@ -1,5 +1,6 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -195,6 +196,62 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
         out += np.isinf(way)
     reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
     return Sight(np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count)
+
+
+def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
+    """A wrap's first pieces, as many as cover a share of what random cameras see; of the last its middle alone.
+
+    Args:
+        wrap: best piece first.
+        item: its object.
+        share: between 0 and 1; more than the wrap covers is all of it.
+
+    Returns:
+        The pieces, on the same canvas; `covered` of its record is what they reach.
+    """
+    import shapely
+
+    seen = _see_faces(item)
+    left, pieces = share * float(seen.sum()), []
+    for piece in wrap.pieces:
+        worth = seen[piece.faces]
+        if float(worth.sum()) > left:
+            # from the place that is farthest from its edge, evenly in all directions
+            middle = np.array(shapely.maximum_inscribed_circle(piece.outline(), 0.5).coords[0])
+            order = np.argsort(np.linalg.norm(piece.flat_mm.mean(axis=1) - middle, axis=1), kind="stable")
+            count = int(np.searchsorted(np.cumsum(worth[order]), left))
+            rows = np.sort(order[:count])
+            piece = replace(piece, faces=piece.faces[rows], flat_mm=piece.flat_mm[rows])
+        if len(piece.faces):
+            pieces.append(piece)
+        left -= float(seen[piece.faces].sum())
+        if float(worth.sum()) > float(seen[piece.faces].sum()):
+            break
+    if not pieces:
+        raise ToolkitError(f"{item.name}: no triangle is so small that it covers {share:.1%} of what cameras see")
+    covered = float(seen[np.concatenate([piece.faces for piece in pieces])].sum() / seen.sum())
+    record = wrap.record.model_copy(update={"pieces": wrap.record.pieces[: len(pieces)], "covered": round(covered, 4)})
+    return Wrap(record, tuple(pieces), wrap.pixels)
+
+
+def measure_cover(wrap: Wrap, item: TableObject, numbers: Sequence[int]) -> tuple[float, float]:
+    """Shares of what random cameras see, and of the whole surface, that some of a wrap's pieces cover."""
+    seen = _see_faces(item)
+    area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1)
+    faces = np.concatenate([wrap.pieces[number - 1].faces for number in numbers])
+    return round(float(seen[faces].sum() / seen.sum()), 4), round(float(area[faces].sum() / area.sum()), 4)
+
+
+_SEEN: dict[str, np.ndarray] = {}
+"""By the hash of a mesh: a sweep asks for each of its values."""
+
+
+def _see_faces(item: TableObject) -> np.ndarray:
+    """(m,) `Sight.seen` by the default number of random cameras."""
+    if item.shape_sha256 not in _SEEN:
+        _SEEN.clear()
+        _SEEN[item.shape_sha256] = look_at_faces(item, WrapConfig().views, 0).seen
+    return _SEEN[item.shape_sha256]
 
 
 def _spread_directions(count: int) -> np.ndarray:
