@@ -1,5 +1,7 @@
 """The variant `wrapped`: what it looks like, what the manifest says of it, and what makes it be shot again."""
 
+import itertools
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,7 +16,7 @@ from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.rig.plan import read_plan
 from toolkit.rig.requests import Misfit
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rig.wrap_plan import plan_wrap, take_best
 
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
@@ -91,3 +93,26 @@ def test_without_a_wrap_it_says_how_to_make_one(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "bare")
     with pytest.raises(ToolkitError, match="no wrap is for 'crate'"):
         find_booster(space, load_object(space.object_spec("crate")), "wrapped")
+
+
+def test_the_best_pieces_cover_the_share_that_is_asked_for(space, crate):
+    wrap = read_wrap(space.wrap("crate"))
+    whole = wrap.record.covered
+    reached = [take_best(wrap, crate, share) for share in (0.3, 0.6, 1.0)]
+    shares = [one.record.covered for one in reached]
+    # triangles stay whole: the crate has twelve
+    assert shares[0] <= 0.3 and shares[0] < shares[1] <= 0.6 < shares[2] == pytest.approx(whole, abs=1e-3)
+    for few, more in itertools.pairwise(reached):
+        assert set(np.concatenate([p.faces for p in few.pieces])) < set(np.concatenate([p.faces for p in more.pieces]))
+    with pytest.raises(ToolkitError, match="no triangle"):
+        take_best(wrap, crate, 0.001)
+
+
+def test_a_share_of_the_wrap_is_shot_and_said(space, crate):
+    part = ShootSettings(backdrop="white", coverage=0.5).find_booster(space, crate, "wrapped")
+    full = find_booster(space, crate, "wrapped")
+    assert describe_booster(crate, part) != describe_booster(crate, full)
+    assert len(apply_booster(crate, part).faces) < len(apply_booster(crate, full).faces)
+    green = {name: (show(shoot(space, coverage=share), "wrapped")[..., 1]).mean() for name, share in
+             (("half", 0.5), ("all", None))}  # fmt: skip
+    assert green["half"] != green["all"]

@@ -92,6 +92,7 @@ class ShootSettings:
         board: the printed board that lies under the object; None for the bare table.
         rehearsal: what print, hand and phone do to the shots; None: nothing.
         perfect: a wrap's pieces lie exactly in their places.
+        coverage: share of what cameras see that a wrap's best pieces may cover, the others are left off; None: all.
     """
 
     seed: int = 0
@@ -102,6 +103,11 @@ class ShootSettings:
     board: Board | None = None
     rehearsal: Rehearsal | None = None
     perfect: bool = False
+    coverage: float | None = None
+
+    def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> Worn | None:
+        """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
+        return find_booster(workspace, item, variant, perfect=self.perfect, coverage=self.coverage, seed=self.seed)
 
 
 @dataclass(frozen=True)
@@ -305,7 +311,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     """
     studio = studio_for(item, settings)
     how = asdict(settings)
-    del how["perfect"]  # said with the booster that it acts on
+    del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
     if settings.rehearsal is not None:
@@ -314,7 +320,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
         "variant": variant, **how,
     }  # fmt: skip
-    booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
+    booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
         look |= describe_booster(item, booster)
     return look
@@ -326,7 +332,7 @@ def _list_units(
     """Units of images; `planned` gets the records of their shots, but for the hash of the image."""
     for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
         item, variant = shots[0].item, shots[0].variant
-        booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
+        booster = settings.find_booster(workspace, item, variant)
         made = {
             "with": f"toolkit {__version__}", "renderer": settings.renderer,
             "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),

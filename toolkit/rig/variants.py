@@ -26,6 +26,7 @@ from toolkit.objects.spec import ObjectSpec
 from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
 from toolkit.rig.requests import Misfit
+from toolkit.rig.wrap_plan import take_best
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 if TYPE_CHECKING:
@@ -150,11 +151,13 @@ class Sheets(Booster):
         wrap: whose pieces they are.
         misfit: of their places; None where each lies exactly in its own.
         seed: of how each misfits.
+        coverage: share of what cameras see that was asked for; None: all that there is.
     """
 
     wrap: Wrap
     misfit: Misfit | None = field(default_factory=Misfit)
     seed: int = 0
+    coverage: float | None = None
 
 
 Worn = Print | Paint | Sheets
@@ -162,8 +165,9 @@ Worn = Print | Paint | Sheets
 
 
 def find_booster(
-    workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, seed: int = 0
-) -> Worn | None:
+    workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, coverage: float | None = None,
+    seed: int = 0,
+) -> Worn | None:  # fmt: skip
     """What is put on `item` in a variant; None for `unpatched`.
 
     - `patched`: its own patch, on each of its sheets; `patch-alone`: the first, flat on the table without the object.
@@ -176,6 +180,7 @@ def find_booster(
     Args:
         workspace, item, variant: as above.
         perfect: nothing is stuck on askew.
+        coverage: share of what cameras see that the best pieces of a wrap may cover; None: all of them.
         seed: of how a wrap's pieces misfit.
 
     Raises:
@@ -195,7 +200,9 @@ def find_booster(
                 f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
             )
         pixels = fill_canvas(wrap, len(item.mesh.faces))
-        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, wrap, None if perfect else Misfit(), seed)
+        worn = wrap if coverage is None else take_best(wrap, item, coverage)
+        misfit = None if perfect else Misfit()
+        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, worn, misfit, seed, coverage)
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
     if variant == "patch-alone":
@@ -230,7 +237,8 @@ def describe_booster(item: TableObject, booster: Worn) -> dict[str, Any]:
         atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
         return {"texture": booster.sha256, "atlas": atlas}
     if isinstance(booster, Sheets):
-        return {"wrap": booster.sha256, "map": booster.wrap.record.map_sha256, **_describe_misfit(booster)}
+        covers = {} if booster.coverage is None else {"coverage": booster.coverage}
+        return {"wrap": booster.sha256, "map": booster.wrap.record.map_sha256, **covers, **_describe_misfit(booster)}
     mounts = [mount.model_dump() for mount in item.spec.mounts]
     if len(mounts) == 1 or booster.alone:
         return {"patch": booster.sha256, "mm": booster.sizes_mm[0], "mount": mounts[0]}
