@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-
 from tests.objects.test_pieces import A4, areas, box, check, cone, make_mesh
+
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.flatten import weld_surface
 from toolkit.objects.mesh import Mesh

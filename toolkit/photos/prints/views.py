@@ -15,8 +15,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.photos.prints.align import PatchWarp
-from toolkit.photos.prints.find import shrink_image
 from toolkit.photos.prints.features import to_cv
+from toolkit.photos.prints.find import shrink_image
 from toolkit.photos.prints.fitted_photo import FittedPhoto, fit_photo, list_files, read_known
 from toolkit.photos.prints.look import KERNEL_PX, Scene
 from toolkit.rig.linear_view import LinearView
