@@ -68,7 +68,7 @@ def find_stickers() -> dict[str, object]:
 
 
 def time_large() -> dict[str, object]:
-    """Seconds of one core and memory to find, fit and retexture a photograph of 12 megapixels, in a process of its own."""
+    """Seconds of one core and memory to find, fit and retexture a photograph of 12 megapixels, alone in a process."""
     if os.environ.get("PHOTOGRAPHS_TIMED") != "1":
         rows = []
         for name in ("bear1_3in_over", "bear1_6in_over", "basketball2_3in_side", "basketball2_6in_side"):

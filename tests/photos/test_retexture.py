@@ -15,11 +15,11 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.photos.prints.colour_cube import bending, cube_weights, solve_cube
+from toolkit.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.photos.prints.look import _smooth_noise, draw_texels
 from toolkit.photos.retexture import retexture
-from toolkit.photos.retexture_config import RetextureConfig
+from toolkit.photos.settings import RetextureConfig
 
 SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
 N, SIDE = 24, 240
@@ -234,7 +234,7 @@ def test_views_of_photographs_show_a_patch_where_the_printed_one_was_found(
     import torch
 
     from toolkit.boosters.mounted import show_mounted
-    from toolkit.photos.prints import views as module
+    from toolkit.photos.prints import fitted_photo as module
 
     monkeypatch.setattr(module, "WINDOW", (1.0, 1.0))  # the whole photograph
     folder, file = desk
@@ -303,7 +303,7 @@ def test_real_photographs_predict_each_other() -> None:
     folder = SHARED / "photos" / "stickers-keyboard"
     if not folder.is_dir():
         pytest.skip(f"the photographs of printed stickers are not in {folder}")
-    from toolkit.photos.retexture_check import check_retexture, summarise
+    from toolkit.photos.retexture import check_retexture, summarise
 
     photos = [folder / f"{name}_6in_side.jpg" for name in ("bear1", "bear2")]
     originals = [str(folder / "originals" / f"{name}.png") for name in ("bear1", "bear2")]
