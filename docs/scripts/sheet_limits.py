@@ -20,7 +20,7 @@ from toolkit.models.load import load_classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.records import printed_size_mm
 
-VIEWS, STEPS, LR, PATCH_PX, BATCH = 24, 60, 0.1, 100, 8
+VIEWS, STEPS, LR, PATCH_PX, BATCH = 12, 40, 0.1, 100, 6
 SEEN = 0.02
 """A pixel belongs to the sheet where black and white differ by more."""
 
