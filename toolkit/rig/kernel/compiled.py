@@ -46,6 +46,7 @@ def cache_folder() -> Path | None:
         folder = _make_folder()
         _refused = explain_distrust(folder)
         if _refused:
+            # cached code is run: a folder that others can write to could hold theirs
             fresh = tempfile.mkdtemp(prefix="toolkit-kernel-")  # which nobody else can enter
             atexit.register(shutil.rmtree, fresh, ignore_errors=True)
             os.environ[PLACE] = fresh
@@ -62,6 +63,7 @@ def find_refusal() -> str:
 
 
 def _make_folder() -> Path:
+    # machine code of another numba, Python or source must not be found: each has a folder of its own
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles anew where either differs
@@ -106,6 +108,7 @@ def prepare(compile_all: Callable[[], None]) -> None:
         notice(said)
         with without_collector():  # going through the compiler's objects is a tenth of its work
             compile_all()
+        # last: an interrupted compilation is done again
         (folder / "complete").touch()
         for old in folder.parent.glob("kernel-*"):
             if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
@@ -127,6 +130,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     It makes no arrays, and counts no references to those it reads: numba would count each array of a scene for each
     sample, which takes several times as long as all the rest.
     """
+    # `_nrt` off: kernels allocate nothing, and without numba's reference counting they are smaller
     return _compile(function, {"_nrt": False}, cache_folder())
 
 
@@ -135,6 +139,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
     A product that is added to something is not rounded before.
     """
+    # "contract" lets a * b + c be one instruction (fused multiply-add), rounded once
     return _compile(function, {"_nrt": False, "fastmath": {"contract"}} | _PART, None)
 
 
@@ -143,6 +148,7 @@ def exact(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, {"_nrt": False} | _PART, None)
 
 
+# LLVM inlines them all; wrappers for calls from Python or C would be compiled for nothing
 _PART = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -151,6 +157,7 @@ def _compile(function: Callable[P, R], options: dict[str, Any], folder: Path | N
     config.CACHE_DIR = "" if folder is None else str(folder)  # type: ignore[attr-defined]  # read at declaration
     compiler: Callable[..., Any] = numba.njit
     try:
+        # the "numpy" error model divides without asking whether the divisor is 0, which would keep loops from vectors
         return compiler(nogil=True, cache=folder is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]

@@ -31,10 +31,12 @@ def develop(
     width, bands, values, squares = count // 3, len(lower) - 1, work[0], work[1]
     room, spread = 1 - shoulder, noise / math.sqrt(0.18)
     for i in range(count):
+        # from -1 to 1 across the picture; three numbers for each pixel
         x = 2 * (i // 3) / (width - 1) - 1 if width > 1 else -1.0
         squares[i] = x * x
     for row in range(height):
         if len(state):
+            # a row at a time: a frame's grain is never held whole
             draw_normals(state, grain[0])
         y = 2 * row / (height - 1) - 1 if height > 1 else -1.0
         here, bright = grain[row % len(grain)], False

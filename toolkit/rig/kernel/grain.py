@@ -13,6 +13,7 @@ from numba.np.random._constants import fi_float, ki_float, wi_float
 from toolkit.rig.kernel.compiled import exact
 
 LONG, HALF = ir.IntType(128), ir.IntType(64)
+# PCG64's 128-bit LCG multiplier, as in NumPy's pcg64.h
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 LAST = 3.6541528853610088
 """Where the tail of the normal distribution begins."""
@@ -20,6 +21,7 @@ LAST = 3.6541528853610088
 
 def _advance(_: Any, high: types.Integer, low: types.Integer, step_high: types.Integer, step_low: types.Integer) -> Any:
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        # numba has no 128-bit integers, LLVM has: hence by hand
         def join(upper: ir.Value, lower: ir.Value) -> ir.Value:
             return builder.or_(builder.shl(builder.zext(upper, LONG), LONG(64)), builder.zext(lower, LONG))
 
@@ -55,6 +57,7 @@ def _next_bits(stream: Stream) -> tuple[Stream, np.uint64]:
     if stream.has_spare:
         return Stream(stream.high, stream.low, stream.step_high, stream.step_low, stream.spare, False), stream.spare
     high, low, word = advance(stream.high, stream.low, stream.step_high, stream.step_low)
+    # NumPy hands out the lower half first and keeps the upper for the next call
     left = word >> np.uint64(32)
     return Stream(high, low, stream.step_high, stream.step_low, left, True), word & np.uint64(0xFFFFFFFF)
 
@@ -63,6 +66,7 @@ def _next_bits(stream: Stream) -> tuple[Stream, np.uint64]:
 def _next_share(stream: Stream) -> tuple[Stream, np.float32]:
     """Uniform in [0, 1)."""
     stream, bits = _next_bits(stream)
+    # the upper 24 bits, as many as a float32's fraction holds
     return stream, np.float32(np.int64(bits >> np.uint64(8))) * np.float32(1 / 16777216)
 
 
@@ -72,6 +76,7 @@ def _draw_tail(stream: Stream) -> tuple[Stream, np.float32]:
     while True:
         stream, a = _next_share(stream)
         stream, b = _next_share(stream)
+        # an exponential proposal, accepted where 2y > x^2: what is left is the normal's tail
         x, y = np.float32(-1 / LAST) * np.float32(math.log1p(-a)), -np.float32(math.log1p(-b))
         if y + y > x * x:
             return stream, np.float32(LAST) + x
@@ -89,6 +94,7 @@ def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
     for i in range(len(out)):
         while True:
             stream, bits = _next_bits(stream)
+            # one draw is cut up: 8 bits choose one of 256 layers, 1 the sign, 23 the place within the layer
             layer, size = np.int64(bits & np.uint64(255)), np.int64(bits >> np.uint64(9))
             sign = np.float32(1 - 2 * np.int64((bits >> np.uint64(8)) & np.uint64(1)))
             x = np.float32(size) * wi_float[layer] * sign
