@@ -34,18 +34,22 @@ def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None
     for one in images:
         is_right = np.zeros(len(one.scores), bool)
         # of the stronger first; the object goes to the first that fits
+        # pycocotools' bound: an IoU of 1 by rounding still counts
         fits = np.flatnonzero(one.ious >= min(iou, 1 - 1e-10))
         if len(fits):
             is_right[fits[0]] = True
         scores.append(one.scores)
         right.append(is_right)
+    # stable, as in pycocotools: of equal scores the one that came first stays first
     order = np.argsort(-np.concatenate(scores), kind="mergesort")
     hits = np.cumsum(np.concatenate(right)[order])
     if not len(hits):
         return 0.0
     recall = hits / len(images)
     precision = hits / np.arange(1, len(hits) + 1)
+    # precision at a recall is the best at that recall or above: the curve's envelope
     precision = np.maximum.accumulate(precision[::-1])[::-1]
+    # levels of recall that are never reached count as precision 0
     places = np.searchsorted(recall, RECALL_LEVELS, side="left")
     reached = places < len(precision)
     return float(np.where(reached, precision[np.minimum(places, len(precision) - 1)], 0).mean())

@@ -26,6 +26,7 @@ class Pilot:
         step_s = 1 / flights.config.camera_hz
         error = flights.level_offsets(seen, chosen)
         known = np.isfinite(error).all(axis=1)
+        # where no pad is said to be seen, the sum waits
         self._sum[chosen] += np.where(known[:, None], error, 0.0) * step_s
         slope = (error - self._last[chosen]) / step_s
         # of a first picture, and after one without a pad, there is no slope
@@ -34,6 +35,7 @@ class Pilot:
         level = np.where(known[:, None], kp * error + ki * self._sum[chosen] + kd * slope, 0.0)
         height = flights.state.position[2, chosen] - flights.pads[chosen, 2]
         aligned = known & (np.hypot(*error.T) < law.align_m + law.align_share * height)
+        # just above the pad it fills the picture or leaves it: straight down, whatever is said
         blind = (height < law.blind_m) | (~known & (height < law.unseen_m))
         down = np.where(aligned | blind, np.clip(law.rate * height, law.slowest_m_s, law.fastest_m_s), 0.0)
         self._velocity[:2, chosen] = np.where(blind, 0.0, level.T)
@@ -47,6 +49,7 @@ def fly(flights: Flights, look: Look, gains: tuple[float, float, float], descent
     while len(chosen := flights.flying):
         poses = flights.camera_poses(chosen)
         seen = np.asarray(look(np.array([flights.episodes[k].index for k in chosen]), poses, flights.tick), float)
+        # kept before the flight goes on: the answers belong to these poses
         offsets = flights.level_offsets(seen, chosen)
         for k, offset in zip(chosen, offsets, strict=True):
             flights.episodes[k].seen.append(offset)
