@@ -176,6 +176,7 @@ def evaluate_detector(
     folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [one for one in folder.captures if one.object in classes]
+    # the truth of a corrupted picture is that of the one it was made from: boxes do not move
     clean = {one.file: one for one in wanted if one.corruption is None or one.cut_px is not None}
     masks, unknown = outline_captures(list(clean.values()), workspace)
     truths = {file: masks[one.path] for file, one in clean.items() if one.path in masks}
@@ -295,8 +296,10 @@ def _count(key: tuple[str, str, str], members: Sequence[DetectedImage]) -> Detec
     by_class: dict[int, list[ScoredBoxes]] = defaultdict(list)
     for one in read:
         by_class[one.true_index].append(one.of_class)
+    # the mean over classes, as COCO has it
     ap50 = [average_precision(some, 0.5) or 0.0 for some in by_class.values()]
     ap = [mean_average_precision(some) or 0.0 for some in by_class.values()]
+    # an object that is not found counts with score 0: leaving it out would reward missing it
     scores = [one.best[0] if one.best else 0.0 for one in read]
     return DetectionGroup(
         *key, n=len(read), failed=len(members) - len(read), n_found=sum(one.is_found for one in read),

@@ -148,6 +148,7 @@ def _name_file(words: str, taken: set[str]) -> str:
     """A file name of any variant's and network's name, each once."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", words).strip("-.")[:80] or "figure"
     name, number = plain, 1
+    # some file systems do not tell `Fog` from `fog`
     while name.lower() in taken:
         number += 1
         name = f"{plain}-{number}"
