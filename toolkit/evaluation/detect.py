@@ -18,12 +18,12 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.detections_csv import encode_detections, make_detected
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
+from toolkit.evaluation.predictions_csv import encode_detections, make_detected
 from toolkit.evaluation.results import list_corrupted
 from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image

@@ -61,7 +61,7 @@ class Prediction:
         top1_index, top1_label, top1_prob: the network's first guess.
         true_prob, true_rank: probability of the truth, and its place among the guesses, from 1.
         status: `ok`, or why the image was not read.
-        detection: what a detector said, see `toolkit.evaluation.detections_csv.make_detected`; None of a classifier.
+        detection: what a detector said, see `toolkit.evaluation.predictions_csv.make_detected`; None of a classifier.
     """
 
     capture: Capture
