@@ -12,7 +12,7 @@ from tables import list_changes, list_sweeps, read_summaries, write_table
 
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
-from toolkit.experiments.transfer.matrix import BOOSTED
+from toolkit.experiments.transfer.leave_one_out import BOOSTED
 
 CHAIN = "-rehearsed"
 

@@ -19,7 +19,7 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON
-from toolkit.experiments.transfer.matrix import BOOSTED, JudgedRow
+from toolkit.experiments.transfer.leave_one_out import BOOSTED, JudgedRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")

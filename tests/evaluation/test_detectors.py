@@ -10,7 +10,7 @@ import torch
 from typer.testing import CliRunner
 
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
+from toolkit.evaluation.detect import ScoredBoxes, average_precision, mean_average_precision, recall_at
 from toolkit.models.detector import Detections, box_iou, detector_class
 from toolkit.models.load_detector import decode_fastestdet, decode_yolox
 from toolkit.models.weights import WeightsFile

@@ -10,12 +10,12 @@ from toolkit.captures.read import Capture
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
-from toolkit.evaluation.detections_csv import COLUMNS, encode_detections, make_detected
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import read_parquet, write_csv, write_fiftyone, write_parquet
 from toolkit.evaluation.notebook import predictions_table
 from toolkit.evaluation.predict import Detection
+from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS, encode_detections, make_detected
 from toolkit.evaluation.runs import open_run
 from toolkit.evaluation.stored import read_predictions
 from toolkit.imaging.read import read_image
@@ -146,7 +146,7 @@ def test_a_detectors_run_is_exported_with_its_boxes_and_no_classifiers_columns(d
     run = open_run(detected, "yolo")
     assert write_parquet(tmp_path / "x.parquet", detected, [run]) == 3
     table = parquet.read_table(tmp_path / "x.parquet")
-    assert table.column_names == ["run", "network", "condition", "severity", *COLUMNS]
+    assert table.column_names == ["run", "network", "condition", "severity", *DETECTION_COLUMNS]
     first, second, third = table.to_pylist()
     assert (first["true_box"], first["box"], first["found"]) == (list(BOX), list(FITTING), True)
     assert (second["box"], second["found"], second["strongest_label"]) == (None, False, "dog")

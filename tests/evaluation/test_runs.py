@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.compare import compare_runs
-from toolkit.evaluation.detections_csv import COLUMNS
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS
 from toolkit.evaluation.runs import find_runs, open_run, parse_where, pick_rows
 from toolkit.evaluation.summaries import CLEAR, MEAN
 from toolkit.experiments.corruptions.benchmark_means import summarise
@@ -92,7 +92,7 @@ def write_detections(workspace, name, found):
     file = write_summary(workspace, name, content)
     rows = [f"sim,racer,unpatched,{k},sim/racer/unpatched/{k}.png,car,,{one},0.5,0.6,,dog,0.7,ok" for k, one in
             enumerate(found, 1)]  # fmt: skip
-    (file.parent / "detections.csv").write_text("\n".join([",".join(COLUMNS), *rows]) + "\n")
+    (file.parent / "detections.csv").write_text("\n".join([",".join(DETECTION_COLUMNS), *rows]) + "\n")
 
 
 def test_a_run_has_the_numbers_of_its_summary(evaluated):

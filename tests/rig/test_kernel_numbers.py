@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.rig.kernel.compiled import kernel
-from toolkit.rig.kernel.grain import draw_normals
+from toolkit.rig.kernel.develop import draw_normals
 from toolkit.rig.kernel.lanes import exp2, log2
 from toolkit.rig.shading import develop_light, draw_grain, stream_state, tone_map
 

@@ -72,8 +72,7 @@ def compare(
     """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
     from toolkit.core.console import console
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.compare import build_comparison_table, compare_runs, write_comparison
-    from toolkit.evaluation.compare_tables import compare_tables
+    from toolkit.evaluation.compare import build_comparison_table, compare_runs, compare_tables, write_comparison
     from toolkit.evaluation.runs import open_run
 
     space = open_workspace(workspace)

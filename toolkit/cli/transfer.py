@@ -20,8 +20,7 @@ def transfer(
     """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.core.workspace import open_workspace
-    from toolkit.experiments.transfer.leave_one_out import leave_one_out
-    from toolkit.experiments.transfer.matrix import HEADS, tabulate
+    from toolkit.experiments.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
     networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)

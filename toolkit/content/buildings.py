@@ -59,6 +59,7 @@ class Roof:
         edge = radius + 0.6
         if self.width < 2 * edge or self.depth < 2 * edge:
             return None
+        # rejection: roofs are mostly empty, and a few tries are cheap
         for _ in range(12):
             x, y = rng.uniform(edge, self.width - edge), rng.uniform(edge, self.depth - edge)
             if all(np.hypot(x - a, y - b) > radius + r for a, b, r in self.taken):
@@ -84,6 +85,7 @@ def flat_roof(
         boxes(cap_low - [0.06, 0.06, 0], cap_high + [0.06, 0.06, 0], trim, ROOF, without=()),
     ]
     if pad_radius:
+        # taken before anything else is placed: nothing may stand on the pad
         roof.taken.append((w / 2, d / 2, pad_radius + 0.6))
         pieces.append(landing_pad(pad_radius, looks).moved(w / 2, d / 2, z))
     plant = [
@@ -392,6 +394,7 @@ def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
 def _apartments(
     lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, *, shops: bool, crown: bool = True
 ) -> House:
+    # shops take the ground floor; without them a plinth, and one floor more
     ground = SHOP_FLOOR_M if shops else 0.6
     floors = lot.floors + (0 if shops else 1)
     height = ground + floors * style.floor_m + 0.35

@@ -59,6 +59,7 @@ class Filling:
         """Put a house with its lower left corner, or turned by 180 its upper right one, at a point of the ground."""
         self.pieces.append(place(house.piece, (x, y, KERB_M), yaw))
         sign = -1 if yaw == 180 else 1
+        # half a turn about z changes the sign of x and y: low and high corners change places
         boxes = house.solids * np.tile([sign, sign, 1], 2) + np.tile([x, y, KERB_M], 2)
         self.solids.append(
             np.concatenate([np.minimum(boxes[:, :3], boxes[:, 3:]), np.maximum(boxes[:, :3], boxes[:, 3:])], 1)
@@ -180,6 +181,7 @@ def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
     left = row.width
     while left >= 0.5:
         w = float(np.round(rng.uniform(10.0, 21.0), 1))
+        # no gap narrower than a house is left at the row's end
         w = left if left - w < 9.0 else w
         widths.append(w)
         left = round(left - w, 3)

@@ -45,6 +45,7 @@ PALETTES: dict[str, tuple[Colour, ...]] = {
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[int, int]) -> np.ndarray:
     """(h, w) float32 smooth noise of mean 0 and about ±1 with `cells` bumps down and across; repeats without a seam."""
+    # noise that repeats may be moved by any number of texels, and stays without a seam
     return _roll(_noise(shape, cells, int(rng.integers(POOL))), rng)
 
 
@@ -138,6 +139,7 @@ class Canvas:
     FINER = 2
 
     def __init__(self, width_m: float, height_m: float, px_per_m: float, ground: Ink, low: Point = (0.0, 0.0)) -> None:
+        # scales apart for x and y: rounding to whole pixels may stretch them differently
         self.size = max(1, round(width_m * px_per_m)), max(1, round(height_m * px_per_m))
         self.scale = self.FINER * self.size[0] / width_m, self.FINER * self.size[1] / height_m
         self.low, self.top = low, low[1] + height_m
@@ -248,6 +250,7 @@ class Drawing:
 
     def side(self) -> "Side":
         """The finished drawing, at the resolution that is sampled, premultiplied."""
+        # premultiplied first: the mean of clear and inked texels must not take colour from clear ones
         pixels = np.asarray(self.image.convert("RGBa").reduce(DRAW_PX_PER_MM // KEEP_PX_PER_MM), np.float32)
         return Side(pixels, self.axes, self.low, self.high)
 
@@ -373,6 +376,7 @@ def dots(ground: Colour, spots: Colour, count: int, size: float = 0.3) -> Paint:
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
         y = v * count / aspect
         row = np.floor(y)
+        # every other row is set off by half
         x = u * count + 0.5 * (row % 2)
         return np.hypot(x % 1 - 0.5, y % 1 - 0.5) < size
 
@@ -381,6 +385,7 @@ def dots(ground: Colour, spots: Colour, count: int, size: float = 0.3) -> Paint:
 
 def scatter(rng: np.random.Generator, ground: Colour, spots: Sequence[Colour], count: int, size: float) -> Paint:
     """Round spots thrown at random, their radius about `size` of the chart's width."""
+    # x, y and size
     places = rng.uniform((0, 0, 0.5), (1, 1, 1.4), (count, 3))
     which = rng.integers(1, len(spots) + 1, count)
 
@@ -399,6 +404,7 @@ def blotches(rng: np.random.Generator, colours: Sequence[Colour], cells: int = 5
     phases = rng.uniform(0, 2 * np.pi, (len(colours), 6))
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        # a sum of six waves for each colour; the highest sum owns the place
         turns = [[np.cos(2 * (a * u + b * v / aspect) + p) for (a, b), p in zip(waves[k], phases[k], strict=True)]
                  for k in range(len(colours))]  # fmt: skip
         return np.argmax([sum(terms) for terms in turns], axis=0)

@@ -87,6 +87,7 @@ def surface(points: np.ndarray, paint: Paint = (200, 200, 200), material: str = 
     net repeat the first row or column at the end.
     """
     rows, columns = points.shape[:2]
+    # means over all rows and columns: paint is stretched where a row is longer than the mean, as on a globe
     along_u = np.linalg.norm(np.diff(points, axis=1), axis=2).mean(axis=0)
     along_v = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     u, v = np.r_[0, np.cumsum(along_u)], np.r_[0, np.cumsum(along_v)]
@@ -197,6 +198,7 @@ def tube(
     angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
     sections = []
     for point, forward, r in zip(path, tangent, radii, strict=True):  # a frame carried along without twist
+        # the old side, its part along the path taken out: the frame that turns least
         side = side - forward * (side @ forward)
         side /= np.linalg.norm(side)
         up = np.cross(forward, side)
@@ -290,6 +292,7 @@ def _clip_ears(polygon: np.ndarray) -> np.ndarray:
 
     left, triangles = list(range(len(polygon))), []
     while len(left) > 3:
+        # an ear is a convex corner whose triangle holds no other corner; a simple polygon has at least two (Meisters)
         for i in range(len(left)):
             a, b, c = left[i - 1], left[i], left[(i + 1) % len(left)]
             pa, pb, pc = polygon[a], polygon[b], polygon[c]
@@ -309,6 +312,7 @@ def _inset(outline: np.ndarray, distance: float) -> np.ndarray:
     normals = [
         np.stack([-edge[:, 1], edge[:, 0]], 1) / np.linalg.norm(edge, axis=1, keepdims=True) for edge in (before, after)
     ]
+    # along the bisector of both edges: 2 / |n1 + n2|² keeps the distance from each, 0.5 bounds it
     middle = normals[0] + normals[1]
     return outline + distance * 2 * middle / np.maximum((middle**2).sum(axis=1, keepdims=True), 0.5)
 
@@ -321,6 +325,7 @@ def _render_paint(paint: Paint, width: int, height: int, px_per_mm: float) -> Im
 
 
 def _paste_with_gutter(atlas: Image.Image, chart: Image.Image, left: int, top: int) -> None:
+    # a chart's rim is repeated around it: blurred look-ups at its edge mix in nothing foreign
     padded = np.pad(np.asarray(chart), ((GUTTER_PX, GUTTER_PX), (GUTTER_PX, GUTTER_PX), (0, 0)), mode="edge")
     atlas.paste(Image.fromarray(padded), (left - GUTTER_PX, top - GUTTER_PX))
 
@@ -346,6 +351,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
 
     low, high = 1e-4, atlas_px / max(max(chart) for chart in charts_mm)
     best = shelves(low)
+    # bisection: packing has no formula, but a smaller scale never fits worse
     for _ in range(30):
         middle = (low + high) / 2
         if (found := shelves(middle)) is None:
@@ -488,6 +494,7 @@ def seen_from_above(part: Part) -> Part:
 def outward(parts: list[Part]) -> list[Part]:
     """Turn a closed group of parts so that it encloses a positive volume."""
     corners = [part.vertices[part.faces] for part in parts]
+    # six times the signed volume: a sum of tetrahedra from the origin (divergence theorem)
     volume = sum(np.einsum("ij,ij->", c[:, 0], np.cross(c[:, 1], c[:, 2])) for c in corners)
     return parts if volume > 0 else [part.flipped() for part in parts]
 
@@ -526,6 +533,7 @@ def hull(
     stations: Sequence[Sequence[float]], paint: Paint, material: str = "paint", count: int = 20, around: int = 24
 ) -> list[Part]:
     """A body along x from stations (x, width, height, middle z, power of the section), smoothed."""
+    # stations alone would show as creases
     curve = smooth_curve(stations, count) if count > len(stations) else np.asarray(stations, float)
     sections = [superellipse(w, h, power, around, x, 0, z) for x, w, h, z, power in curve]
     return outward(loft(sections, paint, material))
@@ -536,6 +544,7 @@ def wing(
     paint: Paint, material: str = "paint", upright: bool = False,
 ) -> list[Part]:  # fmt: skip
     """A tapering wing between the leading edges `root` and `tip`; chords reach to -x. An upright one is a fin."""
+    # an aerofoil of seven points: share of the chord behind the leading edge, share of the thickness
     shape = np.array([(0, 0), (-0.12, 0.45), (-0.35, 0.5), (-1, 0.06), (-1, -0.06), (-0.35, -0.5), (-0.12, -0.45)])
     rows = []
     for edge, chord, scale in ((root, chords[0], 1.0), (tip, chords[1], 0.5)):

@@ -48,6 +48,7 @@ class Looks:
 
     def rng(self, name: str) -> np.random.Generator:
         """The generator that paints `name`."""
+        # by name: what is painted does not depend on what was painted before it (Python's own hash differs by run)
         return np.random.default_rng([self.seed, crc32(name.encode())])
 
     def once(self, name: str, make: Callable[[np.random.Generator], "Piece"]) -> "Piece":
@@ -82,6 +83,7 @@ class Looks:
             row, column = divmod(used, CELLS)
             cell = slice(row * CELL_PX, (row + 1) * CELL_PX), slice(column * CELL_PX, (column + 1) * CELL_PX)
             self._sheets[name][cell] = colour
+            # the middle of its cell: a filtered look-up stays within it
             at = ((column + 0.5) / CELLS, 1 - (row + 0.5) / CELLS)
             self._plain[key] = Skin(self._skins[name].material, at=at)
         return self._plain[key]
@@ -159,6 +161,7 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
     Without `uv` (n, 4, 2) or (4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
     """
     quad = np.asarray(corners, np.float64).reshape(-1, 4, 3)
+    # of the diagonals: twice the area of a flat quad, and right for those with two corners in one place
     normal = cross(quad[:, 2] - quad[:, 0], quad[:, 3] - quad[:, 1])
     size = np.sqrt((normal**2).sum(axis=1))
     real = size > 1e-7
@@ -174,6 +177,7 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
         up = cross(normal, along)
         texture = np.stack([np.einsum("nkx,nx->nk", quad, along), np.einsum("nkx,nx->nk", quad, up)], 2)
         texture = texture / np.array(skin.tile_m)
+        # moved by whole textures: float32 keeps the digits that count
         texture = texture - np.floor(texture[:, :1])
     index = np.arange(4 * n).reshape(n, 4)
     faces = np.stack([index[:, [0, 1, 2]], index[:, [0, 2, 3]]], axis=1).reshape(-1, 3)

@@ -148,6 +148,7 @@ class Plan:
             runs_north = abs(stretch.ahead[1]) > 0.5
             line = self.east if runs_north else self.north
             at = float(stretch.start[1] if runs_north else stretch.start[0])
+            # the street that this stretch comes from
             before = max((s for s in line if s.at < at + 1e-6), key=lambda s: s.at)
             result += [stretch, stretch.reversed(before)]
         return result
@@ -190,6 +191,7 @@ def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
     avenue, half = stretch.street.avenue, stretch.street.half
     skin = road(looks, avenue)
     a, b = CROSSING_M, stretch.length - CROSSING_M
+    # the road's picture repeats along it
     turns = (b - a) / skin.tile_m[1]
     uv = np.array([(0, 0), (1, 0), (1, turns), (0, turns)])
     ahead = _strip(stretch, b, stretch.length, half)
@@ -264,6 +266,7 @@ def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
 
 def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
     """Parked along the kerbs, queueing and driving on the right."""
+    # by make: each vehicle's mesh is copied once for all its places
     at: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
     makes: dict[int, Vehicle] = {}
 
@@ -292,6 +295,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
             else:
                 along += 6.0
         lane = 5.0 if stretch.street.avenue else 2.1
+        # from the crossing backwards: those in front stop at it, others queue or follow
         along = stretch.length - CROSSING_M - rng.uniform(0.3, 22.0)
         while along > CROSSING_M + 4:
             vehicle = pick(fleet.moving())
@@ -322,6 +326,7 @@ def furnish_streets(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece
 def build_standing(standing: Standing, looks: Looks) -> Piece:
     """Copies of everything at its places."""
     pieces = []
+    # each thing is built once and copied to all its places
     for name, places in standing.items():
         spots = np.array(places)
         kind, _, rest = name.partition(":")
@@ -352,6 +357,7 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
     right = stretch.street.half + 0.75
     kinds, shares = list(KERB_SIDE), np.array(list(KERB_SIDE.values()))
     shares = shares / shares.sum()
+    # in turns of four: a lamp, something, a tree, something
     along, k = CROSSING_M + 2.5, int(rng.integers(4))
     while along < stretch.length - 5.0:
         point = stretch.point(along, right)

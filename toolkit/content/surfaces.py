@@ -45,16 +45,20 @@ def _masonry(
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
     row = (y * rows / n).astype(int)
+    # running bond: every other course is set off by half a block
     across = x * columns / n + 0.5 * (row % 2)
+    # the last block of a course is the first one's other half: the texture repeats
     column = across.astype(int) % columns
     shade = rng.normal(1, spread, (rows, columns)) + rng.choice([0, 0, 0, -2 * spread], (rows, columns))
     hue = rng.normal(0, 5 * spread / 0.1, (rows, columns, 3))
     colours = np.array(colour) * shade[row, column][..., None] + hue[row, column]
     edge_y = np.abs((y * rows / n) % 1 - 0.5) * n / rows
     edge_x = np.abs(across % 1 - 0.5) * n / columns
+    # pixels inside of the nearest edge of the block
     inset = np.minimum(n / rows / 2 - edge_y, n / columns / 2 - edge_x)
     joint = np.clip((inset - joint_px / 2) / 1.2 + 0.5, 0, 1)[..., None]
     mortar = np.array(colour, np.float32) * 0.45 + np.array((172, 166, 156)) * 0.45
+    # upper rims catch the light, lower ones lie in shade
     lit = 1 + 0.07 * np.clip(2.5 - inset, 0, 2.5)[..., None] * (((y * rows / n) % 1 < 0.5)[..., None] * 2 - 1)
     return (colours * lit * joint + mortar * (1 - joint)).astype(np.float32)
 
@@ -224,6 +228,7 @@ def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray,
     day[:edge] *= 0.6  # the lintel's shade
     glow *= 1 - frame[..., None]
     small = glow[: h // GLOW_SHRINK * GLOW_SHRINK, : w // GLOW_SHRINK * GLOW_SHRINK]
+    # means of square groups; a lit window has no fine detail
     small = small.reshape(h // GLOW_SHRINK, GLOW_SHRINK, w // GLOW_SHRINK, GLOW_SHRINK, 3).mean((1, 3))
     return finish(day), finish(small)
 

@@ -82,5 +82,6 @@ def _end_with_parent() -> None:
     """A parent that is killed tells its workers nothing, and they would wait for it for ever."""
     parent = parent_process()
     if parent is not None:
+        # returns when the parent has ended, killed or not
         parent.join()
         os._exit(1)

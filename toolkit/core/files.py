@@ -77,6 +77,7 @@ def open_plain(path: Path) -> BinaryIO:
     Raises:
         OSError: it is not there, not a plain file, or may not be read.
     """
+    # opened first and looked at then: between a look and an opening it could be changed
     number = os.open(path, os.O_RDONLY | NO_WAITING)
     kind = os.fstat(number).st_mode
     if stat.S_ISREG(kind):
@@ -111,6 +112,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
     """
     try:
         with open_plain(path) as file:
+            # one more than allowed: a size that is asked for beforehand may have grown
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
         raise explain_read_error(path, error) from None
@@ -144,6 +146,7 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
         with os.fdopen(number, "wb") as file:
             yield file
             file.flush()
+            # on disk before the rename, or a crash could leave the new name on an empty file
             os.fsync(file.fileno())
         partial.replace(path)
     except BaseException as error:
@@ -187,6 +190,7 @@ def real_path(path: Path) -> Path:
 
 def _check_within(folder: Path, root: Path) -> None:
     """A `ToolkitError` where `folder` is not in `root`, whatever links and dots say."""
+    # links are followed on both sides, or a link within would lead out
     home = real_path(root)
     try:
         place = Path(folder).resolve()
@@ -321,6 +325,7 @@ def read_json(path: Path, model: type[Model]) -> Model:
         ToolkitError: the file is missing, is not JSON, or a field is wrong; the message names file and field.
     """
     content, constants = _load_json(path)
+    # the model's own words first: they name the field
     made = _validate(path, content, model)
     if constants:
         raise ToolkitError(f"{path}: not JSON: {constants[0]} is not allowed as a number")
@@ -359,6 +364,7 @@ def _say_digits(error: ValueError) -> str:
 
 def _is_deep(content: Any) -> bool:
     level = [content]
+    # level by level, without recursion: a deep file must not exhaust the stack that asks
     for _ in range(MOST_LEVELS):
         level = [
             child

@@ -65,6 +65,7 @@ def _lock(file: Path) -> int:
                     notice(f"waiting until {_read_holder(number)} has finished with {file.parent}")
                 is_said = True
                 fcntl.flock(number, fcntl.LOCK_EX)
+            # still the file of that name: else its last holder removed it between our opening and our lock
             if os.fstat(number).st_nlink:
                 os.truncate(number, 0)
                 os.write(number, f"{os.getpid()} ({' '.join(['toolkit', *sys.argv[1:2]])})".encode())

@@ -23,10 +23,12 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
     if trials == 0:
         return 0.0, 1.0
     share = successes / trials
+    # Wilson (1927): the roots p of (share - p)^2 = z^2 p (1 - p) / trials
     centre = share + z * z / (2 * trials)
     half = z * sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     scale = 1 + z * z / trials
     low, high = (centre - half) / scale, (centre + half) / scale
+    # at none or all the bound is exact; rounding would leave it a hair off
     return (0.0 if successes == 0 else max(0.0, low)), (1.0 if successes == trials else min(1.0, high))
 
 
@@ -38,6 +40,7 @@ def mcnemar_p(gained: int, lost: int) -> float:
     """
     from scipy.stats import binomtest
 
+    # pairs that did not change say nothing: of those that did, half would change either way by chance
     return float(binomtest(gained, gained + lost, 0.5).pvalue) if gained + lost else 1.0
 
 
@@ -59,6 +62,7 @@ def adjust_holm(ps: Sequence[float]) -> list[float]:
     """Holm's step-down correction of several tests (Scandinavian Journal of Statistics 6, 1979), in their order."""
     adjusted, highest = [0.0] * len(ps), 0.0
     for rank, k in enumerate(sorted(range(len(ps)), key=lambda k: ps[k])):
+        # the smallest p counts for all tests, the next for one less; never below one that came before
         highest = max(highest, min(1.0, (len(ps) - rank) * ps[k]))
         adjusted[k] = highest
     return adjusted
@@ -169,6 +173,7 @@ def cohen_kappa(both: int, first_only: int, second_only: int, neither: int) -> f
     """
     n = both + first_only + second_only + neither
     yes_1, yes_2 = both + first_only, both + second_only
+    # how often two judges with these shares of yes would agree if they were independent
     by_chance = yes_1 * yes_2 + (n - yes_1) * (n - yes_2)  # times n², in whole numbers
     if by_chance == n * n:
         return None
@@ -200,6 +205,7 @@ def percentile_interval(values: "np.ndarray") -> Interval | None:
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return None
+    # a value that was drawn, never one between: between a number and infinity there is none
     low, high = np.quantile(known, [0.025, 0.975], method="inverted_cdf")
     return float(low), float(high)
 
@@ -214,11 +220,15 @@ def sign_flip_p(differences: Sequence[float]) -> float:
     found = np.asarray(differences, float)
     count = len(found)
     if count <= 16:
+        # every pattern of signs, from the bits of its number
         signs = 1 - 2 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
     else:
+        # too many to list: drawn, the seed being the count, so that p is the same each time
         signs = np.random.default_rng(count).choice([-1, 1], (2**16, count))
+        # what was seen counts as one of them, so that p is never 0
         signs[0] = 1
     means = np.abs(signs @ found)
+    # the tolerance is for sums in another order
     return float((means >= abs(found.sum()) - 1e-12).mean())
 
 

@@ -19,6 +19,7 @@ from toolkit.corruptions.draws import RandomStreams
 @lru_cache(maxsize=2)
 def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
     # by process: the threads of a pool do not survive a fork, as of a data loader's workers
+    # all threads are started, and pinned to one thread each, before the process's own setting is put back
     ready = threading.Barrier(workers + 1)
 
     def keep_to_one_thread() -> None:
@@ -156,6 +157,7 @@ def draw_corrupted(
     Yields:
         (numbers of some images, name, severity, a seed for each) of every corruption that was drawn.
     """
+    # drawn for all images, acting or not: an image's draws do not depend on those before it
     acting = rng.random(count) < share
     drawn = rng.integers(len(corruptions), size=count)
     seeds = rng.integers(2**62, size=count)

@@ -39,10 +39,12 @@ def gaussian_matrix(length: int, sigma_px: float, border: str, truncate: float =
     """
     weights = gaussian_weights(sigma_px, truncate)
     radius = len(weights) // 2
+    # which pixel stands where, beyond the ends too: the border's rule applied to numbers of pixels
     source = np.pad(np.arange(length), radius, mode=border)  # type: ignore[call-overload]
     matrix = np.zeros((length, length))
     rows = np.arange(length)
     for tap, weight in enumerate(weights):
+        # near an end several taps read one pixel: their weights add up
         np.add.at(matrix, (rows, source[tap : tap + length]), weight)
     return torch.from_numpy(matrix.astype(np.float32))
 
@@ -62,6 +64,7 @@ def blur_gaussian(planes: torch.Tensor, sigma_px: float) -> torch.Tensor:
     weights = gaussian_weights(sigma_px)
     result = torch.empty(planes.shape)
     rows = planes.shape[-2:]
+    # OpenCV on the CPU; elsewhere, and where a gradient is asked for, the matrix product
     for source, target in zip(planes.reshape(-1, *rows).numpy(), result.view(-1, *rows).numpy(), strict=True):
         cv2.sepFilter2D(source, -1, weights, weights, dst=target, borderType=cv2.BORDER_REPLICATE)
     return result
@@ -75,6 +78,7 @@ def filter_by_kernel(planes: torch.Tensor, kernel: np.ndarray) -> torch.Tensor:
     height, width = planes.shape[-2:]
     radius = len(kernel) // 2
     padded = F.pad(planes, (radius,) * 4, mode="reflect")
+    # the transform is fast where lengths have small prime factors only
     size = tuple(next_fast_len(length, real=True) for length in padded.shape[-2:])
     weights = torch.fft.rfft2(torch.tensor(kernel).to(planes), s=size)
     # the conjugate correlates; what wraps around stays outside of the image, on the padding
@@ -144,6 +148,7 @@ def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: Random
 def draw_neighbours(height: int, width: int, reach_px: int, draws: RandomStreams) -> torch.Tensor:
     """(b, h × w) int64: the pixel that each one copies; those near the border copy themselves."""
     side = 2 * reach_px
+    # one draw for both shifts, from -reach to reach - 1: the published `randint` leaves its end out
     pick = (draws.uniform(height * width) * side**2).long()
     down, across = pick // side - reach_px, pick % side - reach_px
     own = torch.arange(height * width, device=pick.device)
@@ -160,6 +165,7 @@ def trace_copies(neighbours: torch.Tensor, height: int, width: int, reach_px: in
     # `neighbours > own`: the loop goes from the bottom right, and has changed those by then
     passed = _may_move(height, width, reach_px).to(neighbours.device)[neighbours] & (neighbours > own)
     origin = neighbours
+    # chains of copies are followed a link at a time, all pixels at once, instead of pixel by pixel
     while passed.any():
         further = origin.gather(1, origin)
         origin, passed = torch.where(passed, further, origin), passed & passed.gather(1, origin)
@@ -191,10 +197,12 @@ def disk_kernel(radius_px: float, softness_px: float) -> np.ndarray:
     Where the disk fills its frame, at radii 8 and 10, the softening counts its rim twice: as published, the sum is
     1.013 and 1.011 there, so that the image grows a little brighter.
     """
+    # as in the published `disk`
     reach, taps = (SMALL_DISK_PX, 3) if radius_px <= SMALL_DISK_PX else (math.ceil(radius_px), 5)
     offsets = np.arange(-reach, reach + 1)
     disk = (offsets[:, None] ** 2 + offsets**2 <= radius_px**2).astype(np.float32)
     kernel = cv2.GaussianBlur(disk / disk.sum(), (taps, taps), softness_px)
+    # rows of zeros around the disk would only cost time
     empty = int(np.argmax(kernel.max(0) > EMPTY))
     kernel = kernel[empty : len(kernel) - empty, empty : len(kernel) - empty].copy()
     kernel.flags.writeable = False
@@ -224,6 +232,7 @@ def blur_by_motion(images: torch.Tensor, shape: tuple[float, float], draws: Rand
 def zoom_in(planes: torch.Tensor, factor: float) -> torch.Tensor:
     """The middle of (b, c, h, w), enlarged `factor` times, linearly, corner pixel onto corner pixel."""
     height, width = planes.shape[-2:]
+    # only what is seen after the enlargement is enlarged
     cut_height, cut_width = math.ceil(height / factor), math.ceil(width / factor)
     top, left = (height - cut_height) // 2, (width - cut_width) // 2
     cut = planes[..., top : top + cut_height, left : left + cut_width]
@@ -244,4 +253,5 @@ def blur_by_zoom(images: torch.Tensor, zooms: tuple[float, float], draws: Random
     total = images.clone()
     for factor in factors:
         total += zoom_in(images, factor)
+    # the factors begin at 1 and the image itself is added too: it counts twice, as published
     return total.div_(len(factors) + 1)

@@ -63,6 +63,7 @@ def _scaled(length_px: float, *shares: tuple[float, ...]) -> list[tuple[float, .
     return [tuple(share * length_px for share in row) for row in shares]
 
 
+# the numbers of `make_imagenet_c.py` and `make_cifar_c.py` (Hendrycks and Dietterich 2019), severities 1 to 5
 ALL = (
     _corruption(
         "gaussian_noise", "noise", "noise.add_gaussian_noise",

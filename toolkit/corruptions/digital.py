@@ -170,11 +170,13 @@ def box_windows(length: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
 
     The steps are Pillow's, in double precision, because a centre that falls on a box's rim goes as they round.
     """
+    # source pixels for one wanted; a box is never narrower than a pixel
     step = length / wanted
     widened = max(step, 1.0)
     centres = (np.arange(wanted) + 0.5) * step
     near = np.maximum((centres - 0.5 * widened + 0.5).astype(np.int64), 0)
     pixels = near[:, None] + np.arange(int(widened) + 2)
+    # Pillow's box filter: 1 from -1/2 (left out) to 1/2, measured from the box's centre in box widths
     offsets = (pixels - centres[:, None] + 0.5) * (1 / widened)
     covered = (offsets > -0.5) & (offsets <= 0.5) & (pixels < length)
     return near + covered.argmax(1), covered.sum(1)

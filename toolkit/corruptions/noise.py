@@ -22,6 +22,7 @@ def _tables(scale: float, levels: int) -> tuple[torch.Tensor, torch.Tensor]:
     distribution = pdtr(counts, means[:, None]).astype(np.float32)
     distribution[:, -1] = 2.0  # no uniform number reaches it: the search ends here
     edges = np.arange(BUCKETS, dtype=np.float32) / BUCKETS
+    # per bucket of the uniform number: where the search for its count begins
     start = np.stack([np.searchsorted(row, edges, side="right") for row in distribution])
     return torch.from_numpy(distribution), torch.from_numpy(start.astype(np.int16))
 
@@ -46,6 +47,7 @@ def draw_poisson(levels: torch.Tensor, scale: float, top: int, draws: RandomStre
     bucket = (chance * BUCKETS).int().add_(levels, alpha=BUCKETS)
     # of (level, count) in the table laid out as one row
     place = start.flatten().index_select(0, bucket).int().add_(levels, alpha=counts)
+    # inversion: the smallest count whose distribution function exceeds the number; most are found at once
     undecided = (chance >= distribution.flatten().index_select(0, place)).nonzero()[:, 0]
     while len(undecided):
         place[undecided] += 1
@@ -60,6 +62,7 @@ FAR = 1e6
 
 def add_gaussian_noise(images: torch.Tensor, sigma: float, draws: RandomStreams) -> torch.Tensor:
     """Add normal noise of standard deviation `sigma` to every value."""
+    # in place throughout: a batch of noise is as large as the batch of images
     return draws.normal(*images.shape[1:]).mul_(sigma).add_(images)
 
 

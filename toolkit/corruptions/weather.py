@@ -36,17 +36,20 @@ def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tenso
         count = total.shape[1] ** 2
         shift = shifts[:, used : used + count].reshape(total.shape)
         used += count
+        # the mean of four neighbours and a shift, whose bound falls by decay² with each finer step
         return total / 4 + bound * shift
 
     while step >= 2:
         half = step // 2
         corners = clouds[:, ::step, ::step]
+        # the plane wraps round: the neighbour beyond an edge is the one at the other
         pairs = corners + corners.roll(-1, 1)
         middles = settle(pairs + pairs.roll(-1, 2))
         clouds[:, half::step, half::step] = middles
         clouds[:, ::step, half::step] = settle(middles + middles.roll(1, 1) + corners + corners.roll(-1, 2))
         clouds[:, half::step, ::step] = settle(middles + middles.roll(1, 2) + corners + corners.roll(-1, 1))
         step, bound = half, bound / decay**2
+    # the published script stretches the plane to [0, 1] as well
     low = clouds.amin((1, 2), keepdim=True)
     return (clouds - low) / (clouds.amax((1, 2), keepdim=True) - low)
 
@@ -114,6 +117,7 @@ def draw_pane(pane: Pane, rng: np.random.Generator) -> np.ndarray:
     feathers = grow_feathers(pane, rng)
     glow = _blur_pane(feathers, 3) + _blur_pane(feathers, 12)
     # lit from the upper left: the sides of the needles that face it are bright, the others dark
+    # a difference along the diagonal is the slope towards the light
     relief = np.roll(feathers, (1, 1), (0, 1)) - np.roll(feathers, (-1, -1), (0, 1))
     grain = _blur_pane(rng.standard_normal((SIDE_PX, SIDE_PX)).astype(np.float32), 0.8)
     ice = 0.9 * _standard(feathers) + 0.45 * _standard(glow) - 1.1 * _standard(relief) + 0.7 * _standard(grain)
@@ -144,8 +148,10 @@ def draw_crystal(
     along = np.linspace(0, 1, max(3, int(lengths_px.max() / BRANCH_STEP_PX)))
     steps = lengths_px[:, None] * along
     turned = angles[:, None] + rng.normal(0, 0.004, (len(angles), 1)) * steps
+    # small steps of equal length, each in the direction reached so far
     spines = root + np.cumsum(_point(turned), 1) * steps[:, 1, None, None]
     _draw_lines(canvas, spines, brightness)
+    # branches grow longest near the root, but for its first fifth, and not at all at the tip
     reach = 0.38 * (lengths_px[:, None] - steps) * rng.uniform(0.6, 1.1, steps.shape) * np.minimum(1, along / 0.2)
     for side in (-1, 1):
         tips = spines + reach[..., None] * _point(turned + side * BRANCH_ANGLE)
@@ -167,6 +173,7 @@ def _fold(canvas: np.ndarray) -> np.ndarray:
         middle = canvas[MARGIN_PX:-MARGIN_PX].copy()
         np.maximum(middle[-MARGIN_PX:], canvas[:MARGIN_PX], out=middle[-MARGIN_PX:])
         np.maximum(middle[:MARGIN_PX], canvas[-MARGIN_PX:], out=middle[:MARGIN_PX])
+        # transposed: the second round folds the other axis, and turns the picture back
         canvas = middle.T
     return canvas
 
@@ -174,6 +181,7 @@ def _fold(canvas: np.ndarray) -> np.ndarray:
 def draw_mist(rng: np.random.Generator) -> np.ndarray:
     """(side, side) float32 clouds of mean 0 and deviation 1: noise whose spectrum falls as that of photographs does."""
     frequency = np.hypot(np.fft.fftfreq(SIDE_PX)[:, None], np.fft.rfftfreq(SIDE_PX))
+    # the mean is left out
     frequency[0, 0] = np.inf
     # amplitude over frequency, cut off below a few periods per pane so that no pane is all dark on one side
     shape = 1 / (frequency + 3 / SIDE_PX) ** 1.6
@@ -183,6 +191,7 @@ def draw_mist(rng: np.random.Generator) -> np.ndarray:
 
 def _blur_pane(plane: np.ndarray, sigma_px: float) -> np.ndarray:
     rim = int(4 * sigma_px + 1)
+    # the pane repeats without a seam, and so must its blur
     wrapped = np.pad(plane, rim, mode="wrap")
     return cv2.GaussianBlur(wrapped, (0, 0), sigma_px)[rim:-rim, rim:-rim]
 
@@ -213,6 +222,7 @@ def cut_frost(height: int, width: int, scale: float, draws: RandomStreams) -> li
         for axis, (start, length) in enumerate(zip(corner, (height, width), strict=True), 1):
             side = piece.shape[axis]
             if length <= side:
+                # a view, no copy
                 piece = piece.narrow(axis, int(start * (side - length + 1)), length)
             else:
                 places = torch.arange(length, device=piece.device) + int(start * side)
@@ -260,6 +270,7 @@ def shade_drops(wet: torch.Tensor) -> torch.Tensor:
 
 
 def _shade_layer(layer: np.ndarray) -> np.ndarray:
+    # step by step as published: edges, distance to them, equalised, embossed
     distance = cv2.distanceTransform(255 - cv2.Canny(layer, *CANNY_THRESHOLDS), cv2.DIST_L2, 5)
     distance = cv2.blur(np.minimum(distance, MAX_DISTANCE_PX), (3, 3)).astype(np.uint8)
     relief = cv2.filter2D(cv2.equalizeHist(distance), cv2.CV_8U, EMBOSS)
@@ -286,6 +297,7 @@ def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStream
     height, width = images.shape[-2:]
     noise = draws.normal(1, math.ceil(height / zoom), math.ceil(width / zoom)) * deviation + mean
     flakes = fill_by_zoom(noise, zoom, height, width)
+    # only the brightest of the enlarged noise are flakes
     flakes = torch.where(flakes < threshold, 0.0, flakes).clamp_(0, 1)
     low, high = SNOW_ANGLES_DEG
     flakes = blur_along(flakes, radius_px, sigma_px, draws.uniform() * (high - low) + low)
@@ -320,11 +332,13 @@ def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: RandomStrea
     side_px = 1 << (max(height, width) - 1).bit_length()
     clouds = draw_clouds(side_px, decay, draws)[:, None, :height, :width]
     brightest = images.amax((1, 2, 3), keepdim=True)
+    # as published: with a cloud of 1 over it the brightest value keeps its place
     return (images + strength * clouds).mul_(brightest / (brightest + strength))
 
 
 def brighten(images: torch.Tensor, amount: float, draws: RandomStreams) -> torch.Tensor:
     """Add `amount` to the V of HSV, at most to 1. Hue and saturation stay: all three channels grow alike."""
     value = images.amax(1, keepdim=True)
+    # V of HSV is the largest channel; the ratio moves all three, so that H and S stay
     brighter = (value + amount).clamp_(max=1)
     return torch.where(value > 0, images * (brighter / value.clamp(min=1e-12)), brighter)

@@ -136,6 +136,7 @@ class LocalPool:
         try:
             return future.result()
         except BrokenProcessPool:
+            # a pool that breaks does not say who broke it: the unit that was waited for is tried by itself
             found = self._try_alone(unit)
             for _ in range(len(waiting)):  # the pool took them all down with it
                 other, done = waiting.popleft()

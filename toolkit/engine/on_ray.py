@@ -247,6 +247,7 @@ def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
 def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
     import ray
 
+    # a task has one core; without this each would start threads for all
     limit_cores(1)
     difference = find_difference(versions, list_versions())
     if difference:

@@ -83,11 +83,13 @@ def run_resumable(
         for outcome in engine.run(_tell(units, bar) if missing else ()):
             if outcome.result is None:
                 failed.append((outcome.unit.name, outcome.reason))
+                # one reason for all: a unit of its own kind may fail, and the run goes on
                 if not made and len(failed) == GIVE_UP_AFTER and len({reason for _, reason in failed}) == 1:
                     raise ToolkitError(outcome.reason)
                 continue
             item = missing[outcome.key]
             keep(outcome.key, item, outcome.result)
+            # after `keep`: what the bar counts is on disk
             made += weigh(item)
             bar.advance(weigh(item), note=outcome.unit.name)
     if failed and not made and todo == total:

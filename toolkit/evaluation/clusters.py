@@ -35,6 +35,7 @@ def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
         return mean, None
     if half > NO_SPREAD:
         return mean, (max(0.0, mean - half), min(1.0, mean + half))
+    # all right or all wrong: no spread to measure, but clusters can be counted
     if min(mean, 1 - mean) < NO_SPREAD:
         return mean, wilson_interval(round(mean) * n_clusters, n_clusters)
     return mean, None
@@ -59,7 +60,9 @@ def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, in
     if n_clusters == 1:
         return mean, 0.0, 1
     # residuals y_c - p x_c of `estimate_share`
+    # linearised variance of a ratio of totals (Cochran, Sampling Techniques, 1977, chapter 11)
     spread = n_clusters / (n_clusters - 1) * float(((totals - mean * sizes) ** 2).sum())
+    # Student's t: with few clusters the spread itself is uncertain
     return mean, float(t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
 
 

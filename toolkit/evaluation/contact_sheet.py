@@ -73,6 +73,7 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
     T_world_camera = capture.T_world_camera
     if T_world_camera is None:
         return None
+    # the third column is where the camera looks; backwards from there lies the camera
     x, y, z = (-T_world_camera[row][2] for row in range(3))
     length = sqrt(x * x + y * y + z * z)
     if not 0.5 < length < 2:

@@ -1,4 +1,4 @@
-"""Does a detector find the object, with the booster and without? Boxes against the truth that the rig knows."""
+"""Does a detector find the object, with the booster and without? Boxes against the rig's truth; average precision."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -18,22 +18,80 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
-from toolkit.evaluation.detections_csv import encode_detections, make_detected
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
+from toolkit.evaluation.predictions_csv import encode_detections, make_detected
 from toolkit.evaluation.results import list_corrupted
 from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
 
+IOU_LEVELS = np.linspace(0.5, 0.95, 10)
+RECALL_LEVELS = np.linspace(0, 1, 101)
 FOUND_IOU, FOUND_SCORE = 0.5, 0.25
 SCHEMA_VERSION = 1
 BATCH = 8
+
+
+@dataclass(frozen=True)
+class ScoredBoxes:
+    """The detections of the true class in one image.
+
+    Attributes:
+        scores: (n,) by falling score.
+        ious: (n,) overlap of each with the object's box.
+    """
+
+    scores: np.ndarray
+    ious: np.ndarray
+
+
+def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None:
+    """Mean precision at 101 levels of recall, as pycocotools counts it; None without images.
+
+    A detection is right where it overlaps the object by `iou` at least, and no stronger one was; the others are
+    wrong.
+    """
+    if not images:
+        return None
+    scores, right = [], []
+    for one in images:
+        is_right = np.zeros(len(one.scores), bool)
+        # of the stronger first; the object goes to the first that fits
+        # pycocotools' bound: an IoU of 1 by rounding still counts
+        fits = np.flatnonzero(one.ious >= min(iou, 1 - 1e-10))
+        if len(fits):
+            is_right[fits[0]] = True
+        scores.append(one.scores)
+        right.append(is_right)
+    # stable, as in pycocotools: of equal scores the one that came first stays first
+    order = np.argsort(-np.concatenate(scores), kind="mergesort")
+    hits = np.cumsum(np.concatenate(right)[order])
+    if not len(hits):
+        return 0.0
+    recall = hits / len(images)
+    precision = hits / np.arange(1, len(hits) + 1)
+    # precision at a recall is the best at that recall or above: the curve's envelope
+    precision = np.maximum.accumulate(precision[::-1])[::-1]
+    # levels of recall that are never reached count as precision 0
+    places = np.searchsorted(recall, RECALL_LEVELS, side="left")
+    reached = places < len(precision)
+    return float(np.where(reached, precision[np.minimum(places, len(precision) - 1)], 0).mean())
+
+
+def mean_average_precision(images: Sequence[ScoredBoxes]) -> float | None:
+    """Mean of `average_precision` over IoU 0.50, 0.55 … 0.95."""
+    found = [average_precision(images, iou) for iou in IOU_LEVELS]
+    return None if not images else float(np.mean([one for one in found if one is not None]))
+
+
+def recall_at(images: Sequence[ScoredBoxes], iou: float = 0.5) -> float | None:
+    """Share of the images where some detection of the class overlaps the object so far, however weak."""
+    return None if not images else float(np.mean([bool((one.ious >= iou).any()) for one in images]))
 
 
 @dataclass(frozen=True)
@@ -176,6 +234,7 @@ def evaluate_detector(
     folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [one for one in folder.captures if one.object in classes]
+    # the truth of a corrupted picture is that of the one it was made from: boxes do not move
     clean = {one.file: one for one in wanted if one.corruption is None or one.cut_px is not None}
     masks, unknown = outline_captures(list(clean.values()), workspace)
     truths = {file: masks[one.path] for file, one in clean.items() if one.path in masks}
@@ -295,8 +354,10 @@ def _count(key: tuple[str, str, str], members: Sequence[DetectedImage]) -> Detec
     by_class: dict[int, list[ScoredBoxes]] = defaultdict(list)
     for one in read:
         by_class[one.true_index].append(one.of_class)
+    # the mean over classes, as COCO has it
     ap50 = [average_precision(some, 0.5) or 0.0 for some in by_class.values()]
     ap = [mean_average_precision(some) or 0.0 for some in by_class.values()]
+    # an object that is not found counts with score 0: leaving it out would reward missing it
     scores = [one.best[0] if one.best else 0.0 for one in read]
     return DetectionGroup(
         *key, n=len(read), failed=len(members) - len(read), n_found=sum(one.is_found for one in read),

@@ -13,9 +13,8 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation import detections_csv, predictions_csv
-from toolkit.evaluation.detections_csv import format_box
 from toolkit.evaluation.predict import Box, Detection, Prediction
+from toolkit.evaluation.predictions_csv import COLUMNS, DETECTION_COLUMNS, format_box
 from toolkit.evaluation.runs import Run, find_runs, open_run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, read_predictions
 from toolkit.imaging.read import read_image
@@ -209,7 +208,7 @@ def _list_rows(
 
 
 def _columns_of(run: Run) -> dict[str, type]:
-    return detections_csv.COLUMNS if run.kind == "detection" else predictions_csv.COLUMNS
+    return DETECTION_COLUMNS if run.kind == "detection" else COLUMNS
 
 
 def _look_up(one: Prediction, column: str) -> object:

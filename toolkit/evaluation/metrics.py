@@ -162,6 +162,7 @@ class Comparison:
     def commonest_mistake(self) -> tuple[str | None, int]:
         """The commonest wrong first guess with `second`, and how often; None and 0 where it is always right."""
         wrong = Counter(pair.second.top1_label for pair in self.pairs if not pair.second.correct_top1)
+        # of equally common ones the first by name, so that the same run says the same
         return min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
 
     def as_pair(self) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class Prediction:
         top1_index, top1_label, top1_prob: the network's first guess.
         true_prob, true_rank: probability of the truth, and its place among the guesses, from 1.
         status: `ok`, or why the image was not read.
-        detection: what a detector said, see `toolkit.evaluation.detections_csv.make_detected`; None of a classifier.
+        detection: what a detector said, see `toolkit.evaluation.predictions_csv.make_detected`; None of a classifier.
     """
 
     capture: Capture
@@ -176,6 +176,7 @@ def _classify_parts(images: list[np.ndarray], classifier: Classifier) -> list[tu
 
     def work(index: int) -> None:
         own = parts[index]
+        # the last part is filled up with copies, so that every pass has one shape
         whole = [*own, *[own[-1]] * (CPU_PART - len(own))]
         found[index] = classify_images(whole, classifier)[: len(own)]
 
@@ -223,6 +224,7 @@ def decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int
     """
     batch: list[tuple[Capture, np.ndarray | str]] = []
     for capture, pixels in zip(captures, _decode_files(captures, classifier.preprocessing, ahead), strict=True):
+        # a batch is corrupted in one way: another corruption begins another batch
         if batch and (len(batch) == ahead or find_pending(capture) != find_pending(batch[0][0])):
             yield from _corrupt_batch(batch, classifier.device)
             batch.clear()

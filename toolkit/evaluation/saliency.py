@@ -93,6 +93,7 @@ def compute_gradcam(
     try:
         with torch.enable_grad():
             logits = classifier.logits(batch)
+            # each image's logit depends on that image alone: the gradient of the sum holds all gradients
             target = logits[torch.arange(len(batch)), torch.tensor(classes)].sum()
             gradient = torch.autograd.grad(target, seen[-1], allow_unused=True)[0] if target.requires_grad else None
     except torch.cuda.OutOfMemoryError:
@@ -102,6 +103,7 @@ def compute_gradcam(
     if gradient is None:
         raise NoSaliency(UNUSED.format(arch=classifier.arch))
     with torch.no_grad():
+        # Grad-CAM (Selvaraju et al. 2017, equations 1 and 2): channels weighted by their mean gradient, then ReLU
         weights = gradient.double().mean((2, 3), keepdim=True)
         return (weights * seen[-1].double()).sum(1).relu().float().cpu().numpy()
 
@@ -174,6 +176,7 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
     )
     heat = np.clip(np.asarray(level), 0, 1)[..., None]
     base = pixels.astype(np.float32)
+    # nearly grey, so that the colours left are the map's
     base += GREY_SHARE * (base.mean(2, keepdims=True) - base)
     colour = np.concatenate([np.interp(heat, HEAT_LEVELS, values) for values in zip(*HEAT_COLOURS, strict=True)], 2)
     alpha = MAX_ALPHA * heat**0.7

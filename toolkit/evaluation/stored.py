@@ -15,9 +15,8 @@ from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
 from toolkit.core.memory import without_collector
 from toolkit.core.tables import decode_cell
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.detections_csv import COLUMNS, make_detected, read_detection
 from toolkit.evaluation.predict import OK, Prediction
-from toolkit.evaluation.predictions_csv import NEEDED
+from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS, NEEDED, make_detected, read_detection
 from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
 
 REPEATED = ("source", "object", "variant", "true_label", "top1_label", "status")
@@ -58,7 +57,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
         lines = csv.reader(text, strict=True)
         names = next(lines, [])
-        needed = COLUMNS if run.kind == "detection" else NEEDED
+        needed = DETECTION_COLUMNS if run.kind == "detection" else NEEDED
         missing = [name for name in needed if name not in names]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")

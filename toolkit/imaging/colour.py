@@ -6,6 +6,7 @@ import numpy as np
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     """sRGB-encoded [0, 1] to linear [0, 1], any shape, float32."""
     encoded = np.asarray(encoded, np.float32)
+    # the standard's two parts: a straight line near black, a power above it
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** np.float32(2.4))
 
 
@@ -28,6 +29,7 @@ POW25_7 = 25.0**7
 def lab_of_linear(linear: np.ndarray) -> np.ndarray:
     """(..., 3) L*a*b* of linear sRGB, 1 is the white that the eye has adapted to (CIE 15:2004, D65)."""
     xyz = np.maximum(np.asarray(linear, float), 0) @ XYZ_OF_LINEAR_SRGB.T / WHITE_D65
+    # the cube root, and its tangent near black (CIE 15:2004, 8.2.1)
     root = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
     x, y, z = np.moveaxis(root, -1, 0)
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)

@@ -44,5 +44,6 @@ def make_figure(width_in: float, height_in: float, layout: str | None = "constra
 def encode_figure(figure: "Figure", dpi: int = DPI) -> bytes:
     """The figure as PNG."""
     buffer = BytesIO()
+    # matplotlib writes its version into the file: without it the bytes follow from the picture alone
     figure.savefig(buffer, dpi=dpi, format="png", metadata={"Software": None})
     return buffer.getvalue()

@@ -63,6 +63,7 @@ def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     left, top = round((out_width - how.crop_px) / 2), round((out_height - how.crop_px) / 2)
     kept = (left, top, left + how.crop_px, top + how.crop_px)
     picture, resample = Image.fromarray(image), Image.Resampling[how.filter_name]
+    # a panorama would be resized whole to keep a small part: of those only the part is resized
     if long <= LONGEST_WHOLE * short:
         return np.asarray(picture.resize((out_width, out_height), resample).crop(kept))
     x_step, y_step = width / out_width, height / out_height

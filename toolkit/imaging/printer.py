@@ -50,6 +50,7 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 def _hull() -> tuple[np.ndarray, np.ndarray]:
     """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3): those with all points below."""
     solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
+    # eight points: every triangle is tried, those with all points on one side are the hull's
     for a, b, c in combinations(range(8), 3):
         normal = np.cross(solids[b] - solids[a], solids[c] - solids[a])
         side = (solids - solids[a]) @ normal
@@ -118,6 +119,7 @@ def score_print(pixels: np.ndarray) -> PrintScores:
     colours = pixels.astype(float) / 255
     steps = [np.abs(np.diff(colours, axis=axis)).ravel() for axis in (0, 1)]
     flat = colours.reshape(-1, 3)
+    # each colour is looked up once, however many pixels have it
     kinds, count = np.unique(flat, axis=0, return_counts=True)
     distance = np.sqrt(((kinds - nearest_printable(kinds)) ** 2).mean(axis=1))
     return PrintScores(float(np.concatenate(steps).mean()), float((distance * count).sum() / len(flat)))

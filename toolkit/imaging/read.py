@@ -164,6 +164,7 @@ def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.
     try:
         with open_image(path, content) as image:
             if short_side_px is not None:
+                # JPEG decodes at 1/2, 1/4 or 1/8 for little; twice the wanted side leaves the resampling its quality
                 image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
             image.load()
             return np.asarray(_to_rgb(_turn_upright(image)))
@@ -279,6 +280,7 @@ def _turn_upright(image: Image.Image) -> Image.Image:
 
 
 def _to_rgb(image: Image.Image) -> Image.Image:
+    # read first: conversions drop it
     profile = image.info.get("icc_profile")
     image = _to_eight_bits(image)
     if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
@@ -302,6 +304,7 @@ def _to_eight_bits(image: Image.Image) -> Image.Image:
     if image.mode == "F":
         full = 1.0 if values.max(initial=0) <= 1.0 else 255.0
     else:
+        # Pillow opens 16-bit PNGs as 32-bit integers: only the values tell them from 8 bits
         full = 65535.0 if image.mode.startswith("I;16") or values.max(initial=0) > 255 else 255.0
     return Image.fromarray(np.round(np.clip(np.nan_to_num(values) / full, 0, 1) * 255).astype(np.uint8))
 
@@ -369,6 +372,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
         for name in sorted(folders):
             if not _is_passed_over(name) and (here / name).is_symlink():
                 refused.append((show_path((*parts, name)), "a linked folder: copy its images here instead"))
+        # in place, as `os.walk` asks: it goes on with what is left in the list
         folders[:] = sorted(name for name in folders if not _is_passed_over(name))
         for name in sorted(names):
             if _is_passed_over(name) or name in BY_DESIGN:

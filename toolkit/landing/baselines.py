@@ -101,6 +101,7 @@ def _locate(corners: np.ndarray, side_m: float, camera: Camera) -> np.ndarray:
     if not np.isfinite(corners).all() or not cv2.isContourConvex(corners.astype(np.float32)):
         return np.full(2, np.nan)
     half = side_m / 2
+    # the order that IPPE_SQUARE asks for
     square = np.array([(-half, half, 0), (half, half, 0), (half, -half, 0), (-half, -half, 0)])
     found, _, place = cv2.solvePnP(
         square, corners.astype(np.float64), camera.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE

@@ -142,6 +142,7 @@ class PadTask(TrainingTask[Patch]):
         wanted = torch.from_numpy(np.stack([self.views[int(k)].offset for k in chosen])).float()
         height = torch.tensor([max(self.views[int(k)].height, LEAST_HEIGHT_M) for k in chosen]).float()
         error = out - wanted
+        # a share of the height: a pixel's error is metres in proportion to it
         loss = (error / height[:, None]).square().mean()
         return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
 
@@ -175,6 +176,7 @@ def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConf
         weathered = Weathered(weathers=config.weathers, probability=config.weather_probability)
         factor, offset = weathered.draw(list(depths), draws.of("weather"))
     y, x = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
+    # the falloff of `tone_map`, here with a gradient
     kept = (1 - FALLOFF * (x * x + y * y) / 2)[None, :, :, None]
     return batch.through(factor * kept, offset * kept)
 
@@ -188,8 +190,10 @@ def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, o
     views = []
     for number in range(config.views):
         site, rng = sites[number % len(sites)], Draws(seed + own, number, "landing").of("camera")
+        # even in the logarithm: as many views of each doubling of the height
         height = np.exp(rng.uniform(*np.log(config.height_m)))
         yaw, around = rng.uniform(0, 2 * np.pi, 2)
+        # the root spreads cameras evenly over the disc at this height
         aside = height * np.tan(np.radians(config.half_angle_deg)) * rng.uniform() ** 0.5
         place = site.centre + np.array([aside * np.cos(around), aside * np.sin(around), height])
         pose = place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]

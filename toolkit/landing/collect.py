@@ -86,6 +86,7 @@ class Collector:
 
     def split_of(self, index: int) -> Split:
         """Whether a frame is trained on or held out."""
+        # by place: frames of one place look alike, and would be known from training
         if self.config.split == "place" and len(self.places) > 1:
             return "held_out" if index % len(self.places) in self.held_out_places else "train"
         drawn = Draws(self.seed, index, "landing").of("split").uniform()
@@ -111,6 +112,7 @@ class Collector:
         pose, yaw = self.aim(index)
         image, mask = site.photograph_with_mask(SiteView(pose, self.seed, index, weather))
         x, y, z = (round(float(value), 6) for value in site.truth(pose))
+        # heading against the pad's own turn, within half a turn either way
         turn = (np.degrees(yaw) - 90 - site.place.turn_deg + 180) % 360 - 180
         truth = Truth(
             index=index, seed=self.seed, x_m=x, y_m=y, z_m=z, yaw_deg=round(float(turn), 4), place=site.place.name,
@@ -121,6 +123,7 @@ class Collector:
     def aim(self, index: int) -> tuple[np.ndarray, float]:
         """(4, 4) a frame's downward camera: in the cone, in free air, the pad in plain view; and its heading, rad."""
         site, rng = self.site(index % len(self.places)), Draws(self.seed, index, "landing").of("camera")
+        # even in the logarithm: as many frames of each doubling of the height
         low, high = np.log(self.config.height_m)
         for _ in range(MOST_TRIES):
             height, yaw, around = np.exp(rng.uniform(low, high)), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)

@@ -48,6 +48,7 @@ class Multirotor:
     def inertia(self) -> np.ndarray:
         """(3,) moments about the body's axes, kg m²: a box, and four motors as points."""
         x, y, z = self.body_m
+        # a solid box has m (b^2 + c^2) / 12 about the axis across sides b and c; a point has m r^2
         box = (self.mass_kg - 4 * self.rotor_kg) / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
         side, up = self.arm_m**2 / 2, self.rotor_height_m**2
         return box + 4 * self.rotor_kg * np.array([side + up, side + up, 2 * side])
@@ -59,6 +60,7 @@ class Multirotor:
         AirSim's faces: the box's, and of each rotor π d² from above, four times its disc, and π d h from aside.
         """
         x, y, z = self.body_m
+        # areas that meet the air: the body's faces, and those of four propellers, flat discs of some thickness
         above, aside = np.pi * self.rotor_diameter_m**2, np.pi * self.rotor_diameter_m * self.rotor_thickness_m
         faces = np.array([y * z + 4 * aside, x * z + 4 * aside, x * y + 4 * above])
         return faces * self.drag_coefficient / 2 * AIR_DENSITY
@@ -71,6 +73,7 @@ class Multirotor:
     @property
     def terminal_m_s(self) -> float:
         """Speed at which it falls level with its rotors stopped."""
+        # where the drag carries the weight
         return sqrt(self.mass_kg * GRAVITY / float(self.drag[2]))
 
 
@@ -99,6 +102,7 @@ class MultirotorState:
         """At rest and level at (3, n) positions, turned by (n,) yaw, all rotors at one signal."""
         count = position.shape[1]
         attitude = np.zeros((4, count))
+        # the unit quaternion of a turn about z: (cos(a / 2), 0, 0, sin(a / 2))
         attitude[0], attitude[3] = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
         still = np.zeros((3, count))
         return cls(np.array(position, float), still, attitude, still.copy(), np.full((4, count), signal))
@@ -121,12 +125,14 @@ class MultirotorState:
     def angles(self) -> np.ndarray:
         """(3, n) roll, pitch and yaw, rad: turns about x, y and z, the last first; a positive pitch lowers the nose."""
         turn = self.rotation
+        # read off R = Rz(yaw) Ry(pitch) Rx(roll)
         pitch = np.arcsin(np.clip(-turn[2, 0], -1, 1))
         return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
 
     @property
     def tilt(self) -> np.ndarray:
         """(n,) angle between the body's up and the world's, rad."""
+        # the cosine is the z of the body's own z axis; rounding may put it above 1
         return np.arccos(np.clip(self.rotation[2, 2], -1, 1))
 
     def part(self, chosen: np.ndarray) -> "MultirotorState":
@@ -177,6 +183,7 @@ def advance(
 
 def _angular_pull(vehicle: Multirotor, rates: np.ndarray, rotors: np.ndarray) -> np.ndarray:
     """(3, n) angular acceleration of thrust, rotor torque and the gyroscopic term."""
+    # arms stand at 45 degrees between the axes
     lever = vehicle.arm_m / sqrt(2) * vehicle.thrust_n
     torque = np.array(
         [
@@ -205,6 +212,7 @@ def _turn(attitude: np.ndarray, rates: np.ndarray, step_s: float) -> np.ndarray:
         [-x * p - y * q - z * r, w * p + y * r - z * q, w * q - x * r + z * p, w * r + x * q - y * p]
     )
     w, x, y, z = moved
+    # the step leaves the unit sphere a little
     return moved / np.sqrt(w * w + x * x + y * y + z * z)
 
 

@@ -89,6 +89,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         cosine, sine = np.cos(flights.yaw[0]), np.sin(flights.yaw[0])
         flights.advance(np.array([[ahead * cosine - left * sine], [ahead * sine + left * cosine], [up]]))
         outcome = flights.episodes[0].outcome
+        # metres nearer to the pad: summed over an episode it is the way come nearer, however it was flown
         reward = before - self._distance()
         if outcome != FLYING:
             reward += REWARDS.get(outcome, FAILURE)

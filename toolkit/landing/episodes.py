@@ -86,6 +86,7 @@ class EpisodeDraws:
         rng = draws.of("start")
         height, angle = rng.uniform(*config.start_height_m), np.radians(rng.uniform(*config.start_angle_deg))
         around, yaw = rng.uniform(0, 2 * np.pi, 2)
+        # the start lies on a cone that stands on the pad
         aside = height * np.tan(angle)
         rng = draws.of("wind")
         speed, bearing = rng.uniform(*config.wind_m_s), rng.uniform(0, 2 * np.pi)
@@ -194,6 +195,7 @@ class Flights:
         """
         chosen = self.flying
         self.tick += 1
+        # from the tick, not added up: pictures keep their times however the steps divide
         last = round(self.tick / self.config.camera_hz / STEP_S)
         if not len(chosen):
             self._step = last
@@ -202,6 +204,7 @@ class Flights:
         for k in chosen:
             self.episodes[k].track.append(before[k])
         self._waiting.append((self.time_s + self.config.latency_s, np.nan_to_num(velocity, posinf=0.0, neginf=0.0)))
+        # a ray for each picture, not for each step of 3 ms
         below = self.ground.height_below(before[chosen])
         state, control = self.state.part(chosen), self._control.part(chosen)
         way = np.zeros(len(chosen))
@@ -222,6 +225,7 @@ class Flights:
         self._judge_sight(chosen, before)
 
     def _make_step(self, state: MultirotorState, control: VelocityControl, chosen: np.ndarray) -> MultirotorState:
+        # a hair later: times are sums of steps, which round
         while self._waiting and self._waiting[0][0] <= self.time_s + 1e-9:
             self._command = self._waiting.pop(0)[1]
         gust = self._gusts[chosen, min(int(self.time_s / GUST_STEP_S), self._gusts.shape[1] - 1)]
@@ -244,6 +248,7 @@ class Flights:
         away = state.position - self.pads[chosen].T
         level = np.hypot(away[0], away[1])
         fine = np.isfinite(state.position).all(axis=0) & np.isfinite(speed) & np.isfinite(tilt)
+        # asked so that NaN counts as wild
         wild = ~(fine & (tilt <= STEEPEST_DEG) & (level <= FARTHEST_M) & (away[2] <= FARTHEST_M))
         for j, k in enumerate(chosen):
             if wild[j]:
@@ -262,6 +267,7 @@ class Flights:
         hit = self.ground.is_hit(before[chosen], places)
         offset = self.level_frame(places, chosen)
         height = np.maximum(places[:, 2] - self.pads[chosen, 2], 1e-6)
+        # low over the pad it no longer fits the view, which is not losing it
         out = (np.abs(offset) > self._view_tan * height[:, None]).any(axis=1) & (height > self.config.radius_m)
         self._unseen[chosen] = np.where(out, self._unseen[chosen] + 1 / self.config.camera_hz, 0.0)
         for j, k in enumerate(chosen):

@@ -69,6 +69,7 @@ def _build_resnet8(num_classes: int) -> "nn.Module":
         )
     )  # fmt: skip
     for layer in module.modules():
+        # as torchvision's own ResNets begin
         if isinstance(layer, nn.Conv2d):
             nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
     return module

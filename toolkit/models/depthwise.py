@@ -32,6 +32,7 @@ def _convolve(
 ) -> torch.Tensor:  # fmt: skip
     """`torch.conv2d`, by its names."""
     steps, margins = _pair(stride), (0, 0) if isinstance(padding, str) else _pair(padding)
+    # only the case that is slow and that the backward below is right for; everything else goes as it was
     is_meant = (
         torch.is_grad_enabled() and input.requires_grad and input.dtype == torch.bfloat16
         and not weight.requires_grad and (bias is None or not bias.requires_grad)
@@ -67,6 +68,8 @@ class _Strided(torch.autograd.Function):
         sides, margins = weight.shape[2:], [side - 1 - pad for side, pad in zip(weight.shape[2:], padding, strict=True)]
         dense = [length + 2 * pad - side + 1 for length, pad, side in zip(shape[2:], padding, sides, strict=True)]
         spread = gradient.new_zeros(*shape[:2], *dense).contiguous(memory_format=torch.channels_last)
+        # a strided convolution keeps some places of one without a stride: elsewhere the gradient is 0
         spread[..., :: stride[0], :: stride[1]] = gradient
+        # the gradient of a correlation is the correlation with the kernel turned by 180 degrees
         turned = weight.to(gradient.dtype).flip(2, 3)
         return functional.conv2d(spread, turned, padding=margins, groups=len(weight)), None, None, None, None

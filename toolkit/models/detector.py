@@ -118,4 +118,5 @@ def box_iou(boxes: np.ndarray, other: np.ndarray) -> np.ndarray:
     corners = np.maximum(boxes[:, :2], other[:2]), np.minimum(boxes[:, 2:], other[2:])
     inside = np.prod(np.clip(corners[1] - corners[0], 0, None), axis=1)
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(other[2:] - other[:2])
+    # union = sum of both areas - intersection; a box without area has none with anything
     return inside / np.maximum(areas - inside, 1e-9)

@@ -210,6 +210,7 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
         return list(own)
     if num_classes == len(published):
         return list(published)
+    # TensorFlow's networks have a class 0 for "none of these"
     if len(published) == 1000 and num_classes == 1001:
         return ["background", *published]
     return _number_classes(num_classes)
@@ -256,6 +257,7 @@ def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE
     """
     if isinstance(name, int):
         return _check_index(labels, name)
+    # exact first: ImageNet has names that differ by case or stand twice
     exact = [index for index, label in enumerate(labels) if label == name]
     for matches in (exact, [index for index, label in enumerate(labels) if label.lower() == name.lower()]):
         if len(matches) == 1:
@@ -280,6 +282,7 @@ def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
             f"no class called '{name}': the {len(labels)} classes of this network have no names: {remedy}, or give an "
             "index"
         )
+    # two letters are in too many names to be a hint
     containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
     if containing:
         return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")

@@ -107,8 +107,10 @@ def load_classifiers(
 def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
     import torch
 
+    # on the meta device a network has shapes and no numbers: nothing is allocated
     with torch.device("meta"):
         expected = build_network(arch, published).state_dict()
+    # the last weight with as many rows as there are classes is the classifier's head
     last = [name for name, value in expected.items() if name.endswith(".weight") and value.shape[0] == published][-1]
     if last not in state:
         raise _misfit(arch, file, f"it has no '{last}'")

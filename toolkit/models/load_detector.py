@@ -182,9 +182,12 @@ class DenseDetector:
         boxes = boxes.to(found)
         terms = []
         for k in range(len(batch)):
+            # which places are meant is decided without a gradient; how well they fit has one
             fit = box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
             weight, places = fit.topk(min(10, len(fit)))
+            # where no box overlaps at all, the places still count alike
             weight = (weight + 1e-3) / (weight + 1e-3).sum()
+            # of a logarithm: at 0 there is no slope
             score = scores[k, places, class_index].clamp_min(1e-6)
             misfit = generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
             terms.append((weight * (misfit - score.log())).sum())
@@ -219,6 +222,7 @@ class TorchvisionDetector:
     def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int) -> torch.Tensor:
         """(b,) the network's own training loss for the object as the only truth."""
         terms = []
+        # torchvision's detectors give losses in training mode alone
         self.module.train()
         for layer in self.module.modules():
             if isinstance(layer, nn.BatchNorm2d | nn.Dropout):
@@ -290,6 +294,7 @@ def _load_onnx(path: Path, device: str) -> DenseDetector:
     size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size).to(place)
     with torch.no_grad():
+        # two images: a graph that was fixed to one shows itself here
         answers = network(torch.zeros(2, 3, size, size, device=place))
     shape = tuple(answers.shape) if isinstance(answers, torch.Tensor) else ()
     family = own.decoder or _guess_decoder(shape, size)

@@ -155,6 +155,7 @@ class Classifier:
         if batch.ndim != 4 or batch.shape[1] != 3:
             raise ValueError(f"batch must be Bx3xHxW, got {tuple(batch.shape)}")
         batch = batch.to(self.device)
+        # `mean` and `std` are in the network's own order, so the flip comes first
         if self.preprocessing.channels == "BGR":
             batch = batch.flip(1)
         mean, std = (

@@ -56,6 +56,7 @@ def _texel_coordinates(corner_uv: np.ndarray, n: int) -> tuple[np.ndarray, np.nd
     uv = np.asarray(corner_uv, np.float64)
     places = np.stack([uv[..., 0], 1 - uv[..., 1]], axis=-1) * n
     outside = (places.min(axis=1) < -ROUNDING_PX) | (places.max(axis=1) > n + ROUNDING_PX)
+    # moved by whole textures only: which texels are touched stays the same
     tile = np.floor(places.min(axis=1) / n + 1e-9) * outside
     places -= tile[:, None] * n
     return places[..., 0], places[..., 1]

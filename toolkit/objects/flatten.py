@@ -59,6 +59,7 @@ def make_surface(places: np.ndarray, faces: np.ndarray) -> Surface:
     base = np.maximum(length, 1e-9)
     to_apex = np.roll(corners, -2, axis=1) - corners
     along = (to_apex * edges).sum(axis=2) / base
+    # area = base * height / 2
     up = np.maximum(2 * area[:, None] / base, THINNEST * base)
     return Surface(corners, faces, area, normals, neighbour, across, length, np.stack([along, up], axis=2))
 
@@ -99,6 +100,7 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
     twice = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
     # the cotangent of the angle that faces an edge, half of it: its weight in the Dirichlet energy
     facing = np.stack([-(edges[:, (i + 1) % 3] * edges[:, (i + 2) % 3]).sum(axis=1) for i in range(3)], axis=1)
+    # cot = cosine / sine = dot product / twice the area
     weight = facing / (2 * twice[:, None])
     start, end = points_of.reshape(-1), np.roll(points_of, -1, axis=1).reshape(-1)
     w, n = weight.reshape(-1), len(flat)
@@ -107,6 +109,7 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
     # a touch on the diagonal holds the whole where it is, which no edge does
     held = 1e-8 * float(np.abs(laplacian.diagonal()).mean())
     diagonal = coo_array((np.full(n, held), (np.arange(n), np.arange(n))), shape=(n, n))
+    # factorised once: each global step is then two triangular solves
     solver = splu(csc_array(laplacian + diagonal), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     for _ in range(steps):
         lying = flat[end.reshape(-1, 3)] - flat[start.reshape(-1, 3)]

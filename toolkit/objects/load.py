@@ -105,6 +105,7 @@ def read_mesh(path: Path) -> Mesh:
         )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
+    # what the file's head says of its size, before trimesh reads the rest
     check_announced(path)
     try:
         with limit_memory(MOST_BYTES):
@@ -230,6 +231,7 @@ def _weld(vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, materi
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
     first, place = group_places(vertices)
     vertices, faces = vertices[first], place[faces]
+    # welding leaves triangles with two corners in one place
     real = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     if not real.any():
         raise ToolkitError(f"{source}: every face has zero area: expected an object with an extent")

@@ -57,6 +57,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
         corners = order[starts[first] : starts[first] + int(counts[first:last].sum())]
         total = _sum_fans(weighted[corners // 3], counts[first:last], crease_deg)
         total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-20)
+        # a triangle without area faces nowhere: any unit normal does, NaN does not
         total[~total.any(axis=1)] = (0, 0, 1)
         normals[corners] = total
     return normals.reshape(-1, 3, 3)
@@ -78,6 +79,7 @@ def _sum_fans(weighted: np.ndarray, counts: np.ndarray, crease_deg: float) -> np
     total = whole[fan]
     # where all lie within half the angle of their mean, any two lie within the whole angle
     mean = whole / np.maximum(np.linalg.norm(whole, axis=1, keepdims=True), 1e-20)
+    # most fans pass this test, and need no comparison of pairs
     near = np.einsum("ij,ij->i", unit, mean[fan]) > np.cos(np.radians(crease_deg / 2)) + 1e-9
     flat = ~unit.any(axis=1)
     creased = np.flatnonzero(np.bincount(fan, ~near & ~flat, len(counts)))
@@ -175,6 +177,7 @@ def place_on_table(mesh: Mesh, length_mm: float | None = None) -> Mesh:
     """Scale the longest side to `length_mm` and move the centre of the base to the origin."""
     scale = 1.0 if length_mm is None else length_mm / float(mesh.size_mm.max())
     low, high = mesh.bounds * scale
+    # millimetres, the centre of the base at the origin: the rig's world
     base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     return replace(mesh, vertices=(mesh.vertices * scale - base).astype(np.float32))
 

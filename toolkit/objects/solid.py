@@ -77,6 +77,7 @@ def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
     low, high = edges.min(axis=1), edges.max(axis=1)
     first, index = group_rows([low, high])
     count = np.bincount(index, minlength=len(first))
+    # two triangles that face one way run along their edge in opposite directions: the sum is 0
     balance = np.bincount(index, np.where(edges[:, 0] == low, 1, -1), minlength=len(first))
     open_edges = int((count == 1).sum())
     tangled = int(((count > 2) | ((count == 2) & (balance != 0))).sum())

@@ -163,6 +163,7 @@ def _join_small(
         lean = np.ones((count, len(DIRECTIONS)))
         np.minimum.at(lean, piece[area > 0], unit[area > 0] @ DIRECTIONS.T)
         way = np.zeros(count, np.int64)
+        # all faces of a piece face one way: any of them says it
         way[piece] = facing
         a, b = piece[np.concatenate([pairs, pairs[:, ::-1]])].T
         key, inverse = np.unique(a * count + b, return_inverse=True)
@@ -253,8 +254,10 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     places, welded = vertices[first].astype(np.float64), place[faces]
     corners = places[welded]
     surface = np.linalg.norm(cross_products(corners), axis=1).sum() / 2
+    # a guess at the scale before packing: pieces fill about 60 % of the sheet
     texel = np.sqrt(surface / (0.6 * n * n))
     chart, flat = cut_charts(places, welded, least_area=(SMALL_PX * texel) ** 2)
+    # a corner is shared within a piece and cut between pieces: one number for the pair
     key = (chart.astype(np.int64)[:, None] * len(places) + welded).reshape(-1)
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
     points, triangles = flat.reshape(-1, 2)[first], inverse.reshape(-1, 3)
@@ -294,6 +297,7 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
         )
     given = io.BytesIO()
     np.savez(given, points=points, triangles=triangles, chart=chart, n=n)
+    # in a process of its own: xatlas's threads can keep one waiting at its end
     done = run_python("from toolkit.objects.unwrap import _serve; _serve()", given.getvalue())
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
@@ -309,6 +313,7 @@ def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) 
     best, best_scale = None, 0.0
     for padding in range(PADDING_PX, -1, -1):
         low, high = best_scale, 1.0
+        # seven halvings: the scale to 1 % of the ideal
         for _ in range(7):
             scale = (low + high) / 2
             placed, size = _try_pack(points * ideal * scale, triangles, chart, padding)

@@ -76,6 +76,7 @@ def paint_of(mesh: Mesh) -> PackedPaint:
 
 
 def _prepare_paint(mesh: Mesh) -> PackedPaint:
+    # materials that share a picture share its pyramid
     distinct = list({id(m.texture): m.texture for m in mesh.materials}.values())
     number = {id(texture): index for index, texture in enumerate(distinct)}
     texture = np.array([number[id(m.texture)] for m in mesh.materials], np.int32)
@@ -90,6 +91,7 @@ def _prepare_paint(mesh: Mesh) -> PackedPaint:
     density = np.sqrt(chart * counts[of_face] / np.maximum(surface, 1e-12)).astype(np.float32)
     colour = np.empty((len(of_face), 3), np.float32)
     fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
+    # weighted by area: what the whole mesh sends back on the mean
     mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
     return PackedPaint(texels, texture, density, mean)
 
@@ -100,6 +102,7 @@ def _prepare_glow(mesh: Mesh) -> Glow:
     distinct = list({id(emission): emission for emission in lit}.values())
     number = {id(emission): index for index, emission in enumerate(distinct)}
     glow = np.array([-1 if m.emission is None else number[id(m.emission)] for m in mesh.materials], np.int32)
+    # the level of detail is worked out for the texture; the picture of what is given off may be finer or coarser
     finer = [1.0 if m.emission is None else m.emission.shape[1] / m.texture.shape[1] for m in mesh.materials]
     return Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
 

@@ -216,6 +216,7 @@ class CharucoBoard(SquareBoard):
     @property
     def marker_count(self) -> int:
         """One in every white square."""
+        # rounded down: of an odd number of squares one more is black
         return self.columns * self.rows // 2
 
     @property

@@ -52,6 +52,7 @@ class Camera:
     def from_intrinsics(cls, intrinsics: Mapping[str, float], distortion: Sequence[float] = ()) -> "Camera":
         """The camera of a manifest's line: width, height, fx, fy, cx, cy in pixels; missing coefficients are 0."""
         fx, fy, cx, cy = (float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy"))
+        # OpenCV's order, in which the third radial term comes last
         k1, k2, p1, p2, k3 = [*distortion, *NO_DISTORTION][:5]
         width, height = round(intrinsics["width"]), round(intrinsics["height"])
         return cls(width, height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
@@ -76,6 +77,7 @@ class Camera:
     @property
     def fov_deg(self) -> float:
         """Horizontal field of view, distortion left out; rounded, so that 40 degrees in are 40 degrees out."""
+        # both halves apart: the centre need not lie in the middle
         return round(float(np.degrees(np.arctan(self.cx / self.fx) + np.arctan((self.width - self.cx) / self.fx))), 12)
 
     def scaled(self, width: int, height: int) -> "Camera":
@@ -108,6 +110,7 @@ class Camera:
 
         local = (np.asarray(points_mm, float).reshape(-1, 3) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
         pixels = np.full((len(local), 2), np.nan)
+        # OpenCV would mirror points behind the camera into the picture
         ahead = local[:, 2] > 1e-6
         if ahead.any():
             found, _ = cv2.projectPoints(local[ahead], np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
@@ -141,8 +144,10 @@ def look_at(
     """
     forward = np.asarray(target_mm, float) - position_mm
     forward /= np.linalg.norm(forward)
+    # straight down or up no direction in the picture is "up": the azimuth says which
     upright = abs(forward[2]) < 1 - 1e-9
     up = np.array([0.0, 0.0, 1.0]) if upright else np.sign(forward[2]) * orbit_direction(azimuth_deg, 0)
+    # OpenCV's axes: x right, y down, z forward
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
@@ -203,7 +208,9 @@ def distance_to_fill(
         fill: in (0, 1).
     """
     rotation = orbit_pose(np.zeros(3), azimuth_deg, elevation_deg, 1.0, roll_deg)[:3, :3]
+    # in camera axes about the target: at distance d a point lies at depth d + z, its image at f |x| / (d + z)
     x, y, z = ((np.asarray(points_mm, float) - target_mm) @ rotation).T
     half = min(camera.width, camera.height) / 2
+    # solved for d where the image reaches fill * half; the point that asks for the most decides
     across = np.maximum(np.abs(x), np.abs(y)) / half * camera.fx / fill
     return float((across - z).max())

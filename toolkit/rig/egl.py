@@ -17,6 +17,7 @@ def egl_trouble() -> str | None:
     Asked in a process of its own: a graphics driver that is loaded here would meet torch's libraries, and one that
     fails may end the process that asked.
     """
+    # in a process of its own: a driver that crashes takes only that one down
     done = run_python("from toolkit.rig.egl import _probe; print(_probe())")
     if done.returncode < 0:
         return f"EGL's driver crashed (signal {-done.returncode})"

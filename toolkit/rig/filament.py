@@ -50,6 +50,7 @@ class FilamentRenderer:
             with _on_stderr():
                 self._renderer = self._build(camera.width, camera.height)
             self._size = (camera.width, camera.height)
+        # Open3D asks for the extrinsics, world to camera
         T_camera_world = np.linalg.inv(T_world_camera)
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
@@ -126,6 +127,7 @@ def _on_stderr() -> Iterator[None]:
         with contextlib.redirect_stdout(sys.stderr):
             yield
     finally:
+        # before the descriptor is put back, or it would come out on standard output after all
         ctypes.CDLL(None).fflush(None)  # what C's streams still hold
         os.dup2(kept, 1)
         os.close(kept)

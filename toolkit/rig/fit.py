@@ -80,6 +80,7 @@ def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = No
     # across the sheet, not straight down: tape bridges what is near along the normal
     below = (points[:, 2] - laid.heights[row, column]) * np.cos(slope)
     hit = np.isfinite(below)
+    # without the outermost twentieths: a single groove or knob is no relief
     relief = float(np.ptp(np.percentile(below[hit], [5, 95]))) if hit.any() else 0.0
     rotation, place = laid.T_object_sheet[:3, :3], laid.T_object_sheet[:3, 3]
     return SheetFit(
@@ -105,6 +106,7 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     heights = np.full(SAMPLES * SAMPLES, -np.inf)
     counts = size.prod(axis=1)
     for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
+        # all places of all triangles in one array: a loop in Python would be slow on meshes of many faces
         which = np.repeat(part, counts[part])
         # counts 0, 1, 2, … anew for each triangle
         inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
@@ -117,6 +119,7 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
             third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
             covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
         z, second, third = corners[which[covered], :, 2], second[covered], third[covered]
+        # linear over the triangle
         height = z[:, 0] + second * (z[:, 1] - z[:, 0]) + third * (z[:, 2] - z[:, 0])
         # the sheet comes down from above and meets what is highest
         np.maximum.at(heights, (y * SAMPLES + x)[covered], height)
@@ -167,6 +170,7 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
     try:
         fit = measure_fit(item, size_mm, mount)
     except ToolkitError as error:
+        # the middle of "where: what is wrong: what to do", as another advice follows
         trouble = str(error).partition(": ")[2].partition(": ")[0]
     else:
         if fit.lies:

@@ -59,6 +59,7 @@ def place_samples(
     # a triangle is cut into R² smaller ones, R by its longest edge: long thin ones get more than they need
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
+    # corners of R^2 small triangles: a triangular number
     counts = (steps + 1) * (steps + 2) // 2
     first = np.cumsum(counts) - counts
     total = int(counts.sum())
@@ -73,6 +74,7 @@ def place_samples(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     # samples in one cell of place, way they face and plane are one: seams show no step, and rays are saved
     cell = shared * spacing_mm
+    # distance of the sample's plane from the origin
     depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
     key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
     packed = (key.view(np.uint64) * _MIX).sum(axis=1, dtype=np.uint64)  # wraps: a hash of 64 bits
@@ -97,6 +99,7 @@ def read_samples(grid: SampleGrid, stored: np.ndarray, triangle: np.ndarray, uv:
 
 def _barycentric_grid(r: int) -> np.ndarray:
     """((r + 1)(r + 2) / 2, 3) weights, row j from 0, column i from 0."""
+    # in the order in which `find_samples` counts them
     rows = [np.stack([np.arange(r + 1 - j), np.full(r + 1 - j, j)], axis=1) for j in range(r + 1)]
     ij = np.concatenate(rows) / r
     return np.column_stack([1 - ij.sum(axis=1), ij]).astype(np.float32)
@@ -165,6 +168,7 @@ class Shape:
         from scipy.spatial import ConvexHull, QhullError
 
         try:
+            # a pinhole picture keeps straight lines: the picture of the hull bounds that of the mesh
             return self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
         except QhullError:
             return self.mesh.vertices
@@ -175,11 +179,13 @@ class Shape:
             if spacing not in self._grids:
                 faces = self.mesh.faces
                 grid = place_samples(self.mesh.vertices[faces], self.mesh.normals[faces], spacing, shared)
+                # the last one alone is kept: grids are large
                 self._grids = {spacing: grid}
             return self._grids[spacing]
 
     def free(self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """`find_free` at points (n, 3), kept for the next light."""
+        # where light is free depends on places and directions, not on the light's colour
         key = (hash(points.tobytes()), directions.tobytes())
         with self._lock:
             found = self._free.pop(key, None)
@@ -210,6 +216,7 @@ def find_free(
     for of_direction, direction in zip(free, directions, strict=True):
         count = make_shadow_rays(points, normals, direction, box, of_direction, which, shadow_rays)
         if count:
+            # 1 where the point faces the light, and 1 more where the ray is stopped
             of_direction[which[:count]] += rays.test_occlusions(o3d.core.Tensor(shadow_rays[:count])).numpy()
     return free
 
@@ -317,11 +324,13 @@ def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lightin
         scene: whose sky and sun it is.
     """
     first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
+    # half the cross product of two edges is a triangle's area
     area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
     # as many samples for a square as for a city: light costs the same, it is coarser
     spacing = max(float(np.sqrt(area / SURROUNDING_SAMPLES)), 1e-6 * shape.size)
     lights = _find_lights(scene, BakeDetail(key_rays=1, room_rays=SURROUNDING_RAYS), AT_ORIGIN)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    # a matt surface sends out its irradiance times albedo / pi
     bounce = (BOUNCE * albedo * _open_light(up, lights)[0] / np.pi).astype(np.float32)
     grid = shape.grid(spacing, SURROUNDING_SHARED)
     origins = grid.positions + grid.normals * np.float32(0.02 * spacing)
@@ -349,6 +358,7 @@ class _Ground(NamedTuple):
 
 def _shadow_reach(size: float, height: float, key: KeyLight) -> float:
     """Distance from the origin within which the table's light can differ from the open table's, mm."""
+    # the lower rim of the light throws the longest shadow, height / tan(elevation); below 5 degrees it is cut off
     lowest = np.radians(max(key.elevation_deg - key.radius_deg, 5))
     return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
@@ -386,6 +396,7 @@ def _gather(
 
 def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
     above = lights.room[:, 2] > 0
+    # the sum of radiance times cosine times solid angle, each direction 4 pi / n steradians
     sky = np.maximum(normals @ lights.room[above].T, 0) @ lights.room_radiance[above] * (4 * np.pi / len(lights.room))
     key = np.maximum(normals @ lights.key.T, 0).sum(axis=1, keepdims=True) * lights.key_irradiance
     return (sky + key).astype(np.float32)
@@ -394,6 +405,7 @@ def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
 def _room_directions(environment: np.ndarray, count: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) directions spread evenly over the sphere around an object, and the room's mean radiance around each."""
     i = np.arange(count)
+    # even steps of height cut a sphere into rings of equal area (Archimedes): one direction in each
     z = 1 - (2 * i + 1) / count
     # the golden angle: no two directions of the spiral line up, however many there are
     azimuth = i * np.pi * (3 - np.sqrt(5))
@@ -407,6 +419,7 @@ def _room_directions(environment: np.ndarray, count: int, turn: np.ndarray) -> t
 def _key_directions(key: KeyLight, count: int, turn_deg: float) -> np.ndarray:
     """(n, 3) unit directions spread evenly over the key light's disc."""
     axis = orbit_direction(key.azimuth_deg - turn_deg, key.elevation_deg)
+    # two axes across the light's: a disc of unit distance, its radius the tangent of the angle
     side = np.cross([0, 0, 1.0], axis)
     side /= np.linalg.norm(side)
     i = np.arange(count)
@@ -423,4 +436,5 @@ def _mean_colour(table: Table | None) -> np.ndarray:
     """(3,) linear."""
     if table is None:
         return np.zeros(3, np.float32)
+    # means are taken of linear light: codes are not additive
     return srgb_to_linear(table.picture[::8, ::8] / 255).reshape(-1, 3).mean(axis=0).astype(np.float32)

@@ -93,6 +93,7 @@ def marker_modules(dictionary: str, marker_id: int) -> np.ndarray:
     import cv2
 
     known = get_dictionary(dictionary)
+    # one black module of border all round
     side = known.markerSize + 2
     return cv2.aruco.generateImageMarker(known, marker_id, side, borderBits=1) == 0
 
@@ -107,6 +108,7 @@ def black_rects(modules: np.ndarray) -> np.ndarray:
     rects = []
     for row in range(side + 1):
         runs = set(_find_runs(modules[row])) if row < side else set()
+        # a run that the next row has as well grows down: fewer, larger rectangles, and no seams between rows
         for run in [run for run in open_runs if run not in runs]:
             rects.append((run[0], open_runs.pop(run), run[1], row))
         for run in runs:
@@ -151,6 +153,7 @@ def ink_to_picture(ink: np.ndarray, percent: float = 100.0) -> np.ndarray:
     """
     from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 
+    # ink and paper mix as light within a pixel
     grey = float(srgb_to_linear(np.array(1 - percent / 100)))
     return np.round(255 * linear_to_srgb(1 - np.clip(ink, 0, 1) * (1 - grey))).astype(np.uint8)
 

@@ -111,6 +111,7 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
             f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
             f"{list(mount.offset_mm)}: move it onto the object"
         )
+    # heights are asked for twice: the tilted sheet looks along another normal
     T_object_sheet = _tilt(heights, T_object_sheet, side)
     heights = find_heights(T_object_sheet, side)
     across, height, along_right = _bend(heights, side)
@@ -153,6 +154,7 @@ def do_overlap(one: MountedSheet, other: MountedSheet) -> bool:
     distance, which = cKDTree(other_points).query(points, distance_upper_bound=near)
     close = np.flatnonzero(np.isfinite(distance))
     which = which[close]
+    # two rows of samples along each edge are left out: edges may touch
     inner = np.pad(np.ones((SAMPLES - 4, SAMPLES - 4), bool), 2).reshape(-1)
     is_same_side = (normals[close] * other_normals[which]).sum(axis=1) > -0.5  # else a thin plate is between them
     return bool((is_same_side & (inner[close] | inner[which])).any())
@@ -236,11 +238,13 @@ def _tilt(heights: np.ndarray, T_object_sheet: np.ndarray, side: float) -> np.nd
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     known = np.isfinite(heights)
+    # what lies far below the sheet, the table for instance, does not tilt it
     near = known & (heights >= np.median(heights[known]) - side / 4)
     slope_x, slope_y, _ = np.linalg.lstsq(
         np.stack([x[near], y[near], np.ones(near.sum())], axis=1), heights[near], rcond=None
     )[0]
     steepest = np.hypot(slope_x, slope_y)
+    # the direction of the slope is kept, its steepness is not
     if steepest > (limit := np.tan(np.radians(MAX_TILT_DEG))):
         slope_x, slope_y = slope_x * limit / steepest, slope_y * limit / steepest
     level = (heights[near] - slope_x * x[near] - slope_y * y[near]).mean() * normal
@@ -258,6 +262,7 @@ def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, boo
         across, height = _taut_curve(highest, side)
         below = np.where(np.isfinite(heights), heights, np.nan)
         lifted = np.interp(np.linspace(-side / 2, side / 2, SAMPLES), across, height)
+        # mean air under the sheet: the bend that leaves less is the one that paper takes
         gap = np.nanmean((lifted if along_right else lifted[:, None]) - below)
         choices.append((gap, across, height, along_right))
     _, across, height, along_right = min(choices, key=lambda choice: choice[0])
@@ -271,6 +276,7 @@ def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarr
     slope = np.tan(np.radians(MAX_SLOPE_DEG))
     # from every point below, the sheet may fall away no steeper than the limit; the hull keeps that
     lifted = (obstacle[known] - slope * np.abs(steps[:, None] - steps[known])).max(axis=1)
+    # upper hull by Andrew's monotone chain (1979): a taut sheet touches only what sticks out
     hull: list[int] = []
     for i in range(SAMPLES):
         while len(hull) >= 2 and _above(steps, lifted, hull[-2], i, hull[-1]):
@@ -279,10 +285,13 @@ def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarr
     taut = np.interp(steps, steps[hull], lifted[hull])
     width = 9  # paper has no kinks: a running mean over a tenth of the sheet
     padded = np.interp(np.arange(-width, SAMPLES + width), np.arange(SAMPLES), taut)
+    # both ends go on with their own slope, or the mean would pull them level
     padded[:width] = taut[0] + (taut[0] - taut[1]) * np.arange(width, 0, -1)
     padded[-width:] = taut[-1] + (taut[-1] - taut[-2]) * np.arange(1, width + 1)
     smooth = np.convolve(padded, np.ones(width) / width, "same")[width:-width]
+    # smoothing cuts corners: lifted until nothing sticks through
     smooth += max(0.0, float((taut - smooth).max())) + CLEARANCE_MM
+    # paper does not stretch: places on it go by arc length
     length = np.r_[0, np.cumsum(np.hypot(np.diff(steps), np.diff(smooth)))]
     middle = np.interp(0.0, steps, length)
     # the curve is longer than the sheet: centre the sheet over the mount's middle as far as the curve allows

@@ -228,6 +228,7 @@ def _see(
     towards = T_world_camera[:3, 3] - points
     distance = np.linalg.norm(towards, axis=2, keepdims=True)
     rays = np.concatenate([points, towards / distance], axis=2)
+    # nothing is met on the way to the camera
     is_free = cast_rays(scene, rays) >= distance[..., 0]
     pixels, depth = project(camera, T_world_camera, points.reshape(-1, 3))
     inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1) & (depth > 0)

@@ -39,6 +39,7 @@ def _grid(count: int, low: float, high: float) -> np.ndarray:
     rows = next(rows for rows in (3, 2, 1) if count % rows == 0) if low < high else 1
     columns = count // rows
     elevations = np.linspace(low, high, rows) if rows > 1 else [(low + high) / 2]
+    # with few poses in a row, rows are turned against each other: together they still see all sides
     turn = 360 / count if columns < 4 else 0
     return np.array(
         [(360 * i / columns + row * turn, e) for row, e in enumerate(elevations) for i in range(columns)], float
@@ -55,10 +56,13 @@ def _hemisphere(count: int, low: float, high: float) -> np.ndarray:
     rows = max(1, round(np.sqrt(count * (high - low) / 150))) if low < high else 1
     edges = np.linspace(low, high, rows + 1)
     elevations = (edges[:-1] + edges[1:]) / 2
+    # a ring's circumference; the small term leaves a ring at the zenith its one pose
     shares = np.cos(np.radians(elevations)) + 1e-6
+    # rounded sums, not rounded parts: they add up to `count`
     ends = np.round(np.cumsum(shares) / shares.sum() * count).astype(int)
     rings = zip(elevations, np.diff(np.r_[0, ends]), strict=True)
     return np.array(
+        # every other ring is turned by half a step, as bricks are laid
         [(360 * (i + 0.5 * (row % 2)) / n, e) for row, (e, n) in enumerate(rings) for i in range(n)], float
     )  # fmt: skip
 
@@ -66,6 +70,7 @@ def _hemisphere(count: int, low: float, high: float) -> np.ndarray:
 def _fibonacci(count: int, low: float, high: float) -> np.ndarray:
     """A golden-angle spiral with equal area per pose between the two elevations."""
     i = np.arange(count)
+    # even steps of the sine of elevation are rings of equal area (Archimedes)
     sines = np.sin(np.radians(low)) + (i + 0.5) / count * (np.sin(np.radians(high)) - np.sin(np.radians(low)))
     return np.stack([i * 180 * (3 - np.sqrt(5)), np.degrees(np.arcsin(sines))], axis=1)
 
@@ -203,10 +208,12 @@ def plan_poses(
     for i, (azimuth, elevation) in enumerate(np.round(angles, 3)):
         distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=pattern.fill)
         if sheet_mm is not None:
+            # a sheet may reach out over its object: it decides only where it would be cut
             distance = max(distance, distance_to_fill(camera, sheet_mm, target, azimuth, elevation, fill=WHOLE))
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
+        # rounded before the matrix is made, so that the file's numbers agree with each other
         distance = round(distance, 2)
         T_world_camera = np.round(orbit_pose(target, azimuth, elevation, distance), 6)
         fields = {

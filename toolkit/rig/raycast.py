@@ -78,12 +78,14 @@ class RaycastRenderer:
         shape, paint = Shape.of(mesh), paint_of(mesh)
         self._others, around, albedo = None, None, paint.mean_colour
         if scene.surroundings is not None:
+            # lit once for a scene: they do not move, whatever object is put among them
             self._others = surroundings_of(scene)
             around = self._others.shape
             # light bounces off both, and how much off which depends on the place: the mean does
             albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         grid = lighting.grid
+        # baked in the object's own frame, and turned and moved only when it is read
         lit = light_mesh(mesh, paint, BakedLight(grid.steps, grid.first, lighting.stored), stand)
         self._object = LitBody(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
         if scene.lamps:
@@ -162,6 +164,7 @@ class RaycastRenderer:
         face, weights = hits.face[seen].astype(np.int64), hits.uv[seen]
         material = np.full(seen.shape, -1, np.int32)
         material[seen] = self._mesh.face_material[face]
+        # barycentric: the hit's weights are those of corners 1 and 2, corner 0 has what is left
         corner_uv = self._mesh.uv[self._mesh.faces[face]]
         texture_uv = np.full((*seen.shape, 2), np.nan, np.float32)
         u, v = weights[:, :1], weights[:, 1:]
@@ -189,6 +192,7 @@ class RaycastRenderer:
         )  # fmt: skip
         count = paint_mesh(self._around, lit, 0, view, part, flat, out)
         if self._others is not None:
+            # surroundings are never trained: their samples are left out
             paint_mesh(self._around, self._others.lit, 1, view, part, flat, out._replace(pixel=out.pixel[:0]))
         return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
 
@@ -196,6 +200,7 @@ class RaycastRenderer:
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
     ) -> None:
         view, edges = _view(camera, T_world_camera), np.empty((4, 3))
+        # one tile beyond the picture's rim: values are interpolated between a tile's corners
         sheen = np.zeros((camera.height // TILE + 2, camera.width // TILE + 2, 4), np.float32)
         find_table_edges(self._around, view, edges)
         if self._around.has_table:
@@ -206,6 +211,7 @@ class RaycastRenderer:
         """Left, top, right, bottom of the pixels that can show the object."""
         shape = self._object.shape
         low, high = shape.bounds
+        # the box alone says what is behind the camera: the outline's points do not bound what lies between them there
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         pixels, depth = project(camera, T_world_camera, self.outline)
         depths = project(camera, T_world_camera, self._stand.to_world(box))[1]
@@ -235,6 +241,7 @@ def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None =
     if threads == 1:
         yield from map(make, views)
         return
+    # threads, not processes: kernels run without the interpreter's lock, and share the scene's memory
     waiting: deque[Future[F]] = deque()
     with ThreadPoolExecutor(threads, "frames") as pool:
         try:
@@ -274,6 +281,7 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
         # a room is out of focus behind a table top; the sky is as sharp as it was given
         backdrop=mirrored[0] if table is not None else kept(pad_channels, scene.environment),
         mirrored=mirrored, key=as_triple(orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg)),
+        # half the tangent of the light's radius, added to alpha: see `_gloss`
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
         key_irradiance=as_triple(scene.key.irradiance), exposure=float(scene.exposure),
         lamps=float(scene.lamps), has_table=table is not None,
@@ -297,6 +305,7 @@ def _blur_environment(environment: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def _compile_all() -> None:
     """Render a triangle in every way."""
+    # the smallest scene that goes through every kernel, once in a studio and once out of doors
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 1]], np.float32)
     up, faces = np.repeat(np.array([[0, 0, 1]], np.float32), 3, axis=0), np.array([[0, 1, 2]], np.int32)
     texture = np.full((8, 8, 3), 128, np.uint8)

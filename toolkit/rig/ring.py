@@ -73,6 +73,7 @@ class MarkerRing(MarkerBoard):
     def outer_mm(self) -> float:
         """Diameter of the sheet."""
         half = self.marker_mm / 2
+        # a marker's outer corners reach furthest
         return 2 * (math.hypot(self.middle_radius_mm + half, half) + self.quiet_mm)
 
     @property
@@ -106,6 +107,7 @@ class MarkerRing(MarkerBoard):
 def count_that_fit(inner_mm: float, marker_mm: float) -> int:
     """The most markers round a free disc that have a module of white paper between them."""
     apothem = inner_mm / 2 + marker_mm / 7  # of the polygon of the markers' inner sides
+    # a polygon of n sides of length s has apothem s / (2 tan(pi / n)), solved for n; a side is a marker and one module
     return int(math.pi / math.atan(marker_mm * 8 / 7 / 2 / apothem))
 
 
@@ -124,6 +126,7 @@ def choose_ring(inner_mm: float, marker_mm: float | None = None) -> MarkerRing:
     require_mm("ring: marker_mm", side)
     most = count_that_fit(inner_mm, side)
     if most < FEWEST_MARKERS:
+        # the same, solved for the free disc
         least = 2 * (side * 8 / 14 / math.tan(math.pi / FEWEST_MARKERS) - side / 7)
         raise ToolkitError(
             f"a ring of {inner_mm:g} mm takes {most} markers of {side:g} mm, expected at least {FEWEST_MARKERS}: "

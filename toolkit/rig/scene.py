@@ -68,9 +68,12 @@ AT_ORIGIN = Stand()
 def illuminate(environment: np.ndarray, key: KeyLight) -> np.ndarray:
     """(3,) irradiance of open level ground by the upper half of a picture of all directions and a key light."""
     height = environment.shape[0]
+    # of the middles of the rows, from the zenith to the horizon
     elevation = np.pi / 2 - (np.arange(height // 2) + 0.5) * np.pi / height
     weight = np.sin(elevation) * np.cos(elevation)  # Lambert's law, and rows that shrink towards the zenith
+    # an even sky of radiance 1 gives pi: the weights are scaled to sum to that
     above = np.pi * (environment[: height // 2].mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+    # on level ground the cosine of the angle to the light is the sine of its elevation
     return above + max(float(np.sin(np.radians(key.elevation_deg))), 0.0) * np.array(key.irradiance)
 
 

@@ -27,6 +27,7 @@ def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = NOISE, f
 def stream_state(seed: tuple[int, ...]) -> np.ndarray:
     """(6,) uint64 where `numpy.random.default_rng(seed)` begins, as kernels draw from it."""
     state = np.random.default_rng(seed).bit_generator.state["state"]
+    # PCG64 holds two numbers of 128 bits; kernels know no type so wide
     halves = [part >> shift & 2**64 - 1 for part in (state["state"], state["inc"]) for shift in (64, 0)]
     return np.array([*halves, 0, 0], np.uint64)
 
@@ -57,7 +58,9 @@ def _develop(picture: np.ndarray, grain: np.ndarray, state: np.ndarray, noise: f
 
 def _make_codes(steps: int = 4096) -> tuple[np.ndarray, np.ndarray]:
     """The sRGB code of the lower end of each of `steps` bands of [0, 1], and the light at which the next one starts."""
+    # rounding to the nearest code: the next begins halfway, in codes
     starts = srgb_to_linear((np.arange(1, 257) - 0.5) / 255).astype(np.float32)
+    # nothing comes after 255
     starts[-1] = np.inf
     lower = np.round(linear_to_srgb(np.arange(steps + 1) / steps) * 255).astype(np.uint8)
     return lower, starts

@@ -39,6 +39,7 @@ def find_tour(points: np.ndarray) -> np.ndarray:
     # rounded: tours of one length must not be told apart by the last bit, which machines differ in
     best = min(tours, key=lambda tour: round(_length(tour, apart), 6))
     best = np.roll(best, -int(np.flatnonzero(best == 0)[0]))
+    # a closed tour has two directions: the one whose second point is the lower number is given
     return best if best[1] < best[-1] else np.r_[best[:1], best[:0:-1]]
 
 
@@ -47,6 +48,7 @@ def _length(tour: np.ndarray, apart: np.ndarray) -> float:
 
 
 def _go_to_nearest(apart: np.ndarray, start: int) -> np.ndarray:
+    # nearest neighbour: a start that 2-opt then mends
     free = np.ones(len(apart), bool)
     tour = [start]
     free[start] = False
@@ -87,6 +89,7 @@ def _move_first(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray
         for start in range(n):
             turned = np.roll(tour, -start)
             run, rest = turned[:length], turned[length:]
+            # what the tour saves by closing the gap that the run leaves
             gain = apart[rest[-1], run[0]] + apart[run[-1], rest[0]] - apart[rest[-1], rest[0]]
             before, behind = rest[:-1], rest[1:]
             for piece in (run, run[::-1]):
@@ -203,6 +206,7 @@ def _walk(plan: CapturePlan, name: str, rng: np.random.Generator) -> list[int]:
 def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.random.Generator) -> list[tuple[str, int]]:
     """(variant, pose id) in the order of shooting."""
     if order == "alternate":
+        # who begins alternates too, so that neither variant always has the older light
         first = int(rng.integers(2))
         return [(v, pose) for i, pose in enumerate(walk) for v in (variants[::-1] if (i + first) % 2 else variants)]
     if order == "blocks" or len(variants) == 1:

@@ -45,6 +45,7 @@ def _noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, 
     for octave in range(octaves):
         cells = max(2, int(width / cell[0] * 2**octave)), max(2, int(height / cell[1] * 2**octave))
         grid = rng.standard_normal((min(cells[1], height), min(cells[0], width))).astype(np.float32)
+        # value noise in octaves: twice as fine each time, and a little more than half as strong
         total += cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC) * 0.55**octave
     return total / 1.6
 
@@ -93,6 +94,7 @@ def _linen(base: tuple[int, int, int], stripe: tuple[int, int, int]) -> Painter:
         weft = _noise(rng, (height, width), (40, 1.5), 2) * 0.05
         warp = _noise(rng, (height, width), (1.5, 40), 2) * 0.05
         cloth = _tint(base, weft + warp).astype(np.float32)
+        # stripes of 9 mm every 70 mm, both ways; where they cross their dyes add up
         x, y = np.arange(width) / scale, np.arange(height) / scale
         bands = 0.45 * (x % 70 < 9)[None, :, None] + 0.45 * (y % 70 < 9)[:, None, None]
         return (cloth * (1 - bands) + np.array(stripe, np.float32) * bands).clip(0, 255).astype(np.uint8)
@@ -209,12 +211,15 @@ def make_studio(
     if backdrop is not None and backdrop not in TABLES:
         raise one_of("backdrop", backdrop, list(BACKDROPS))
     seeds = (seed,) if isinstance(seed, int) else seed
+    # a stream of the studio's own: another use of the same seed shares no draw with it
     rng = np.random.default_rng([*seeds, 0x57D10])
+    # drawn even where a backdrop is named, so that the rest of the studio is the same either way
     drawn = BACKDROPS[int(rng.integers(len(BACKDROPS)))]
     table_kind = TABLES[backdrop or drawn]
     key = LIGHTS[light]
     table_mm = (6.4 * scale_mm, 4.8 * scale_mm)
     table = table_kind.paint(rng, table_mm)
+    # the room takes on the key light's tint
     warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
     environment = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
     name = f"{backdrop or drawn}/{light}/{'-'.join(map(str, seeds))}"
@@ -230,8 +235,10 @@ def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
     albedo = float(srgb_to_linear(table[::8, ::8] / 255).mean())
     # a power under 1: a white table comes out brighter than a black one, but not by as much as it is
     wanted = 0.62 * albedo**0.65
+    # what a matt table of this albedo sends out, brought to the wanted level
     metered = wanted / (albedo * irradiance / np.pi)
     full = 0.9
+    # in dim light a camera makes up for half of what is missing, in stops
     return metered * (1 if irradiance > full else (irradiance / full) ** 0.5)
 
 
@@ -264,8 +271,10 @@ def add_board(studio: Scene, board: "Board", px_per_mm: float | None = None) -> 
         side + 2 * max(0, round((mm * fine - side) / 2))
         for mm, side in zip(bare.size_mm, sheet.shape[::-1], strict=True)
     )
+    # as fine as the sheet that is laid on it
     table = cv2.resize(bare.picture, (wide, high), interpolation=cv2.INTER_CUBIC)
     ink, paper = srgb_to_linear(np.array([INK, PAPER]) / 255)
+    # half-covered pixels mix light, not codes
     shades = np.round(linear_to_srgb(ink + LINEAR_OF_CODE * (paper - ink)) * 255).astype(np.uint8)
     top, left = (high - sheet.shape[0]) // 2, (wide - sheet.shape[1]) // 2
     table[top : top + sheet.shape[0], left : left + sheet.shape[1]] = shades[sheet][..., None]

@@ -16,6 +16,7 @@ def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
     levels: list[np.ndarray] = [np.ascontiguousarray(linear)]
     while min(levels[-1].shape[:2]) > SMALLEST:
         h, w = levels[-1].shape[:2]
+        # each level is made of the one before, in linear light: averages of codes would be too dark
         levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
     return levels
 
@@ -33,6 +34,7 @@ def pack_textures(textures: list[np.ndarray]) -> Texels:
     counts = np.array([len(pyramid) for pyramid in pyramids], np.int32)
     texels = sizes.astype(np.int64).prod(axis=1)
     return Texels(
+        # one texel more: the kernel reads four numbers at once, past the last texel's three
         values=np.concatenate([*(level.reshape(-1, 3) for level in levels), np.zeros((1, 3), np.uint16)]),
         start=np.cumsum(texels) - texels, width=sizes[:, 1].copy(), height=sizes[:, 0].copy(),
         first=(np.cumsum(counts) - counts).astype(np.int32), levels=counts,
@@ -71,10 +73,12 @@ def sample_directions(picture: np.ndarray, directions: np.ndarray) -> np.ndarray
 def blur_directions(picture: np.ndarray, sigma_px: float) -> np.ndarray:
     """A picture of all directions (h, w, 3), blurred across its seam; smaller where what is left fits fewer pixels."""
     shrink = 1
+    # a wide blur leaves no fine detail: on a smaller picture it costs the square of `shrink` less
     while sigma_px / shrink >= 8 and min(picture.shape[:2]) // (2 * shrink) >= 16:
         shrink *= 2
     h, w = (side // shrink for side in picture.shape[:2])
     small = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA) if shrink > 1 else picture
+    # azimuth runs round: what lies beyond one edge is copied to the other before the blur; 4 sigma hold all of it
     margin = min(w, int(np.ceil(4 * sigma_px / shrink)))
     wide = np.concatenate([small[:, w - margin :], small, small[:, :margin]], axis=1)
     blurred = cv2.GaussianBlur(wide, (0, 0), sigma_px / shrink)[:, margin : margin + w]

@@ -277,6 +277,7 @@ def render_block(
         if own_paint is None:
             return RenderedView(block % len(subjects), view, None)
         light = own_paint.render(camera, pose)
+        # weather acts on light, so the light is kept; half precision, as in `LinearView.packed`
         kept_light = light.astype(np.float16) if with_depth else None
         return RenderedView(block % len(subjects), view, shown.develop(light, number), kept_light)
 
@@ -330,6 +331,7 @@ class ViewStream:
         self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
         self._workers = count_cores() if workers is None else workers
         self._pool: ThreadPoolExecutor | None = None
+        # by group; at most the one in use and the one after it
         self._waiting: dict[int, list[Future[list[RenderedView]]]] = {}
         self._current: tuple[int, list[RenderedView]] | None = None
 

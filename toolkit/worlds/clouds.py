@@ -46,6 +46,7 @@ class CloudLayer:
 
 def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
     """Distance along rays from the ground, with the sine of their elevation, to a height above the round earth."""
+    # the sphere of radius R + h met by a ray that starts at R: the positive root of d^2 + 2 R s d = 2 R h + h^2
     down = EARTH_M * sine
     return np.sqrt(down**2 + 2 * EARTH_M * height_m + height_m**2) - down
 
@@ -134,6 +135,7 @@ def march_clouds(
         lost = passed[rays] * (1 - np.exp(-EXTINCTION * filled * np.minimum(length[rays], 400)))
         sunlit[rays] += lost * lit
         skylit[rays] += lost * (0.35 + 0.65 * height / (TOP_M - BASE_M))
+        # front to back: what a slice takes is missing behind it
         passed[rays] -= lost
     return CloudLayer(passed, sunlit, skylit, nearest)
 
@@ -146,6 +148,7 @@ def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.r
     angle = rng.uniform(0, np.pi)
     x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
     along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    # drawn out along one direction, as wind does with ice
     streaks = sample_noise(levels, 0.35 * along, 1.6 * across, lod)
     wisps = sample_noise(levels, 1.1 * x, 1.1 * y, lod)
     return 0.45 * np.clip(2.2 * (streaks * wisps - 0.75 + 0.6 * amount), 0, 1)

@@ -37,6 +37,7 @@ ZENITH_Y = np.array([
 def find_zenith(sun_elevation_deg: float, turbidity: float) -> tuple[float, float, float]:
     """Luminance in kcd/m² and chromaticity x, y of the zenith, by Preetham."""
     theta = np.radians(90 - sun_elevation_deg)
+    # Preetham et al. 1999, appendix A.2: zenith luminance, and chromaticities as cubics of the sun's angle
     chi = (4 / 9 - turbidity / 120) * (np.pi - 2 * theta)
     luminance = (4.0453 * turbidity - 4.9710) * np.tan(chi) - 0.2155 * turbidity + 2.4192
     powers = np.array([turbidity**2, turbidity, 1]), np.array([theta**3, theta**2, theta, 1])
@@ -58,6 +59,7 @@ def clear_sky(directions: np.ndarray, sun: np.ndarray, turbidity: float) -> np.n
 
     def perez(row: np.ndarray, cosine: np.ndarray | float, gamma: np.ndarray | float) -> np.ndarray:
         a, b, c, d, e = row @ (turbidity, 1)
+        # Perez et al. 1993: a term of the angle from the zenith times one of the angle from the sun
         return (1 + a * np.exp(b / cosine)) * (1 + c * np.exp(d * gamma) + e * np.cos(gamma) ** 2)
 
     zenith = find_zenith(90 - np.degrees(zenith_angle), turbidity)
@@ -65,7 +67,9 @@ def clear_sky(directions: np.ndarray, sun: np.ndarray, turbidity: float) -> np.n
         high * perez(row, cosine, gamma) / perez(row, 1.0, zenith_angle)
         for high, row in zip(zenith, PEREZ, strict=True)
     )
+    # xyY to XYZ
     xyz = np.stack([luminance * x / y, luminance, luminance * (1 - x - y) / y], axis=-1)
+    # deep blues lie outside sRGB, where a channel is negative
     return np.maximum(xyz @ np.linalg.inv(XYZ_OF_LINEAR_SRGB).T, 0)
 
 
@@ -78,6 +82,7 @@ def find_air_mass(elevation_deg: float) -> float:
 def sunlight(elevation_deg: float, turbidity: float) -> np.ndarray:
     """(3,) linear sRGB of the sun's illuminance on a surface that faces it, klx; 0 once its disc has set."""
     mass = find_air_mass(elevation_deg)
+    # Angstrom's beta from turbidity, as in Preetham's appendix
     haze = 0.04608 * turbidity - 0.04586
     # Rayleigh's scattering, Ångström's haze and ozone, as in Preetham's appendix
     lost = 0.008735 * WAVELENGTHS_UM**-4.08 + haze * WAVELENGTHS_UM**-1.3 + OZONE_PER_CM * OZONE_CM

@@ -89,6 +89,7 @@ class Rain(InWind):
         """What this weather makes of a picture; see `toolkit.worlds.depth_weather.Weather`."""
         veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_rain_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_drops(self.rate_mm_h), self.wind, self.exposure_s, rng)
+        # drops that are drawn are near: the veil lies behind them
         seen = veil.then(lay_particles(coverage, DROP_LIGHT * airlight))
         if view.ground is None:
             return seen
@@ -181,6 +182,7 @@ class Snow(InWind):
             flat = np.asarray(view.ground, np.float32)
         else:
             return None
+        # the sky has no place in the world
         reach = np.where(np.isfinite(view.depth_m), view.depth_m, 0)
         x, y = (
             ((view.directions[..., axis] * reach + view.position_m[axis]) / TILE_M % 1 * TILE_PX).astype(np.float32)
@@ -284,6 +286,7 @@ def _on_ladder(value: float, ladder: Sequence[float]) -> float:
 
 
 def _fog_from_airsim(value: float, kind: type[DepthFog] | type[Dust]) -> Weather:
+    # in extinction, which grows with the amount of fog; visibility falls with it
     extinction = _on_ladder(value, [CONTRAST_LOG / one for one in LADDER_M])
     return kind(visibility_m=CONTRAST_LOG / extinction)
 

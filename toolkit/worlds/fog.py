@@ -57,11 +57,13 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
         farthest_m: where nothing is seen any more, and the integral ends.
         rng: draws directions and phases.
     """
+    # normal numbers in three axes point evenly all around
     towards = rng.normal(size=(len(PATCHES_M), 3))
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     phases = rng.uniform(0, 2 * np.pi, len(PATCHES_M))
     # wave vectors, 1/m
     waves = (2 * np.pi / np.array(PATCHES_M))[:, None] * towards
+    # longer waves swing more; together they stay within the bounds
     swing = (DENSEST - THINNEST) / 2 * np.array(PATCHES_M) / sum(PATCHES_M)
     depth = np.minimum(view.depth_m, np.float32(farthest_m))
     factor = np.full_like(depth, (DENSEST + THINNEST) / 2)
@@ -70,8 +72,10 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
         half = view.directions @ wave * depth / 2
         # sin(x) / x, the mean of a wave along the ray; 1 where the ray runs across it
         slope = np.where(np.abs(half) < 1e-3, np.float32(1), np.sin(half) / np.where(half == 0, 1, half))
+        # sin(start + k t) has the mean sin(start + k d / 2) sin(k d / 2) / (k d / 2) over t from 0 to d
         factor += np.sin(half + np.float32(start)) * slope * np.float32(amplitude)
     stretched = depth * (1 + np.float32(patchiness) * (factor - 1))
+    # the sky's path is cut by the layer, and long enough to be even
     return np.where(np.isinf(view.depth_m), view.path_m(FOG_LAYER_M), stretched)
 
 
@@ -98,6 +102,7 @@ class DepthFog(Config):
         """What this weather makes of a picture; see `toolkit.worlds.depth_weather.Weather`."""
         beta = find_extinction(self.visibility_m)
         patchy = self.patchiness > 0
+        # at 20 optical depths exp(-20) of the light is left: nothing further is seen
         path = stretch_path(view, self.patchiness, 20 / beta, rng) if patchy else view.path_m(FOG_LAYER_M)
         return hang_veil(path, np.array([beta]), airlight)
 
@@ -117,6 +122,7 @@ GRAIN_MM, GRAIN_KG_PER_M3, GRAIN_FALL_M_S, GRAIN_LIGHT = np.linspace(0.3, 1.5, 1
 
 def tan_airlight(airlight: np.ndarray) -> np.ndarray:
     """(3,) linear airlight of dust where fog would have (3,) `airlight`."""
+    # the tint at luminance 1, times the luminance of fog's airlight
     return TAN / (TAN @ LUMINANCE) * (airlight @ LUMINANCE) * DUST_LIGHT
 
 
@@ -134,6 +140,7 @@ class Dust(InWind):
     @property
     def extinction(self) -> np.ndarray:
         """(3,) β of red, green and blue, 1/m."""
+        # visibility is told in green light, 0.55 um
         return find_extinction(self.visibility_m) * (WAVELENGTHS_UM / 0.55) ** -ANGSTROM
 
     @property
@@ -152,6 +159,7 @@ class Dust(InWind):
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.depth_weather.Weather`."""
         tan = tan_airlight(airlight)
+        # a sphere's volume in mm^3; 1 kg/m^3 is 1e-3 mg/mm^3
         grain_mg = np.pi / 6 * GRAIN_MM**3 * GRAIN_KG_PER_M3 * 1e-3
         per_m3 = GRAIN_SHARE * self.mass_mg_per_m3 / len(GRAIN_MM) / grain_mg
         grains = Population(GRAIN_MM, per_m3, np.full(len(GRAIN_MM), GRAIN_FALL_M_S))

@@ -37,6 +37,7 @@ def object_to_ned(T_world_object: np.ndarray, origin: tuple[float, float, float]
 
 def _to_ned(T_world_thing: np.ndarray, thing_body: np.ndarray, origin: tuple[float, float, float]) -> np.ndarray:
     pose = np.eye(4)
+    # a change of basis on both sides: the world's axes, and those of the thing itself
     pose[:3, :3] = NED_WORLD @ T_world_thing[:3, :3] @ thing_body
     pose[:3, 3] = NED_WORLD @ T_world_thing[:3, 3] + origin
     return pose
@@ -80,6 +81,7 @@ def show(found: object) -> str:
 def find_miss(found: np.ndarray, wanted: np.ndarray) -> str | None:
     """How far a pose is from another, in words; None where it is there."""
     away_m = float(np.linalg.norm(found[:3, 3] - wanted[:3, 3]))
+    # the trace of a rotation by an angle a is 1 + 2 cos a
     cosine = (np.trace(found[:3, :3].T @ wanted[:3, :3]) - 1) / 2
     turned_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
     return None if away_m <= NEAR_M and turned_deg <= NEAR_DEG else f"{away_m:.3g} m and {turned_deg:.3g}°"

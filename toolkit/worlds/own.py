@@ -64,6 +64,7 @@ def world_from_mesh(mesh: Mesh, source: str, name: str, seed: int, face_class: n
     _check_paint(mesh, source)
     _check_extent(mesh, source)
     mesh = share_materials(mesh)
+    # centred first: classes and places are found about the middle of the ground
     mesh, ground_z = _centre(mesh, source)
     found = classify_ground(mesh, ground_z)
     if face_class is not None:
@@ -134,6 +135,7 @@ def _probe(mesh: Mesh, upwards: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _centre(mesh: Mesh, source: str) -> tuple[Mesh, np.ndarray]:
     """Middle to the origin, median ground to 0; with the lowest surface (p, p) on a grid over its plan."""
+    # from below: trees and bridges hide the ground from above
     lowest, _ = _probe(mesh, upwards=True)
     share = float(np.isfinite(lowest).mean())
     if share < MIN_GROUND_SHARE:
@@ -172,6 +174,7 @@ def classify_ground(mesh: Mesh, ground_z: np.ndarray) -> np.ndarray:
     cell = (centre[:, :2] - low[:2]) / np.maximum(high[:2] - low[:2], 1e-6) * (PROBES + 1) - 1
     index = np.clip(np.round(cell).astype(int), 0, PROBES - 1)
     padded = np.pad(np.where(np.isnan(ground_z), np.inf, ground_z), 1, constant_values=np.inf)
+    # the lowest of nine cells: a house that fills its own has ground beside it
     near = np.min([padded[i : i + PROBES, j : j + PROBES] for i in range(3) for j in range(3)], axis=0)
     height = centre[:, 2] - near[index[:, 0], index[:, 1]]
     ground = up & (height < KERB_M)
@@ -200,6 +203,7 @@ def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
     # open sky is asked for: no arcade or bridge above
     above = np.column_stack([origin + [0, 0, SPOT_HEIGHTS_M[0]], np.tile([0.0, 0.0, 1.0], (len(origin), 1))])
     covered = np.isfinite(cast_rays(scene, above))
+    # where the world ends nothing is met, and no ray would say so
     edge = np.minimum(candidates - low, high - candidates).min(axis=1)
     free = np.where(covered, 0.0, np.minimum(np.minimum(free, edge), _gap_to_corners(world, candidates)))
     spots: list[Spot] = []

@@ -54,6 +54,7 @@ class Population:
         """(k,) distance at which a particle gets too faint to be drawn; 0 for those that always are."""
         size, blurred = self.diameter_mm / 1e3, (self.diameter_mm + APERTURE_MM) / 1e3
         trail = blurred + np.hypot(self.fall_m_s, wind_m_s) * exposure_s
+        # the area over which the light of a particle may be spread before it is too faint
         area = np.pi / 4 * size**2 / FAINTEST
         # too faint by its size alone, or because its light is spread along its trail
         reach = np.minimum(focal_px * np.sqrt(area), focal_px * area / trail)
@@ -61,6 +62,7 @@ class Population:
 
     def count_seen(self, camera: Camera, reach_m: np.ndarray) -> np.ndarray:
         """(k,) mean number between `NEAREST_M` and `reach_m` in the picture's pyramid."""
+        # the pyramid's cross-section at 1 m; its volume up to r is opening r^3 / 3
         opening = camera.width * camera.height / (camera.fx * camera.fy)
         return self.per_m3 * opening / 3 * np.maximum(reach_m**3 - NEAREST_M**3, 0)
 

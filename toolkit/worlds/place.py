@@ -131,6 +131,7 @@ def choose_places(
     """
     spots = [spot for spot in world.spots if spot.name not in without and spot.kind in kinds]
     wide = [spot for spot in spots if spot.free_radius_m >= radius_m]
+    # rays are cast for wide ones alone: the stored radius is the cheaper test, and comes first
     free = [spot for spot in wide if is_clear(world, spot, radius_m)]
     if len(free) < count:
         raise _too_few(world, radius_m, count, spots, len(free))

@@ -173,6 +173,7 @@ def _balance(panorama: np.ndarray, sun: KeyLight) -> tuple[np.ndarray, KeyLight]
     """Both as a camera's white balance leaves them: without half of the light's colour on open ground."""
     irradiance = illuminate(panorama, sun)
     # a gain for each channel, then one for all, so that open ground stays as bright as it was
+    # the power leaves the rest of the colour
     gain = (irradiance / (irradiance @ LUMINANCE)) ** -BALANCE
     gain *= (irradiance @ LUMINANCE) / (irradiance * gain @ LUMINANCE)
     return panorama * gain.astype(np.float32), _make_sun(sun.azimuth_deg, sun.elevation_deg, sun.irradiance * gain)
@@ -203,7 +204,9 @@ def _clear(directions: np.ndarray, when: TimeOfDay) -> np.ndarray:
         pale = PALE * set_by * np.exp(-elevation / 15)[:, None]
         # towards grey of the same luminance first, then towards twilight's tint
         sky = (sky + pale * (sky @ LUMINANCE[:, None] - sky)) * (1 + set_by * (tint - 1))
+    # Lambert's cosine law, times the area of a row's pixels
     weight = directions[:, 2] * np.sqrt(1 - directions[:, 2] ** 2)  # rows of a panorama shrink towards the zenith
+    # the illuminance that this sky brings: shape is the model's, brightness that of the measured fits
     found = np.pi * (sky @ LUMINANCE * weight).sum() / weight.sum()
     return sky * (diffuse_klx(when.sun_elevation_deg) / found)
 
@@ -221,6 +224,7 @@ def _light_sky(
     on_cloud = np.tile(direct, (len(directions), 1))
     if not direct.any():
         facing = (1 + directions[:, :2] @ light[:2] / np.linalg.norm(light[:2])) / 2
+        # the sun has set: clouds are lit by the sky, and from below by the afterglow, most on its side and low down
         on_cloud += np.pi * around * (0.35 + AFTERGLOW * (facing**3 * (1 - directions[:, 2]))[:, None])
     gamma = np.degrees(np.arccos(np.clip(directions @ light, -1, 1)))[:, None]
     # droplets scatter forward: clouds near the sun have bright rims
@@ -238,10 +242,12 @@ def _light_sky(
 def _overcast(directions: np.ndarray, when: TimeOfDay, pixel_rad: float, rng: np.random.Generator) -> np.ndarray:
     """(n, 3) the CIE's overcast sky, a little uneven."""
     distance = reach_height(directions[:, 2], BASE_M)
+    # texels of the pattern under one pixel, so that far clouds do not alias
     lod = np.log2(distance * pixel_rad * TILE_PX / TILE_M)
     u, v = (directions[:, :2] * (0.5 * distance / TILE_M)[:, None]).T
     uneven = sample_noise(paint_levels(rng, TILE_PX, 1.9, 4), u, v, lod - 1) - 0.5
     fade = np.exp(-distance / 15_000)
+    # the CIE sky (1 + 2 sin h) / 3 of zenith luminance L brings 7 pi / 9 L of illuminance
     zenith = 9 / (7 * np.pi) * overcast_klx(when.sun_elevation_deg)
     grey = zenith * overcast_shape(directions[:, 2]) * (1 + 0.35 * uneven * fade)
     return grey[:, None] * np.array([0.98, 1.0, 1.03])
@@ -293,6 +299,7 @@ def load_sky(path: Path, azimuth_deg: float = 0.0) -> Sky:
         raise ToolkitError(f"{path}: its upper half is black: expected a sky; is the zenith on top?")
     if height > MAX_HEIGHT_PX:
         panorama = cv2.resize(panorama, (2 * MAX_HEIGHT_PX, MAX_HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    # azimuth grows to the left: a turn is a shift of columns
     turned = np.roll(panorama, round(-azimuth_deg / 360 * panorama.shape[1]), axis=1)
     sky, sun = split_sun(np.ascontiguousarray(turned, np.float32))
     return Sky(path.stem, sky, sun, meter_exposure(sky, sun))
@@ -323,6 +330,7 @@ def split_sun(panorama: np.ndarray) -> tuple[np.ndarray, KeyLight]:
     ring = panorama[(gap > SUN_REACH_DEG) & (gap < AROUND_DEG)].mean(axis=0)
     # only what stands out against the sky around it, or bright haze would be taken along
     disc = (gap <= SUN_REACH_DEG) & (luminance > SUN_CONTRAST * (ring @ LUMINANCE))
+    # of a pixel: its height times its width, which shrinks with the cosine of the elevation
     solid_angle = np.sqrt(1 - directions[..., 2] ** 2) * (np.pi / height) ** 2
     excess = (panorama[disc] - ring) * solid_angle[disc][:, None]
     irradiance = np.maximum(excess.sum(axis=0), 0)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from toolkit.rig.lighting import Shape
 
 CHUNK = 4096
+# three directions along no axis: a ray that grazes a wall or an edge may miss, two of three do not
 RAYS = np.array([(0.31, 0.17, 0.94), (-0.83, 0.29, 0.48), (0.23, -0.88, 0.41)])
 
 
@@ -104,6 +105,7 @@ class World:
         high = float(self.bounds[1, 2]) + 1.0
         rays = np.zeros((len(points), 6), np.float32)
         rays[:, :2], rays[:, 2], rays[:, 5] = points[:, :2], high, -1.0
+        # from above everything, at ground and water alone: roofs and trees are not in this scene
         fall = cast_rays(self._ground, rays)
         return np.where(np.isfinite(fall), high - fall, np.nan).astype(np.float32)
 
@@ -131,6 +133,7 @@ class World:
             rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1).astype(np.float32)
             hit = self._buildings.cast_rays(o3d.core.Tensor(rays))
             normals = hit["primitive_normals"].numpy()
+            # within a closed surface the first face that is met is seen from its back
             votes += np.isfinite(hit["t_hit"].numpy()) & (normals @ direction > 0)
         return votes >= 2
 

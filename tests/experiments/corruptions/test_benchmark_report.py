@@ -11,7 +11,7 @@ from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.experiments.corruptions.benchmark_means import summarise
-from toolkit.experiments.corruptions.benchmark_report import write_benchmark
+from toolkit.experiments.corruptions.benchmark_run import write_benchmark
 from toolkit.experiments.corruptions.benchmark_summary import build_summary_table, judge_benchmark, read_summary
 
 VOID = {"meta", "img", "br", "rect", "circle", "link", "input"}

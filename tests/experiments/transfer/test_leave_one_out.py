@@ -15,8 +15,7 @@ from toolkit.cli.transfer import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer import leave_one_out as experiment
-from toolkit.experiments.transfer.leave_one_out import TransferResult, leave_one_out
-from toolkit.experiments.transfer.matrix import JudgedRow, tabulate
+from toolkit.experiments.transfer.leave_one_out import JudgedRow, TransferResult, leave_one_out, tabulate
 from toolkit.experiments.transfer.transfer_config import TransferConfig
 from toolkit.objects.records import Texture, read_patch, read_texture
 

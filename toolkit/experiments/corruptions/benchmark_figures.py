@@ -74,6 +74,7 @@ def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool, siz
     for tick, name in zip(panel.get_xticklabels(), places, strict=True):
         tick.set_color(colour_of(name) if is_coloured else MEAN_COLOUR)
         tick.set_fontweight("bold" if name == MEAN else "normal")
+    # few bars keep a width of their own instead of filling the panel
     centre = max(places.values()) / 2
     half = max(centre + 0.7, MIN_PLACES / 2)
     panel.set_xlim(centre - half, centre + half)

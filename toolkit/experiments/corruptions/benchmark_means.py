@@ -77,6 +77,7 @@ class Series:
         shares: dict[str, list[np.ndarray]] = {}
         for corruption, severity in keys:
             shares.setdefault(corruption, []).append(is_so(self.ranks[corruption, severity]))
+        # every corruption counts alike, however many of its severities were run
         return np.mean([np.mean(own, axis=0) for own in shares.values()], axis=0)
 
     def right(self, keys: Sequence[Condition]) -> np.ndarray:
@@ -174,6 +175,7 @@ def _mean_corruption(
     keys, is_network = [(name, severity) for severity in severities], one.kind != READER
     ce_alexnet = ce_unpatched = None
     if is_network and name in alexnet and severities == SEVERITIES:
+        # CE of Hendrycks and Dietterich (2019): the error over AlexNet's, both summed over the five severities
         ce_alexnet = one.error(keys) / alexnet[name]
     if is_network and unpatched is not None and unpatched.error(keys) > 0:
         ce_unpatched = one.error(keys) / unpatched.error(keys)
@@ -200,6 +202,7 @@ def _mean_variant(
 
 def _mean_of_all(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
+    # mCE is the mean over all fifteen: with one missing there is none
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 

@@ -80,6 +80,7 @@ def open_variants(
         ToolkitError: an unknown set or model, a set of other classes, a patch that is larger than the network's image,
             or networks that do not share their labels.
     """
+    # by the word after `@`: each network is loaded once, however many sets it answers
     networks: dict[str, Classifier] = {"": classifier}
     boosted: list[Variant] = []
     notes: list[str] = []
@@ -180,6 +181,7 @@ def make_key(
     if condition != NOT_CORRUPTED:
         corruption, severity = condition
         chosen = choose_parameters(how.crop_px, how.crop_px)
+        # the numbers themselves, not only the severity: other parameters are another cell
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
@@ -264,6 +266,7 @@ def apply_variant(
         pictures = torch.from_numpy(patches.stack(classes[part]))
         with torch.inference_mode():
             images = bare[part].float().div_(255)
+            # rounded, as a file of the picture would be: the corruption begins from 8 bits
             boosted[part] = _round(boost_images(images, pictures, config.placement, seeds[part])).byte()
 
     run_each(place, len(parts))

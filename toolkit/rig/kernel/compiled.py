@@ -9,9 +9,10 @@ import atexit
 import hashlib
 import os
 import shutil
+import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -23,7 +24,6 @@ from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_text
 from toolkit.core.memory import without_collector
-from toolkit.core.trust import explain_distrust, make_private
 
 MARK = "made-by-toolkit.txt"
 """In each folder that was made here; one without it is never deleted."""
@@ -46,6 +46,7 @@ def cache_folder() -> Path | None:
         folder = _make_folder()
         _refused = explain_distrust(folder)
         if _refused:
+            # cached code is run: a folder that others can write to could hold theirs
             fresh = tempfile.mkdtemp(prefix="toolkit-kernel-")  # which nobody else can enter
             atexit.register(shutil.rmtree, fresh, ignore_errors=True)
             os.environ[PLACE] = fresh
@@ -62,6 +63,7 @@ def find_refusal() -> str:
 
 
 def _make_folder() -> Path:
+    # machine code of another numba, Python or source must not be found: each has a folder of its own
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles anew where either differs
@@ -106,6 +108,7 @@ def prepare(compile_all: Callable[[], None]) -> None:
         notice(said)
         with without_collector():  # going through the compiler's objects is a tenth of its work
             compile_all()
+        # last: an interrupted compilation is done again
         (folder / "complete").touch()
         for old in folder.parent.glob("kernel-*"):
             if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
@@ -127,6 +130,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     It makes no arrays, and counts no references to those it reads: numba would count each array of a scene for each
     sample, which takes several times as long as all the rest.
     """
+    # `_nrt` off: kernels allocate nothing, and without numba's reference counting they are smaller
     return _compile(function, {"_nrt": False}, cache_folder())
 
 
@@ -135,6 +139,7 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
     A product that is added to something is not rounded before.
     """
+    # "contract" lets a * b + c be one instruction (fused multiply-add), rounded once
     return _compile(function, {"_nrt": False, "fastmath": {"contract"}} | _PART, None)
 
 
@@ -143,6 +148,7 @@ def exact(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, {"_nrt": False} | _PART, None)
 
 
+# LLVM inlines them all; wrappers for calls from Python or C would be compiled for nothing
 _PART = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -151,6 +157,80 @@ def _compile(function: Callable[P, R], options: dict[str, Any], folder: Path | N
     config.CACHE_DIR = "" if folder is None else str(folder)  # type: ignore[attr-defined]  # read at declaration
     compiler: Callable[..., Any] = numba.njit
     try:
+        # the "numpy" error model divides without asking whether the divisor is 0, which would keep loops from vectors
         return compiler(nogil=True, cache=folder is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+
+OTHERS_READ_OR_WRITE = stat.S_IRWXG | stat.S_IRWXO
+
+
+def make_private(folder: Path) -> bool:
+    """Make a folder, and those above it that are missing, for this user alone; whether it was not there before.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    missing = [place for place in (folder, *folder.parents) if not place.is_dir()]
+    for place in reversed(missing):
+        place.mkdir(mode=0o700, exist_ok=True)
+    return bool(missing)
+
+
+def explain_distrust(folder: Path) -> str:
+    """Why somebody else could have put a file into a folder, or the folder into its place; empty where nobody could.
+
+    All that lies in it must be this user's, no link, and closed to the writing of others. The folders above may be the
+    administrator's too, or shared if they are sticky as /tmp is. On Windows nothing is looked at: a user's profile is
+    closed to others there.
+    """
+    if not hasattr(os, "geteuid"):
+        return ""
+    mine = os.geteuid()
+    trusted = (mine, Path("/").stat().st_uid)  # the administrator, whatever number a container gives him
+    folder = folder.absolute()
+    for above in dict.fromkeys((*folder.parents, *(folder.parent.resolve() / folder.name).parents)):
+        facts = above.stat()
+        if facts.st_uid not in trusted:
+            return f"{above} belongs to another user"
+        if _is_open(facts) and not facts.st_mode & stat.S_ISVTX:
+            return f"others may write to {above}"
+    is_closed = not folder.lstat().st_mode & OTHERS_READ_OR_WRITE
+    for path, facts in _look_through(folder):
+        if stat.S_ISLNK(facts.st_mode):
+            return f"{path} is a link"
+        if facts.st_uid != mine:
+            return f"{path} belongs to another user"
+        has_second_name = stat.S_ISREG(facts.st_mode) and facts.st_nlink > 1
+        if _is_open(facts) and (not is_closed or has_second_name):  # nobody else comes into a closed folder
+            return f"others may write to {path}"
+    return ""
+
+
+def _look_through(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    yield folder, folder.lstat()
+    for path in folder.rglob("*"):
+        try:
+            yield path, path.lstat()
+        except FileNotFoundError:  # another process is compiling, and has just renamed a file
+            continue
+
+
+def _is_open(facts: os.stat_result) -> bool:
+    """Whether anybody but its owner may write to it; a group of the owner alone, as many systems make, is nobody."""
+    if facts.st_mode & stat.S_IWOTH:
+        return True
+    return bool(facts.st_mode & stat.S_IWGRP) and not _is_own_group(facts)
+
+
+def _is_own_group(facts: os.stat_result) -> bool:
+    import grp
+    import pwd
+
+    try:
+        owner, group = pwd.getpwuid(facts.st_uid), grp.getgrgid(facts.st_gid)
+    except KeyError:
+        return False
+    is_theirs = owner.pw_gid == group.gr_gid and owner.pw_name == group.gr_name
+    return is_theirs and set(group.gr_mem) <= {owner.pw_name}

@@ -1,11 +1,118 @@
-"""The end of a picture: lens falloff, shoulder, grain and sRGB codes, row by row."""
+"""The end of a picture: lens falloff, shoulder, grain and sRGB codes, row by row; grain is NumPy's, bit for bit."""
 
 import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.random._constants import fi_float, ki_float, wi_float
 
-from toolkit.rig.kernel.compiled import kernel
-from toolkit.rig.kernel.grain import draw_normals
+from toolkit.rig.kernel.compiled import exact, kernel
+
+LONG, HALF = ir.IntType(128), ir.IntType(64)
+# PCG64's 128-bit LCG multiplier, as in NumPy's pcg64.h
+MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+LAST = 3.6541528853610088
+"""Where the tail of the normal distribution begins."""
+
+
+def _advance(_: Any, high: types.Integer, low: types.Integer, step_high: types.Integer, step_low: types.Integer) -> Any:
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        # numba has no 128-bit integers, LLVM has: hence by hand
+        def join(upper: ir.Value, lower: ir.Value) -> ir.Value:
+            return builder.or_(builder.shl(builder.zext(upper, LONG), LONG(64)), builder.zext(lower, LONG))
+
+        state = builder.add(builder.mul(join(*arguments[:2]), LONG(MULTIPLIER)), join(*arguments[2:]))
+        upper, lower = builder.trunc(builder.lshr(state, LONG(64)), HALF), builder.trunc(state, HALF)
+        # XSL RR: the halves of the state are xored, then rotated by its top six bits
+        mixed, turn = builder.xor(upper, lower), builder.lshr(upper, HALF(58))
+        back = builder.and_(builder.sub(HALF(0), turn), HALF(63))
+        word = builder.or_(builder.lshr(mixed, turn), builder.shl(mixed, back))
+        return context.make_tuple(builder, signature.return_type, [upper, lower, word])
+
+    return types.UniTuple(types.uint64, 3)(high, low, step_high, step_low), generate
+
+
+Advance = Callable[[np.uint64, np.uint64, np.uint64, np.uint64], tuple[np.uint64, np.uint64, np.uint64]]
+advance = cast(Advance, intrinsic(_advance))
+"""The next state of PCG64, in two halves, and its 64 bits (O'Neill 2014, XSL RR 128/64)."""
+
+
+class Stream(NamedTuple):
+    """Random bits, 32 at a time: PCG64's state and increment, and the half of its last 64 that is not yet used."""
+
+    high: np.uint64
+    low: np.uint64
+    step_high: np.uint64
+    step_low: np.uint64
+    spare: np.uint64
+    has_spare: bool
+
+
+@exact
+def _next_bits(stream: Stream) -> tuple[Stream, np.uint64]:
+    if stream.has_spare:
+        return Stream(stream.high, stream.low, stream.step_high, stream.step_low, stream.spare, False), stream.spare
+    high, low, word = advance(stream.high, stream.low, stream.step_high, stream.step_low)
+    # NumPy hands out the lower half first and keeps the upper for the next call
+    left = word >> np.uint64(32)
+    return Stream(high, low, stream.step_high, stream.step_low, left, True), word & np.uint64(0xFFFFFFFF)
+
+
+@exact
+def _next_share(stream: Stream) -> tuple[Stream, np.float32]:
+    """Uniform in [0, 1)."""
+    stream, bits = _next_bits(stream)
+    # the upper 24 bits, as many as a float32's fraction holds
+    return stream, np.float32(np.int64(bits >> np.uint64(8))) * np.float32(1 / 16777216)
+
+
+@exact
+def _draw_tail(stream: Stream) -> tuple[Stream, np.float32]:
+    """Beyond `LAST` (Marsaglia 1964)."""
+    while True:
+        stream, a = _next_share(stream)
+        stream, b = _next_share(stream)
+        # an exponential proposal, accepted where 2y > x^2: what is left is the normal's tail
+        x, y = np.float32(-1 / LAST) * np.float32(math.log1p(-a)), -np.float32(math.log1p(-b))
+        if y + y > x * x:
+            return stream, np.float32(LAST) + x
+
+
+@exact
+def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
+    """Fill (n,) float32 with standard normal numbers: the ziggurat of Marsaglia and Tsang (2000), as NumPy draws them.
+
+    Args:
+        state: (6,) uint64 the fields of a `Stream`; it goes on from there and is left where the next draw begins.
+        out: the numbers.
+    """
+    stream = Stream(state[0], state[1], state[2], state[3], state[4], state[5] > 0)
+    for i in range(len(out)):
+        while True:
+            stream, bits = _next_bits(stream)
+            # one draw is cut up: 8 bits choose one of 256 layers, 1 the sign, 23 the place within the layer
+            layer, size = np.int64(bits & np.uint64(255)), np.int64(bits >> np.uint64(9))
+            sign = np.float32(1 - 2 * np.int64((bits >> np.uint64(8)) & np.uint64(1)))
+            x = np.float32(size) * wi_float[layer] * sign
+            # 99 % of draws end here: the point lies in the rectangle below the curve
+            if size < ki_float[layer]:
+                break
+            # the lowest layer reaches to infinity
+            if layer == 0:
+                stream, x = _draw_tail(stream)
+                x = -x if (size >> 8) & 1 else x
+                break
+            stream, share = _next_share(stream)
+            # in the sliver between rectangle and curve: accept below the density
+            below = (fi_float[layer - 1] - fi_float[layer]) * share + fi_float[layer]
+            if below < math.exp(-0.5 * float(x) * float(x)):
+                break
+        out[i] = x
+    state[0], state[1], state[4], state[5] = stream.high, stream.low, stream.spare, np.uint64(stream.has_spare)
 
 
 @kernel
@@ -31,10 +138,12 @@ def develop(
     width, bands, values, squares = count // 3, len(lower) - 1, work[0], work[1]
     room, spread = 1 - shoulder, noise / math.sqrt(0.18)
     for i in range(count):
+        # from -1 to 1 across the picture; three numbers for each pixel
         x = 2 * (i // 3) / (width - 1) - 1 if width > 1 else -1.0
         squares[i] = x * x
     for row in range(height):
         if len(state):
+            # a row at a time: a frame's grain is never held whole
             draw_normals(state, grain[0])
         y = 2 * row / (height - 1) - 1 if height > 1 else -1.0
         here, bright = grain[row % len(grain)], False

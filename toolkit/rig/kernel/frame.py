@@ -71,6 +71,7 @@ def fill_key_rays(
     """
     count = 0
     for n in range(len(hits.face)):
+        # the object's stored light holds its key light already
         if hits.face[n] == NOTHING or hits.mesh[n] == 0:
             continue
         hits.key_share[n] = 0
@@ -113,6 +114,7 @@ class Samples(NamedTuple):
 def sample_place(samples: Samples, n: int) -> tuple[float, float]:
     """Pixel coordinates (x, y) of a sample."""
     shots, width = len(samples.offsets), samples.right - samples.left
+    # samples of one pixel lie side by side
     pixel, k = samples.pixels[n // shots], n % shots
     return (
         samples.left + pixel % width + 0.5 + samples.offsets[k, 0],
@@ -136,6 +138,7 @@ def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
     """Fill `moved` (n, 6) float32 with rays (n, 6) of the world in the mesh's own frame."""
     t, p = mesh.turn, mesh.place
     for n in range(len(rays)):
+        # the inverse of a rotation is its transpose: columns where `turn` holds rows
         x, y, z = rays[n, 0] - p[0], rays[n, 1] - p[1], rays[n, 2] - p[2]
         dx, dy, dz = rays[n, 3], rays[n, 4], rays[n, 5]
         for c in range(3):
@@ -186,6 +189,7 @@ def describe_hits(
                 continue
             face = int(hits.face[n])
             needed[n] = mesh.finely[mesh.faces[face].material]
+            # one number for both: neighbours of different meshes never count as alike
             material[n] = 2 * mesh.faces[face].material + number
             x, y, z = surface_normal(mesh, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
             dx, dy, dz = ray_through(view, column + 0.5, row + 0.5)
@@ -204,6 +208,7 @@ def mark_edges(width: int, hits: Hits, material: np.ndarray, normal: np.ndarray,
         material, normal, needed: of `describe_hits`.
     """
     for n in range(len(hits.face)):
+        # to the left and above: every pair of neighbours is met once
         if n % width:
             _compare(n, n - 1, material, normal, hits, needed)
         if n >= width:
@@ -216,6 +221,7 @@ def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hit
     if material[a] == material[b]:
         if material[a] < 0 or (needed[a] and needed[b]):
             return
+        # of unit normals: the cosine of the angle between them
         same = normal[a, 0] * normal[b, 0] + normal[a, 1] * normal[b, 1] + normal[a, 2] * normal[b, 2]
         depth, other = hits.distance[a], hits.distance[b]
         # 2 % of the distance is a jump in depth; 0.75 is a crease of 41 degrees
@@ -325,6 +331,7 @@ def paint_mesh(
             finely = next_fine < len(part.refine) and part.refine[next_fine] == n
             first = 4 * next_fine if finely else n
             shots, hits = (4, part.fine) if finely else (1, part.hits)
+            # `refine` is in the order of pixels, so one counter walks through it
             next_fine += finely
             # a box filter: every sample of a pixel counts alike
             scale = around.exposure / shots
@@ -343,6 +350,7 @@ def paint_mesh(
                 hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[at]))
                 seen = shade(around, mesh, view, (x, y), hit)
                 red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
+                # samples that no texture can change are not kept: most of a picture
                 if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
                     out.pixel[count] = row * view.width + column
                     out.uv[count, 0], out.uv[count, 1], out.lod[count] = seen.u, seen.v, seen.lod

@@ -11,6 +11,7 @@ from numba.extending import intrinsic
 
 from toolkit.rig.kernel.compiled import inlined
 
+# four doubles: one AVX register
 FOUR = ir.VectorType(ir.DoubleType(), 4)
 INDEX = ir.IntType(32)
 UNDEFINED = ir.Constant(FOUR, ir.Undefined)
@@ -27,7 +28,9 @@ def _weighted_sum(_: Any, values: types.Array, places: types.UniTuple, weights: 
         for k in range(len(chosen)):
             place, weight = (builder.extract_value(argument, k) for argument in arguments[1:])
             pointer = builder.bitcast(builder.gep(data, [place]), four)
+            # aligned to one number only: a place may be any number of the array
             lanes = convert(builder.load(pointer, align=kind.dtype.bitwidth // 8), FOUR)
+            # the weight into all four lanes: put into the first, then shuffled
             none = ir.Constant(FOUR, ir.Undefined)
             first = builder.insert_element(none, weight, INDEX(0))
             product = builder.fmul(
@@ -93,6 +96,7 @@ number_of = cast(Callable[[int], float], intrinsic(_number_of))
 def log2(x: float) -> float:
     """Of a normal positive number, to 1e-7, without a call into the library."""
     bits = bits_of(x) - 0x3FE6A09E667F3BCD  # of the root of 1/2: what is left of x lies around 1
+    # a double is 1 sign, 11 exponent and 52 fraction bits (IEEE 754): above bit 52 stands the exponent
     exponent = bits >> 52
     m = number_of(bits_of(x) - (exponent << 52))
     # the series of 2 atanh(t) / ln 2, cut after four terms
@@ -108,4 +112,5 @@ def exp2(x: float) -> float:
     # the Taylor series of e^t for |t| <= ln(2) / 2, then a power of two by its exponent's bits
     t = (x - whole) * 0.6931471805599453
     power = 1 + t * (1 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120 + t * (1 / 720))))))
+    # 1023 is the exponent's bias in IEEE 754 doubles
     return number_of((int(whole) + 1023) << 52) * power

@@ -17,9 +17,11 @@ def find_samples(steps: int, u: float, v: float) -> tuple[int, int, int, float, 
         steps: R; row j of the face holds R + 1 - j samples, counted from its first.
         u, v: barycentric weights of corners 1 and 2.
     """
+    # the cell of the grid, held within the face: rounding may put u + v a little above 1
     x, y = u * steps, v * steps
     i = min(max(int(x), 0), steps - 1)
     j = min(max(int(y), 0), steps - 1 - i)
+    # within its cell: also the weights of the lower triangle's corners
     fx, fy = x - i, y - j
     # rows are R + 1, R, R - 1 … samples long: the sum of the first j is j (R + 1) - j (j - 1) / 2
     row = j * (steps + 1) - j * (j - 1) // 2
@@ -65,6 +67,7 @@ class LightMap(NamedTuple):
 @inlined
 def read_light_map(light: LightMap, x: float, y: float) -> Colour:
     """Irradiance at a place of the world's ground; beyond the square that of its border."""
+    # into the object's frame: the map turns and moves with it
     dx, dy = x - light.x, y - light.y
     along, across = light.cosine * dx + light.sine * dy, light.cosine * dy - light.sine * dx
     if max(abs(along), abs(across)) > light.side / 2:  # the map's border is the same all round
@@ -109,9 +112,11 @@ def make_shadow_rays(
         # where the ray enters and leaves the box (the slab method)
         near, far = np.float32(0), np.float32(np.inf)
         for axis in range(3):
+            # a ray along a wall of the box would divide by zero
             step = direction[axis] if abs(direction[axis]) > 1e-12 else np.float32(1e-12)
             a, b = (box[0, axis] - points[n, axis]) / step, (box[1, axis] - points[n, axis]) / step
             near, far = max(near, min(a, b)), min(far, max(a, b))
+        # it misses the box, so nothing can block it: no ray is spent
         if near > far:
             continue
         which[count] = n
@@ -148,6 +153,7 @@ def gather_light(
                 continue
             weight = (normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z) * solid_angle
             total[n] += weight
+            # blocked: what blocks it is lit too, and sends back a mean of that (one bounce, not traced)
             if free[d, n] == 2:
                 for c in range(3):
                     found[n, c] += bounce[c] * weight
@@ -164,6 +170,7 @@ def gather_light(
                 for c in range(3):
                     found[n, c] += radiance[d, c] * weight
     for n in range(len(points)):
+        # cosine-weighted, as ambient occlusion is: what the surface sees of what it could see
         found[n, 3] /= max(total[n], np.float32(1e-6))
 
 
@@ -187,4 +194,5 @@ def gather_key(
                 cosine = normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z
                 for c in range(3):
                     found[n, c] += cosine * irradiance[c]
+                # the parts of the disc that are seen: a soft shadow's edge
                 found[n, 3] += 1 / len(directions)

@@ -27,6 +27,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
         y = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c + t[1, 3]
         z = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c + t[2, 3]
         corners[n, 0], corners[n, 1], corners[n, 2] = x, y, z
+        # pixels and depth in single precision: they only choose what is looked at; corners stay exact
         scale = 1 / z
         screen[n, 0], screen[n, 1], screen[n, 2] = x * scale, y * scale, z
 
@@ -50,6 +51,7 @@ def _range(a: float, b: float, c: float) -> tuple[float, float]:
 @exact
 def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float, float]:
     """What is left of a range of columns where start + slope · column is not below 0."""
+    # solved for the column: the half-plane cuts the range at -start / slope, on the side that the slope says
     if slope > 0:
         return max(low, -start / slope), high
     if slope < 0:
@@ -75,6 +77,7 @@ def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
     if min(u, v, w) >= 0:
         # the edge functions are barycentric weights over depth: their sum is 1 / depth, but for a factor
         scale, at = 1 / (u + v + w), np.uint64(n)
+        # inside: the weights over their sum are the ray's barycentric coordinates
         depth = volume * scale
         if depth < hits.distance[at]:
             hits.distance[at], hits.face[at] = depth, face
@@ -92,6 +95,7 @@ def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, C
     """
     (u, ux, uy), (v, vx, vy), (w, wx, wy) = edges
     dx, dy, ex, ey = SUBPIXELS[0, 0], SUBPIXELS[0, 1], SUBPIXELS[1, 0], SUBPIXELS[1, 1]
+    # edge functions are linear: a step of (dx, dy) pixels adds the same everywhere, and its opposite takes as much away
     du, dv, dw = ux * dx + uy * dy, vx * dx + vy * dy, wx * dx + wy * dy
     eu, ev, ew = ux * ex + uy * ey, vx * ex + vy * ey, wx * ex + wy * ey
     # the best of the four samples is outside of an edge: so are all
@@ -136,6 +140,7 @@ def _find_box(
 @exact
 def _is_turned(screen: np.ndarray, a: np.uint32, b: np.uint32, c: np.uint32) -> bool:
     """Whether a triangle before the camera shows its back."""
+    # the sign of twice the area on the screen, where y runs down
     ax, ay = screen[b, 0] - screen[a, 0], screen[b, 1] - screen[a, 1]
     return ax * (screen[c, 1] - screen[a, 1]) > ay * (screen[c, 0] - screen[a, 0])
 
@@ -147,6 +152,7 @@ def _opposite(edge: Colour) -> Colour:
 
 @exact
 def _spare(edge: Colour, reach: float) -> float:
+    # the most that an edge function changes within `reach` of a pixel's centre, along x and y
     return (abs(edge[0]) + abs(edge[1])) * reach
 
 
@@ -174,6 +180,7 @@ def _draw(
             start, end = _narrow(start, end, of_a[0], of_a[0] * 0.5 + of_a[1] * y + of_a[2] + a_spare)
             start, end = _narrow(start, end, of_b[0], of_b[0] * 0.5 + of_b[1] * y + of_b[2] + b_spare)
             start, end = _narrow(start, end, of_c[0], of_c[0] * 0.5 + of_c[1] * y + of_c[2] + c_spare)
+        # rounded up by hand: `ceil` is a call
         for column in range(int(start + 0.99999), int(end) + 1):
             x, pixel = column + 0.5, np.uint64((row - samples.top) * width + column - samples.left)
             if not nearest < furthest[pixel]:
@@ -184,6 +191,7 @@ def _draw(
                 _see(n, face, volume, (u, v, w), hits)
                 furthest[pixel] = hits.distance[n]
                 continue
+            # weight u belongs to corner b, whose opposite edge is `of_b`
             slopes = ((u, of_b[0], of_b[1]), (v, of_c[0], of_c[1]), (w, of_a[0], of_a[1]))
             if _see_finely(n, face, volume, slopes, hits):
                 d = hits.distance
@@ -212,17 +220,20 @@ def draw_triangles(
         hits: of nothing; they are filled.
     """
     left, top, shots = samples.left, samples.top, len(samples.offsets)
+    # the furthest hit of each pixel's samples: a pixel without samples can never be seen further
     furthest[:] = -np.inf
     for i in range(len(samples.pixels)):
         slot[samples.pixels[i]] = shots * i
         furthest[samples.pixels[i]] = np.inf
     reach = 0.001 if shots == 1 else 0.376  # of a pixel; a little for rounding: what is in reach is looked at exactly
     before, waiting = np.float32(0.5 - reach), 0
+    # fronts first: backs of a closed mesh are then hidden by them, and most are never drawn
     for turn in range(2):
         for i in range(waiting if turn else len(faces)):
             face = int(later[i]) if turn else i
             a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
             nearest, deepest = _range(screen[a, 2], screen[b, 2], screen[c, 2])
+            # a triangle that reaches behind the camera has no bounds in the picture: the whole part is looked at
             box = (left, samples.right - 1, top, samples.bottom - 1)
             if nearest > 0:
                 box = _find_box(screen, (a, b, c), samples, before)
@@ -243,10 +254,12 @@ def draw_triangles(
             of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
             # the triple product of the corners: six times the volume of the tetrahedron with the camera, signed
             volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
+            # one sign for both sides, so that inside is always positive
             if volume < 0:
                 volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)
             if volume > 0:
                 _draw((of_a, of_b, of_c), volume, (face, nearest), box, samples, reach, slot, furthest, hits)
+    # drawing finds depth along the camera's axis; rays, and all who read hits, have it along the ray
     for n in range(len(hits.face)):  # along the ray
         x, y = sample_place(samples, n)
         dx, dy, dz = ray_through(view, x, y)

@@ -132,6 +132,7 @@ def as_rotation(matrix: np.ndarray) -> Rotation:
 @inlined
 def ray_through(view: View, x: float, y: float) -> Colour:
     """The direction through a pixel, in the world; its part along the camera's axis is 1."""
+    # the pinhole model backwards: d = R K^-1 (x, y, 1); left without unit length, so that depth stays a simple factor
     a, b, r = (x - view.cx) * (1 / view.fx), (y - view.cy) * (1 / view.fy), view.rotation
     return (
         r[0][0] * a + (r[0][1] * b + r[0][2]),
@@ -149,6 +150,7 @@ def _rough_level(roughness: float) -> int:
 @inlined
 def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     """What the lit table sends out at (x, y)."""
+    # the texture spans the table once, its middle at the world's origin
     u, v = x * (1 / around.table_size[0]) + 0.5, y * (1 / around.table_size[1]) + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
     light = read_light_map(around.ground_light, x, y)
@@ -169,15 +171,18 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
     """
     roughness = around.table_roughness
     mirrored = around.mirrored[_rough_level(roughness)]
+    # texels of level 0 under one pixel at distance 1: they grow with the distance from there
     finest = int(around.table.width[0]) / around.table_size[0] / view.fx
     for i in range(sheen.shape[0]):
         for j in range(sheen.shape[1]):
+            # pixel centres lie at half integers
             dx, dy, dz = ray_through(view, j * TILE + 0.5, i * TILE + 0.5)
             length = math.sqrt(dx * dx + dy * dy + dz * dz)
             grazing = 1 - abs(dz) / length
             square = grazing * grazing
             # Schlick's Fresnel term for a dielectric, 0.04 at normal incidence, damped: rough wood is no mirror
             strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
+            # a level mirror turns the ray's fall into a rise
             red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
             sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
             falling = max(-dz, 1e-4)
@@ -210,6 +215,7 @@ def background(
         cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
     if cover > 0:
+        # where the ray meets z = 0; a pixel on the horizon's edge would else divide by nothing
         reach = view.origin[2] / max(-dz, 1e-4)
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, shine[3])
         red, green, blue = red + shine[0], green + shine[1], blue + shine[2]
@@ -233,12 +239,15 @@ def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
     r = view.rotation
     for k in range(4):
         if not around.has_table:
+            # a line that every pixel lies outside of
             edges[k, 0], edges[k, 1], edges[k, 2] = 0.0, 0.0, -1e9
             continue
+        # the test of the docstring with d = R K^-1 (x, y, 1) put in: linear in x and y
         axis, sign = k // 2, 1.0 - 2.0 * (k % 2)
         along, down = -sign * view.origin[2], sign * view.origin[axis] - around.table_size[axis] / 2
         a = (along * r[axis][0] + down * r[2][0]) / view.fx
         b = (along * r[axis][1] + down * r[2][1]) / view.fy
+        # divided by the gradient's length, the value is a distance in pixels
         slope = max(math.sqrt(a * a + b * b), 1e-9)
         c = along * r[axis][2] + down * r[2][2] - a * view.cx - b * view.cy
         edges[k, 0], edges[k, 1], edges[k, 2] = a / slope, b / slope, c / slope
@@ -261,6 +270,7 @@ def _mirrored(around: Surround, point: Colour, direction: Colour, roughness: flo
     """Radiance that arrives at a point from a unit direction, blurred by a surface's roughness."""
     level = _rough_level(roughness)
     x, y, z = direction
+    # a level ray meets the table far beyond its rim, where the division says little
     if around.has_table and z < -0.02:
         reach = -point[2] / z
         u = (point[0] + reach * x) * (1 / around.table_size[0]) + 0.5
@@ -283,7 +293,9 @@ def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour
     corner, t = mesh.faces[face], mesh.turn
     a, b, c, weights = 5 * int(corner.a), 5 * int(corner.b), 5 * int(corner.c), (1 - u - v, u, v)
     x, y, z, texture_u = weighted_sum(mesh.corners, (a, b, c), weights)
+    # four lanes hold normal and u; v is the fifth number, read by starting one place later
     texture_v = weighted_sum(mesh.corners, (a + 1, b + 1, c + 1), weights)[3]
+    # blended normals are shorter than 1; a rotation keeps their length, so one division serves
     scale = 1 / max(math.sqrt(x * x + y * y + z * z), 1e-9)
     normal = (
         (t[0][0] * x + t[0][1] * y + t[0][2] * z) * scale,
@@ -322,6 +334,7 @@ def shade(
     dx, dy, dz = ray_through(view, pixel[0], pixel[1])
     scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx * scale, dy * scale, dz * scale
+    # 1. the surface there, and the cosine between its normal and the way back to the camera
     (nx, ny, nz), tu, tv = _blend_corners(mesh, face, u, v)
     cosine = -(nx * dx + ny * dy + nz * dz)
     # both sides of a triangle are shaded: a mesh of the user's own may have faces turned inside out
@@ -330,17 +343,20 @@ def shade(
     # level of detail: texels per pixel, the mean of a footprint stretched by 1 / cosine; 0.1 bounds the stretch
     texels = distance * (1 / view.fx) * mesh.faces[face].density
     lod = 0.5 * log2(max(texels * texels / max(cosine, 0.1), 1e-12))
+    # 2. paint: what a linear view trains counts as black here, and is reported as a gain instead
     material = mesh.faces[face].material
     left_out = mesh.left_out[material]
     albedo = (0.0, 0.0, 0.0)
     if not left_out:
         albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
     point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
+    # 3. light that arrives, and what becomes of it: a diffuse part (Lambert, albedo / pi) and a mirrored one
     red, green, blue, key_share, room_share = _arriving(around, mesh, (face, u, v, key_share), point, (nx, ny, nz))
     roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
     # glTF's metallic-roughness model: a metal has no diffuse part, and mirrors in its own colour
     diffuse = (1 - metallic) / math.pi
     gain = (red * diffuse, green * diffuse, blue * diffuse)
+    # reflectance at normal incidence: 4 % for whatever is no metal (glTF 2.0, appendix B)
     f0 = (
         0.04 * (1 - metallic) + albedo[0] * metallic,
         0.04 * (1 - metallic) + albedo[1] * metallic,
@@ -374,6 +390,7 @@ def _arriving(
     # stored light holds the key light's part where the surface does not move; out of doors a ray has asked for it
     if key_share < 0:
         return red, green, blue, stored_share, room_share
+    # ground beside the object loses what the object hides of the sky; roofs and cars above it do not
     if abs(point[2] - around.ground_z) < around.ground_reach:
         left = read_light_map(around.ground_light, point[0], point[1])
         red, green, blue = red * left[0], green * left[1], blue * left[2]
@@ -389,6 +406,7 @@ def _arriving(
 def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Stored light: irradiance RGB, share of the key light, share of the room."""
     a, b, c, wb, wc = find_samples(int(mesh.faces[face].steps), u, v)
+    # five numbers for each sample: as with corners, the fifth is read by starting one place later
     start, wa, s = mesh.faces[face].first, 1 - wb - wc, mesh.stored
     a, b, c, weights = 5 * (start + a), 5 * (start + b), 5 * (start + c), (wa, wb, wc)
     red, green, blue, key_share = weighted_sum(s, (a, b, c), weights)
@@ -404,6 +422,7 @@ def _gloss(
     nx, ny, nz = normal
     dx, dy, dz = direction
     scale, bias = environment_brdf(roughness, cosine)
+    # r = d - 2 (d . n) n, and d . n is -cosine
     mirror = (dx + 2 * cosine * nx, dy + 2 * cosine * ny, dz + 2 * cosine * nz)
     arriving = _mirrored(around, point, mirror, roughness)
     # specular occlusion from ambient occlusion: a mirror direction is blocked a little before half of the room is
@@ -419,6 +438,7 @@ def _gloss(
         scale = 1 / max(math.sqrt(hx * hx + hy * hy + hz * hz), 1e-6)
         normal_half = (nx * hx + ny * hy + nz * hz) * scale
         view_half = max(-(dx * hx + dy * hy + dz * hz) * scale, 0.0)
+        # a light of some size blurs its highlight like a rougher surface (Karis 2013); 0.02 keeps the peak finite
         alpha = min(max(roughness * roughness + around.key_spread, 0.02), 1.0)
         lobe, graze = key_lobe(facing, cosine, normal_half, view_half, alpha)
         lobe *= key_share

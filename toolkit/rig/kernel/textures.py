@@ -75,6 +75,7 @@ def _find_texels(texels: Texels, level: int, u: float, v: float, repeats: bool) 
     """Those around u right, v up in [0, 1]; texel centres lie at half integers."""
     at = np.uint64(level)  # which says that it does not count from the end
     width, height = int(texels.width[at]), int(texels.height[at])
+    # v runs up, rows run down
     x, y = u * width - 0.5, (1 - v) * height - 0.5
     start = 3 * texels.start[at]
     if repeats:
@@ -86,6 +87,7 @@ def _find_texels(texels: Texels, level: int, u: float, v: float, repeats: bool) 
 def sample_texture(texels: Texels, texture: int, u: float, v: float, lod: float, repeats: bool) -> Colour:
     """Trilinear colour; `lod` is the base-2 logarithm of level-0 texels per pixel."""
     at = np.uint64(texture)
+    # below 0 the texture is magnified: level 0 serves
     lod = min(max(lod, 0.0), texels.levels[at] - 1.0)
     below = int(lod)
     # between two levels of the pyramid; the finer alone where it is exact
@@ -107,6 +109,7 @@ def arctangent(y: float, x: float) -> float:
     ax, ay = abs(x), abs(y)
     if ax + ay == 0:
         return 0.0
+    # folded into the first eighth of the circle, where the polynomial holds, and unfolded below
     a = min(ax, ay) / max(ax, ay)
     s = a * a
     # Abramowitz and Stegun 4.4.49
@@ -127,6 +130,7 @@ def sample_direction(picture: np.ndarray, x: float, y: float, z: float) -> Colou
     height, width = picture.shape[0], picture.shape[1]
     # equirectangular: the middle column looks along +x, azimuth grows to the left
     u = 0.5 - arctangent(y, x) * (0.5 / math.pi)
+    # of any length, unlike the arcsine of z: rays need not be normalised first
     v = 0.5 + arctangent(z, math.sqrt(x * x + y * y)) / math.pi
     columns, rows = _repeat(u * width - 0.5, width), _clamp((1 - v) * height - 0.5, height)
     places, weights = around_place(0, width, 4, columns, rows)
