@@ -19,7 +19,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
-from toolkit.rig.requests import Misfit
+from toolkit.rig.requests import Misfit, WrapConfig
 from toolkit.rig.views import ViewSettings, ViewStream
 from toolkit.rig.wrap_plan import draw_paint, plan_wrap
 from toolkit.rig.wrapped import find_canvas
@@ -68,10 +68,16 @@ def space(tmp_path, make_crate_space):
     return make_planned_space(tmp_path / "w", make_crate_space)
 
 
-def make_planned_space(folder, make_crate_space):
+@pytest.fixture
+def split(tmp_path, make_crate_space):
+    """As `space`, in pieces of one or two sides."""
+    return make_planned_space(tmp_path / "s", make_crate_space, WrapConfig(sheet_mm=(62.0, 102.0)))
+
+
+def make_planned_space(folder, make_crate_space, config=None):
     space = make_crate_space(folder)
     with quietly(True):
-        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate"))))
+        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate")), config))
     return space
 
 
@@ -168,9 +174,9 @@ def test_the_paint_is_the_objects_own_also_of_a_wrap_that_was_trained(space):
     np.testing.assert_array_equal(wrap_object(item, inverted, None).paint(), draw_paint(wrap, item.mesh))
 
 
-def test_pieces_are_ranked_by_what_they_add(space):
+def test_pieces_are_ranked_by_what_they_add(split):
     """A network that is the surer the greener its picture: one piece is green, all others are as bare."""
-    item, wrap = load_object(space.object_spec("crate")), read_wrap(space.wrap("crate"))
+    item, wrap = load_object(split.object_spec("crate")), read_wrap(split.wrap("crate"))
     worn = wrap_object(item, wrap, None)
     views = ViewStream([worn.subject()], ViewSettings(image_px=32, per_studio=4), 0, 1, 0).held_out(1)
     green = np.full_like(wrap.pixels, (0, 255, 0))
@@ -192,11 +198,11 @@ class GreenTarget:
         return torch.stack([torch.zeros(len(photos)), 10 * (photos[:, 1] - photos[:, 0]).mean((1, 2))], dim=1)
 
 
-def test_pieces_that_add_nothing_are_dropped(space):
-    plan = read_wrap(space.wrap("crate"))
+def test_pieces_that_add_nothing_are_dropped(split):
+    plan = read_wrap(split.wrap("crate"))
     count = len(plan.pieces)
-    made = run(space, pieces="1..2")
-    wrap = read_wrap(space.wrap("crate"))
+    made = run(split, pieces="1..2")
+    wrap = read_wrap(split.wrap("crate"))
     ranking = wrap.record.booster.ranking
     assert len(ranking) == count > 2 >= len(wrap.pieces)
     shares = [one.recognised for one in ranking]
@@ -206,12 +212,12 @@ def test_pieces_that_add_nothing_are_dropped(space):
     assert wrap.record.covered < plan.record.covered
     assert all(seam.piece <= len(wrap.pieces) for one in wrap.record.pieces for seam in one.seams)
     assert any("pieces are kept" in line for line in made.lines())
-    assert run(space, pieces="1..2").was_finished
-    again = run(space)  # of the pieces that are left
+    assert run(split, pieces="1..2").was_finished
+    again = run(split)  # of the pieces that are left
     assert not again.was_finished and len(again.wrap.pieces) == len(wrap.pieces)
     for wrong in ("0..3", "3..1", "many", "1..1000"):
         with pytest.raises(ToolkitError, match=r"1\.\.12"):
-            run(space, pieces=wrong)
+            run(split, pieces=wrong)
 
 
 def test_settings_that_the_plan_decides_are_refused():

@@ -108,8 +108,10 @@ def wrap_object(item: TableObject, wrap: Wrap, misfit: Misfit | None) -> Wrapped
     return WrappedObject(item, Atlas(mesh, trained, covered, source, unwrapped=True), wrap, misfit)
 
 
-def open_plan(workspace: Workspace, item: TableObject) -> Wrap:
+def open_plan(workspace: Workspace, item: TableObject, whole: bool = False) -> Wrap:
     """The pieces of an object's wrap, without what is on them; they are planned by default where it has none.
+
+    With `whole` those that were dropped are among them.
 
     Raises:
         ToolkitError: the plan is broken or of another mesh, or no piece lies flat.
@@ -117,7 +119,8 @@ def open_plan(workspace: Workspace, item: TableObject) -> Wrap:
     known = workspace.wraps()
     for name in sorted(known, key=lambda name: (name != item.name, name)):
         if read_json(known[name] / RECORD_FILE, WrapRecord).object == item.name:
-            wrap = read_wrap(known[name], with_pixels=False)  # pictures may be half written by a run that was killed
+            # pictures may be half written by a run that was killed
+            wrap = read_wrap(known[name], with_pixels=False, whole_plan=whole)
             check_wrap(wrap, item)
             return wrap
     wrap = write_wrap(workspace.wraps_dir / item.name, plan_wrap(item))
@@ -252,7 +255,7 @@ def train_wrap(
     """
     config.check_backgrounds()
     item = load_object(workspace.object_spec(config.objects[0]))
-    wrap = open_plan(workspace, item)
+    wrap = open_plan(workspace, item, whole=config.pieces is not None)
     worn = wrap_object(item, wrap, config.misfit)
     config, targets = meet_networks(config, networks, choose_class(class_name, [worn]))
     record = wrap.record

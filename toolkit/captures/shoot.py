@@ -31,7 +31,8 @@ from toolkit.rig.requests import PAIR
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Worn, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import Sheets, Worn, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.wrap_plan import take_best
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,10 @@ class ShootSettings:
 
     def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> Worn | None:
         """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
-        return find_booster(workspace, item, variant, perfect=self.perfect, coverage=self.coverage, seed=self.seed)
+        worn = find_booster(workspace, item, variant, perfect=self.perfect, seed=self.seed)
+        if self.coverage is None or not isinstance(worn, Sheets):
+            return worn
+        return replace(worn, wrap=take_best(worn.wrap, item, self.coverage), coverage=self.coverage)
 
 
 @dataclass(frozen=True)

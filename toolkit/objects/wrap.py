@@ -199,6 +199,7 @@ class WrapRecord(BaseModel):
         covered_surface: share of the whole surface.
         texel_mm: pitch of the canvas, and n_px its side.
         pieces: best first.
+        plan: all pieces as they were planned, where some were dropped.
         map_sha256: of `pieces.npz`.
         booster: None before training.
     """
@@ -216,6 +217,7 @@ class WrapRecord(BaseModel):
     texel_mm: float = Field(gt=0)
     n_px: int = Field(ge=8, le=MOST_TEXELS)
     pieces: list[PieceRecord] = Field(min_length=1, max_length=MOST_PIECES)
+    plan: list[PieceRecord] = Field([], max_length=MOST_PIECES)
     map_sha256: str = Field(pattern=SHA256)
     booster: WrapTraining | None = None
 
@@ -286,7 +288,7 @@ def choose_pieces(wrap: Wrap, numbers: Sequence[int], covered: tuple[float, floa
         seams = [seam.model_copy(update={"piece": new[seam.piece]}) for seam in one.seams if seam.piece in new]
         index = number - 1 if one.map_index is None else one.map_index
         records.append(one.model_copy(update={"number": new[number], "seams": seams, "map_index": index}))
-    changes = {"pieces": records, "covered": covered[0], "covered_surface": covered[1]}
+    changes = {"pieces": records, "plan": wrap.record.pieces, "covered": covered[0], "covered_surface": covered[1]}
     return replace(
         wrap, record=wrap.record.model_copy(update=changes), pieces=tuple(wrap.pieces[number - 1] for number in numbers)
     )
@@ -396,8 +398,13 @@ def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
     return Wrap(full, wrap.pieces, _put_together(full, [wrap.picture(i) for i in range(len(wrap.pieces))]))
 
 
-def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
+def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = False) -> Wrap:
     """Read a wrap, each file checked against its record; its pieces alone where its pictures are not asked for.
+
+    Args:
+        folder: `print/wraps/NAME` of a workspace.
+        with_pixels: read what is on the pieces.
+        whole_plan: with those that were dropped, of which there are no pictures.
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
@@ -406,6 +413,8 @@ def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
     if not (folder / RECORD_FILE).is_file():
         raise ToolkitError(f"{folder} is no wrap (it has no {RECORD_FILE}): make one with 'toolkit wrap --object NAME'")
     record = read_json(folder / RECORD_FILE, WrapRecord)
+    if whole_plan and record.plan:
+        record = record.model_copy(update={"pieces": record.plan, "plan": []})
     file = inside(folder, MAP_FILE)
     content = read_recorded(file, record.map_sha256, "map of pieces")
     faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
@@ -421,7 +430,7 @@ def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
                 f"{file}: piece {one.number} is {part.width_mm:.2f} × {part.height_mm:.2f} mm, its record says "
                 f"{one.width_mm:.2f} × {one.height_mm:.2f}: make the wrap again"
             )
-    if not with_pixels:
+    if not with_pixels or whole_plan:
         return Wrap(record, pieces)
     pictures = []
     for one in record.pieces:

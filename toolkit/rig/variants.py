@@ -26,7 +26,6 @@ from toolkit.objects.spec import ObjectSpec
 from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
 from toolkit.rig.requests import Misfit
-from toolkit.rig.wrap_plan import take_best
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 if TYPE_CHECKING:
@@ -165,8 +164,7 @@ Worn = Print | Paint | Sheets
 
 
 def find_booster(
-    workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, coverage: float | None = None,
-    seed: int = 0,
+    workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, seed: int = 0
 ) -> Worn | None:  # fmt: skip
     """What is put on `item` in a variant; None for `unpatched`.
 
@@ -180,7 +178,6 @@ def find_booster(
     Args:
         workspace, item, variant: as above.
         perfect: nothing is stuck on askew.
-        coverage: share of what cameras see that the best pieces of a wrap may cover; None: all of them.
         seed: of how a wrap's pieces misfit.
 
     Raises:
@@ -200,9 +197,7 @@ def find_booster(
                 f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
             )
         pixels = fill_canvas(wrap, len(item.mesh.faces))
-        worn = wrap if coverage is None else take_best(wrap, item, coverage)
-        misfit = None if perfect else Misfit()
-        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, worn, misfit, seed, coverage)
+        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, wrap, None if perfect else Misfit(), seed)
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
     if variant == "patch-alone":

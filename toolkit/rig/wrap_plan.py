@@ -212,23 +212,21 @@ def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
     import shapely
 
     seen = _see_faces(item)
-    left, pieces = share * float(seen.sum()), []
+    left, pieces = share * float(seen.sum()), list[FlatPiece]()
     for piece in wrap.pieces:
         worth = seen[piece.faces]
-        if float(worth.sum()) > left:
-            # from the place that is farthest from its edge, evenly in all directions
-            middle = np.array(shapely.maximum_inscribed_circle(piece.outline(), 0.5).coords[0])
-            order = np.argsort(np.linalg.norm(piece.flat_mm.mean(axis=1) - middle, axis=1), kind="stable")
-            count = int(np.searchsorted(np.cumsum(worth[order]), left))
-            rows = np.sort(order[:count])
-            piece = replace(piece, faces=piece.faces[rows], flat_mm=piece.flat_mm[rows])
-        if len(piece.faces):
+        if float(worth.sum()) <= left:
             pieces.append(piece)
-        left -= float(seen[piece.faces].sum())
-        if float(worth.sum()) > float(seen[piece.faces].sum()):
-            break
-    if not pieces:
-        raise ToolkitError(f"{item.name}: no triangle is so small that it covers {share:.1%} of what cameras see")
+            left -= float(worth.sum())
+            continue
+        # from the place that is farthest from its edge, evenly in all directions, to the nearest triangle
+        middle = np.array(shapely.maximum_inscribed_circle(piece.outline(), 0.5).coords[0])
+        order = np.argsort(np.linalg.norm(piece.flat_mm.mean(axis=1) - middle, axis=1), kind="stable")
+        count = int(np.abs(np.cumsum([0.0, *worth[order]]) - left).argmin())
+        rows = np.sort(order[: count if pieces else max(count, 1)])
+        if len(rows):
+            pieces.append(replace(piece, faces=piece.faces[rows], flat_mm=piece.flat_mm[rows]))
+        break
     covered = float(seen[np.concatenate([piece.faces for piece in pieces])].sum() / seen.sum())
     record = wrap.record.model_copy(update={"pieces": wrap.record.pieces[: len(pieces)], "covered": round(covered, 4)})
     return Wrap(record, tuple(pieces), wrap.pixels)
