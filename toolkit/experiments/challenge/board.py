@@ -15,7 +15,7 @@ from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, embed_picture, write_page
+from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, write_page
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
     FOG,
