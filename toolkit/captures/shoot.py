@@ -386,7 +386,9 @@ def shoot_unit(
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:
     buffer = BytesIO()
     if image_format == "png":
-        Image.fromarray(pixels).save(buffer, "PNG")
+        Image.fromarray(pixels).save(
+            buffer, "PNG", compress_level=3
+        )  # a quarter of the default's time, a tenth more bytes
     else:
         Image.fromarray(pixels).save(buffer, "JPEG", quality=95, subsampling=0)
     return buffer.getvalue()
