@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pdfplumber
 import pytest
 from PIL import Image
 
@@ -13,8 +14,9 @@ from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
+from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig.plan import read_plan
-from toolkit.rig.requests import Misfit
+from toolkit.rig.requests import Misfit, ShotListConfig
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 
@@ -115,3 +117,13 @@ def test_a_share_of_the_wrap_is_shot_and_said(space, crate):
     green = {name: (show(shoot(space, coverage=share), "wrapped")[..., 1]).mean() for name, share in
              (("half", 0.5), ("all", None))}  # fmt: skip
     assert green["half"] != green["all"]
+
+
+def test_the_shot_list_shows_where_the_pieces_go(space):
+    asked = ShotListConfig(variants=("unpatched", "wrapped"))
+    with quietly(True):
+        written = write_shot_list(space, read_plan(space.plan_file), ["crate"], asked)
+    with pdfplumber.open(written.pdf_file) as pdf:
+        words = pdf.pages[0].extract_text()
+    assert "Where the wrap's pieces go" in words and "there is no sheet to stick on" not in words
+    assert all(side in words for side in ("front", "left", "back", "right", "top", "bottom"))

@@ -23,7 +23,7 @@ from toolkit.printing.nesting import Nested, fits, nest
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
-from toolkit.printing.wrap_views import SideView, draw_sides
+from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -619,7 +619,6 @@ def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: Patc
 
 
 LINE_MM = 4.4
-TITLE_MM = 4.5
 
 
 def _draw_assembly(
@@ -630,8 +629,7 @@ def _draw_assembly(
     rows = -(-len(order) // columns)
     words = Rect(area.x, area.y, area.width, 8.0 + LINE_MM * rows)
     room = Rect(area.x, words.top + 2, area.width, area.height - words.height - 2)
-    for view, cell in zip(views, _share_out(room, views), strict=True):
-        _draw_view(pdf, view, cell)
+    place_sides(pdf, room, views)
     pdf.write("Stick them on in this order", words.x, words.top - 4, 3.4, room_mm=words.width, font=BOLD)
     known = {one.number: one for one in pieces}
     width = words.width / columns
@@ -650,40 +648,6 @@ def _say_seams(piece: PieceRecord, there: Sequence[int]) -> str:
         if seam.piece in there:
             meets.setdefault(seam.piece, []).append(seam.letter)
     return ", ".join(f"meets {number} at {' '.join(letters)}" for number, letters in meets.items())
-
-
-def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
-    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
-    best: tuple[float, list[Rect]] = (0.0, [])
-    for columns in (2, 3):
-        rows = len(views) // columns
-        widths = [max(view.size_mm[0] for view in views[i::columns]) for i in range(columns)]
-        heights = [max(view.size_mm[1] for view in views[i * columns : (i + 1) * columns]) for i in range(rows)]
-        scale = min((room.width - 4 * columns) / sum(widths), (room.height - (TITLE_MM + 2) * rows) / sum(heights))
-        spare_x, spare_y = room.width - scale * sum(widths), room.height - scale * sum(heights)
-        cells = []
-        for i in range(len(views)):
-            row, column = divmod(i, columns)
-            x = room.x + scale * sum(widths[:column]) + spare_x / columns * (column + 0.5)
-            top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
-            height = scale * heights[row] + spare_y / rows
-            cells.append(Rect(x, top - height, scale * widths[column], height))
-        best = max(best, (scale, cells), key=lambda one: one[0])
-    scale, cells = best
-    return [
-        Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,
-             cell.top - TITLE_MM - (cell.height - TITLE_MM - 2 + scale * view.size_mm[1]) / 2,
-             scale * view.size_mm[0], scale * view.size_mm[1])
-        for view, cell in zip(views, cells, strict=True)
-    ]  # fmt: skip
-
-
-def _draw_view(pdf: Pdf, view: SideView, area: Rect) -> None:
-    pdf.raster(f"view-{view.side}", view.pixels, area)
-    pdf.write(view.side, area.x + area.width / 2, area.top + 1.4, 2.9, room_mm=40, font=BOLD, align="centre")
-    scale = area.width / view.size_mm[0]
-    for number, (x, y) in view.marks_mm.items():
-        pdf.badge(str(number), area.x + scale * x, area.y + scale * y, 1.9)
 
 
 def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tuple[int, CutSheet]]:
