@@ -12,7 +12,7 @@ from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_
 from toolkit.content.pieces import EMPTY, UNIT, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
 from toolkit.content.surfaces import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 BUILDING = SceneClass.BUILDING
 CORNER_M = 0.45

@@ -16,7 +16,7 @@ from torchvision.transforms._presets import ImageClassification
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX

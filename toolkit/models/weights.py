@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 

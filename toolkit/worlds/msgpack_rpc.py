@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.memory import limit_memory
+from toolkit.core.limits import limit_memory
 from toolkit.core.text import shorten
 
 REQUEST, REPLY = 0, 1
