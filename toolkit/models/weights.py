@@ -111,6 +111,7 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
     """
+    # labels are looked for before the parameters are taken out: checkpoints hold them side by side
     state = _load(file.path)
     labels = find_labels(state)
     for key in ("state_dict", "model"):

@@ -207,6 +207,7 @@ class AirSim:
             if not isinstance(version, int):
                 raise ToolkitError(f"{address}: getServerVersion says {show(version)}: expected a number, as AirSim's")
             self.version = version
+            # paused from here on, or pictures would not fit their poses
             self._pause()
         except BaseException:
             self._rpc.close()
@@ -245,6 +246,7 @@ class AirSim:
 
     def set_weather(self, numbers: Mapping[str, float]) -> None:
         """Set AirSim's weather parameters, each 0 to 1, and let it come up; all others are 0."""
+        # only what differs: each change costs the seconds in which it comes down
         changed = {
             name: float(numbers.get(name, 0.0))
             for name in {**self._weather, **numbers}
@@ -281,6 +283,7 @@ class AirSim:
         self._actors[name] = actor
         moved = self._call("simSetObjectPose", actor, pack_pose(pose), True)
         found = unpack_pose(self._call("simGetObjectPose", actor, True), self._where("simGetObjectPose"))
+        # asked back: what counts is where it ended up
         miss = find_miss(found, pose)
         if not moved or miss is not None:
             raise ToolkitError(
@@ -388,6 +391,7 @@ class AirSim:
             count = error.expected_arguments
             if count is None or not 0 < count < known:
                 raise
+            # kept, so that only the first call of a function is made twice
             self._counts[method] = count
             return self._rpc.call(method, *arguments[:count])
 
