@@ -8,8 +8,7 @@ import pytest
 
 from toolkit.content.city import build_city
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 KERB_M = 0.2
 SMALL = (2, 2)

@@ -123,7 +123,7 @@ IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
     ("cli/app.py", "import_module"),  # the list of commands
     ("objects/load.py", "import_module"),  # after the name was found in a list
-    ("models/timm_networks.py", "import_module"),  # timm
+    ("models/load.py", "import_module"),  # timm
     ("models/onnx_networks.py", "import_module"),  # libraries of the extra
     ("models/programs.py", "import_module"),  # what somebody typed
 }

@@ -11,7 +11,7 @@ from pathlib import Path
 from unicodedata import category
 
 from toolkit.core.child import run_python
-from toolkit.core.memory import limit_memory
+from toolkit.core.limits import limit_memory
 
 LONGEST_S = 20
 """Of this process's work, and of waiting six times as long: other work on the machine is no hang."""

@@ -10,8 +10,7 @@ from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 LABELS = ["crate", "jet", "pot", "cup", "car", "cat", "dog"]
 WALL = np.array([(6.0, -8.0, 0.0, 7.0, 8.0, 5.0)])

@@ -15,9 +15,8 @@ from toolkit.landing.episodes import place_cameras
 from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
 from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, place_at, plan_places
-from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.world import World
+from toolkit.worlds.world import SceneClass, World
 
 
 def above(site: PadSite, offset: tuple[float, float, float], yaw: float = 0.4) -> np.ndarray:

@@ -179,7 +179,7 @@ def test_the_hubs_cache_is_used_without_asking(network, timm, tmp_path, monkeypa
 def test_the_hub_gives_the_commit_that_was_asked_for(monkeypatch, tmp_path, repo, asked):
     import huggingface_hub
 
-    from toolkit.models.timm_networks import _fetch_from_hub
+    from toolkit.models.load import _fetch_from_hub
 
     def describe(url, timeout):
         assert f"/resolve/{asked}/" in url

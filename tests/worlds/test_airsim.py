@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import look_at
-from toolkit.worlds.airsim import Address, AirSim
+from toolkit.worlds.airsim import Address, AirSim, camera_to_ned, object_to_ned, to_quaternion
 from toolkit.worlds.depth_weather import to_airsim
-from toolkit.worlds.ned import camera_to_ned, object_to_ned, to_quaternion
 
 NORTH = look_at(np.array([3.0, 5.0, 2.0]), np.array([3.0, 9.0, 2.0]))
 """3 m east and 5 m north of the origin, 2 m up, looking level to the north."""

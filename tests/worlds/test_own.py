@@ -10,9 +10,8 @@ from PIL import Image
 from toolkit.core.errors import ToolkitError
 from toolkit.objects import announced
 from toolkit.worlds.catalogue import load_world
-from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.own import share_materials
-from toolkit.worlds.world import World
+from toolkit.worlds.world import SceneClass, World
 
 T_gltf_world = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], float)
 KIT = Path(__file__).resolve().parents[3] / "shared" / "worlds" / "kaykit-city"

@@ -14,11 +14,10 @@ from toolkit.rig import bake_cache
 from toolkit.rig.camera import project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.views import HELD_OUT, TRAIN, PaintableObject, ViewRanges, ViewSettings, ViewStream, render_block
-from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.place import choose_places
 from toolkit.worlds.sky import make_sky
 from toolkit.worlds.views import EVALUATED_PLACES, EVALUATED_SEED, WorldSetting, open_setting
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 SIDE = 24
 RADIUS_M, REACH_M = 3.0, float(np.hypot(1.5, 1.0))

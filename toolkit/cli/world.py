@@ -63,7 +63,7 @@ def describe_world(world: "World", file: Path | None) -> dict[str, Any]:
     """What `list` says of a world; its size is that of the part that is made to be looked at from within."""
     import numpy as np
 
-    from toolkit.worlds.classes import SceneClass
+    from toolkit.worlds.world import SceneClass
 
     across = np.ptp(world.core, axis=0)
     return {

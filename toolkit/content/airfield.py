@@ -40,8 +40,7 @@ from toolkit.content.surfaces import (
 )
 from toolkit.content.vehicles import CAR_COLOURS, SEDAN, car
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 F, B = SceneClass.FURNITURE, SceneClass.BUILDING
 

@@ -35,7 +35,7 @@ from toolkit.content.pieces import (
 from toolkit.content.signs import billboard_skin
 from toolkit.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 ROOF = SceneClass.ROOF
 PARAPET_M = 0.9

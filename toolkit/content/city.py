@@ -28,8 +28,7 @@ from toolkit.content.streets import (
     plan_city,
 )
 from toolkit.content.surfaces import grass, junction, pavement, plaza, wall
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 LANDMARKS = ("square", "church", "parking", "site", "library", "park", "cinema", "station")
 BLOCKS = (5, 6)

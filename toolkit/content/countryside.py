@@ -25,8 +25,7 @@ from toolkit.content.pieces import (
 )
 from toolkit.content.surfaces import BRICKS, RENDERS, STONES, grass, wall
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 TREE = SceneClass.TREE
 GREENS: tuple[Colour, ...] = ((74, 104, 42), (92, 118, 50), (58, 92, 46), (108, 120, 52))

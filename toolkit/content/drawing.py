@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from toolkit.imaging.fonts import read_font
+from toolkit.imaging.plots import read_font
 
 Colour = tuple[int, int, int]
 Paint = Colour | Callable[[int, int, float], Image.Image]

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from toolkit.content.drawing import Colour
 from toolkit.content.modelling import Part, assemble, extrude, revolve, seen_from_above, smooth_curve
-from toolkit.imaging.fonts import read_font
+from toolkit.imaging.plots import read_font
 from toolkit.objects.mesh import Mesh
 
 RED, DARK_RED, CREAM, GOLD = (158, 20, 30), (98, 8, 18), (255, 244, 214), (222, 170, 72)

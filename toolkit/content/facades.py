@@ -12,7 +12,7 @@ from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_
 from toolkit.content.pieces import EMPTY, UNIT, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
 from toolkit.content.surfaces import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 BUILDING = SceneClass.BUILDING
 CORNER_M = 0.45
@@ -60,6 +60,7 @@ def windowed_wall(
     edges = bay_edges(width, style.bay_m)
     middle = (edges[1:] + edges[:-1]) / 2
     w, h, sill = style.window_m
+    # no wider than its bay, less a pier
     w = min(w, float(np.diff(edges)[0]) - 0.25)
     base = z0 + style.floor_m * np.arange(floors)
     x0, x1 = middle - w / 2, middle + w / 2
@@ -92,6 +93,7 @@ def windowed_wall(
 
 def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray) -> Piece:
     rows = np.concatenate([[z[0]], up.reshape(-1), [z[1]]])
+    # a wall with holes as rectangles: whole strips between the rows of openings, piers between openings of a row
     strips = [(0.0, rows[2 * k], width, rows[2 * k + 1]) for k in range(len(up) + 1)]
     columns = np.concatenate([[0.0], across.reshape(-1), [width]])
     piers = [(columns[2 * i], low, columns[2 * i + 1], high) for low, high in up for i in range(len(across) + 1)]
@@ -342,6 +344,7 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
     count = max(1, round(width / 7.0))
     pier = 0.45
     span = (width - pier) / count
+    # no trade twice in a row of shops, as long as there are enough
     trades = rng.choice(len(TRADES), count, replace=count > len(TRADES))
     pieces = []
     for k, trade in enumerate(trades):
@@ -360,6 +363,7 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     back, low = 0.45, 0.0
     z = 3.05
     board = boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
+    # a narrow shop shows the middle of the sign, at its true size
     share = min(1.0, (x1 - x0) / SIGN_W)
     fascia = wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
@@ -388,6 +392,7 @@ def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) 
     slope = [(x0, -out, low), (x1, -out, low), (x1, -0.17, top), (x0, -0.17, top)]
     valance = [(x0, -out, low - 0.25), (x1, -out, low - 0.25), (x1, -out, low), (x0, -out, low)]
     faces = np.array([slope, valance], float)
+    # its underside: a face is seen from one side alone
     inner = faces[:, ::-1] + [0, 0.015, -0.015]
     ends = np.array(
         [[(x0, -out, low), (x0, -0.17, top), (x0, -0.17, low)], [(x1, -out, low), (x1, -0.17, low), (x1, -0.17, top)]]

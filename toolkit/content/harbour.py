@@ -32,8 +32,7 @@ from toolkit.content.signs import board, sheet
 from toolkit.content.street_furniture import street_lamp, traffic_cone
 from toolkit.content.surfaces import BRICKS, MARK_M, STONES, concrete_apron, pane_sheet, pane_uv, wall, water
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import SceneClass, Spot, World
 
 WATER_Z = -2.2
 F, B, V = SceneClass.FURNITURE, SceneClass.BUILDING, SceneClass.VEHICLE

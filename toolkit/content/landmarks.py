@@ -31,7 +31,7 @@ from toolkit.content.pieces import (
 from toolkit.content.signs import board, sheet
 from toolkit.content.surfaces import BRICKS, STONES, wall
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
 PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0

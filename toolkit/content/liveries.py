@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 from toolkit.content.drawing import INK, Colour, Drawing, Paint, Point, Side, chart_points
 from toolkit.content.modelling import Part, surface
-from toolkit.imaging.fonts import read_font
+from toolkit.imaging.plots import read_font
 
 RED, WHITE, NAVY, YELLOW = (206, 18, 28), (243, 243, 240), (18, 32, 92), (252, 192, 12)
 MAIN, TAIL, SKIRT, TRIM = WHITE, RED, NAVY, YELLOW

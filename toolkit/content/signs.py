@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.content.drawing import Canvas, Colour
 from toolkit.content.pieces import UNIT, Looks, Piece, Skin, bars, box, boxes, merge, place, polygon, quads, revolved
 from toolkit.objects.mesh import Material
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 FURNITURE, SIGN = SceneClass.FURNITURE, SceneClass.SIGN
 STREET_NAMES = (

@@ -13,7 +13,7 @@ from toolkit.content.modelling import extrude, revolve, smooth_curve, tube
 from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, revolved, solid, xyz
 from toolkit.content.signs import board, sheet
 from toolkit.content.surfaces import STONES, wall
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 F = SceneClass.FURNITURE
 

@@ -15,7 +15,7 @@ from toolkit.content.signs import SIGN_KINDS, name_post, sign_post, traffic_ligh
 from toolkit.content.street_furniture import FURNITURE, old_lamp, street_lamp
 from toolkit.content.surfaces import AVENUE_M, CROSSING_M, PARKING_M, STREET_M, crossing, junction, kerb, pavement, road
 from toolkit.content.vehicles import Vehicle
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 PAVEMENT_M = 4.0
 KERB_M = 0.15

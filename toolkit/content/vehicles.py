@@ -24,7 +24,7 @@ from toolkit.content.pieces import (
     wall_quads,
 )
 from toolkit.objects.mesh import Material, mesh_from_corners
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 VEHICLE = SceneClass.VEHICLE
 VIEWS = ("left", "right", "top", "front", "rear")

@@ -17,7 +17,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from toolkit.core.cores import limit_cores
+from toolkit.core.limits import limit_cores
 
 _starting = threading.Lock()
 

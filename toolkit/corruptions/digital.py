@@ -46,6 +46,7 @@ def move_affinely(images: torch.Tensor, shift_px: float, draws: RandomStreams) -
     height, width = images.shape[-2:]
     middle = torch.tensor([width // 2, height // 2], dtype=torch.float64)
     reach = min(height, width) // 3
+    # the three points of the published script
     before = middle + reach * torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]], dtype=torch.float64)
     after = before + (draws.uniform(3, 2).cpu().double() * 2 - 1) * shift_px
     ones = torch.ones(len(images), 3, 1, dtype=torch.float64)
@@ -53,6 +54,7 @@ def move_affinely(images: torch.Tensor, shift_px: float, draws: RandomStreams) -
     back = torch.linalg.solve(torch.cat([after, ones], 2), before.expand_as(after)).float().to(images.device)
     x, y = _pixels(images)
     weights = back[..., None, None]
+    # an affine map: x and y of the source are linear in x and y of the target
     return tuple(weights[:, 0, axis] * x + weights[:, 1, axis] * y + weights[:, 2, axis] for axis in (0, 1))
 
 
@@ -60,6 +62,7 @@ def _sample(images: torch.Tensor, x: torch.Tensor, y: torch.Tensor, mirror_at_ce
     """Values at x, y (b, h, w) px; beyond the border mirrored about the edge pixels' centres or about their rims."""
     height, width = images.shape[-2:]
     if mirror_at_centres:
+        # grid_sample counts from -1 to 1: between the centres of the edge pixels, or between their rims
         grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
     else:
         grid = torch.stack([(2 * x + 1) / width - 1, (2 * y + 1) / height - 1], -1)
@@ -81,6 +84,7 @@ def saturate(images: torch.Tensor, change: tuple[float, float], draws: RandomStr
     A grey pixel has no hue; as in scikit-image it counts as red, which shows where something is added to its S.
     """
     factor, summand = change
+    # a grey has no hue, which HSV writes as 0: red, which lacks green and blue
     red = torch.tensor([0.0, 1.0, 1.0], device=images.device)[:, None, None]
     value = images.amax(1, keepdim=True)
     depth = value - images  # what each channel lacks
@@ -109,6 +113,7 @@ def compress_jpeg(images: torch.Tensor, quality: int, draws: RandomStreams) -> t
     """
 
     def compress(levels: np.ndarray) -> np.ndarray:
+        # OpenCV reads and writes blue first
         red, green, blue = levels
         stream = cv2.imencode(".jpg", cv2.merge((blue, green, red)), (cv2.IMWRITE_JPEG_QUALITY, quality))[1]
         return np.stack(cv2.split(np.asarray(cv2.imdecode(stream, cv2.IMREAD_COLOR)))[::-1])

@@ -14,7 +14,7 @@ from toolkit import __version__
 from toolkit.captures.read import POOLED, Capture
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, load_json, open_plain, real_path
-from toolkit.core.memory import without_collector
+from toolkit.core.limits import without_collector
 from toolkit.core.statistics import PairedOutcomes, mcnemar_mid_p, sign_flip_p
 from toolkit.core.tables import (
     build_table,

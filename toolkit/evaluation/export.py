@@ -133,6 +133,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
         tuple: arrow.list_(arrow.float64()),
     }  # fmt: skip
     about = {VERSION_KEY: str(SCHEMA_VERSION).encode(), b"toolkit_version": __version__.encode()}
+    # types are given, not guessed: a column that is empty in these runs keeps its own
     schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()], metadata=about)
     stream = io.BytesIO()
     parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), stream, compression="zstd")

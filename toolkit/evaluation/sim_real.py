@@ -220,6 +220,7 @@ def _index_images(members: Iterable[Prediction]) -> Poses:
 
 
 def _same_booster(one: Prediction, other: Prediction) -> bool:
+    # a photograph whose manifest says no hash may be of either
     known = {one.capture.booster_sha256, other.capture.booster_sha256} - {None}
     return len(known) < 2
 
@@ -291,6 +292,7 @@ def _pick_row(one: SimReal) -> Comparison:
 
 def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
     found = row.outcomes
+    # the interval's lower end: only a correlation that is shown counts
     low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
     if found.mcnemar_p < SIGNIFICANT:
         tone, verdict = "bad", "The rig promises too " + ("much" if found.gain < 0 else "little")

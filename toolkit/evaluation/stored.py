@@ -12,7 +12,7 @@ from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
-from toolkit.core.memory import without_collector
+from toolkit.core.limits import without_collector
 from toolkit.core.tables import decode_cell
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Prediction

@@ -1,16 +1,37 @@
-"""Figures without a window, as PNG whose bytes are the same for the same picture; matplotlib is reached here alone."""
+"""Figures without a window, as PNG with the same bytes for the same picture, and matplotlib's fonts."""
 
 from collections.abc import Callable
-from functools import wraps
+from functools import lru_cache, wraps
+from importlib.util import find_spec
 from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+from PIL import ImageFont
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+FACES = {
+    "sans": "DejaVuSans-Bold.ttf",
+    "serif": "DejaVuSerif-Bold.ttf",
+    "italic": "DejaVuSerif-BoldItalic.ttf",
+    "plain": "DejaVuSans.ttf",
+    "mono": "DejaVuSansMono-Bold.ttf",
+}
 DPI = 120
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+@lru_cache(maxsize=256)
+def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
+    """One of `FACES`, from matplotlib's data; matplotlib itself is not loaded."""
+    spec = find_spec("matplotlib")
+    assert spec is not None and spec.origin is not None
+    fonts = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
+    return ImageFont.truetype(str(fonts / FACES[face]), size_px)
 
 
 def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:

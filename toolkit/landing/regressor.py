@@ -138,10 +138,12 @@ class Regressor:
         with torch.no_grad():
             for start in range(0, len(images), CHUNK):
                 some = images[start : start + CHUNK]
+                # filled up with black pictures, whose answers are dropped
                 padded = np.concatenate([some, np.zeros((CHUNK - len(some), *some.shape[1:]), np.uint8)])
                 out = self.outputs(as_batch(padded)).double().cpu().numpy()[: len(some)]
                 found[start : start + len(some), :2] = out[:, :2]
                 if self.record.sigma_scale is not None:
+                    # the network gives the logarithm of the deviation, so that it is positive
                     found[start : start + len(some), 2] = np.exp(out[:, 2]) * self.record.sigma_scale
         return found
 
@@ -174,6 +176,7 @@ def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> "torch.n
     if pool == "grid":
         if not arch.startswith(("resnet", "wide_resnet", "resnext")):
             raise FieldError("grid is for ResNets: take average", {"pool": pool, "arch": arch})
+        # without the mean over places, which says what is seen but not where
         last, cells = module.get_submodule("fc"), (-(-image_px // STRIDE)) ** 2
         assert isinstance(last, torch.nn.Linear)
         module.avgpool = torch.nn.Identity()
@@ -234,6 +237,7 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
             "another regressor, or damaged: restore the pair, or train again"
         )
     state = read_state_dict(WeightsFile(file, digest, file.name))
+    # random weights are replaced at once: drawing them must not move the caller's generator
     with torch.random.fork_rng(devices=[]):
         module = build_module(record.arch, record.outputs, record.pool, record.image_px)
     expected = module.state_dict()
@@ -300,6 +304,7 @@ def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
 
     batch = as_batch(images).requires_grad_(True)
     answers = regressor.outputs(batch)
+    # pictures of a batch do not meet: the gradient of a sum over them holds each one's own
     squares = sum(torch.autograd.grad(answers[:, k].sum(), batch, retain_graph=k == 0)[0].square() for k in range(2))
     assert isinstance(squares, torch.Tensor)
     return squares.sum(dim=1).sqrt().cpu().numpy()

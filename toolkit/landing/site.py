@@ -91,6 +91,7 @@ def plan_places(
     if not spots:
         words = {"pads": "landing pad", "bare": "grass", "both": "landing pad or grass"}[ground]
         raise ToolkitError(f"{world.name} has no {words} that a pad could lie on: take another world")
+    # half a diagonal: the pad may be turned any way
     reach = size_m / 2**0.5
     wide = [spot for spot in spots if spot.free_radius_m >= reach + LEAST_ROOM_M]
     if not wide:
@@ -144,6 +145,7 @@ def place_at(world: World, x: float, y: float, size_m: float, turn_deg: float = 
 
 def _flat_height(world: World, middle: tuple[float, float, float], size_m: float, turn_deg: float) -> float | None:
     """Height of what lies under a pad, None where that is not level or something stands on it."""
+    # 7 × 7 rays from 2 m above, the pad's corners and middle among them
     across = np.linspace(-size_m / 2, size_m / 2, 7)
     x, y = (grid.reshape(-1) for grid in np.meshgrid(across, across))
     local = np.stack([x, y, np.zeros(len(x))], axis=1)
@@ -233,6 +235,7 @@ class PadSite:
         if view.weather != CLEAR:
             depth = self._depth_view(view.T_world_camera, found, view.weather)
             rng = weather_rng(view.seed, view.item, *view.weather)
+            # on linear light, before the camera develops it
             light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
         picture = tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
         return picture, found["mesh"] == 0
@@ -259,6 +262,7 @@ class WorldGround:
 
     def is_hit(self, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
         """(n,) bool whether a surface lies between points."""
+        # directions are not unit: a way of 1 is the end of the stretch
         rays = np.concatenate([start, stop - start], axis=1)
         return cast_rays(self._world.shape.rays, rays) <= 1.0
 
@@ -287,6 +291,7 @@ class Sites:
 
     def site(self, pad: Pad, number: int) -> PadSite:
         """A pad on one of the places."""
+        # by the picture, not by the name: two pads may be called alike
         key = pad.sha256, number
         if key not in self._lit:
             time = self._time(number)

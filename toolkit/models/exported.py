@@ -18,7 +18,7 @@ from torch import nn
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_JSON_BYTES
-from toolkit.core.memory import limit_memory
+from toolkit.core.limits import limit_memory
 from toolkit.models.weights import LOADING_BYTES, is_inflated
 
 KNOWN_FILES = re.compile(

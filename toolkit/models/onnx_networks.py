@@ -16,7 +16,7 @@ from torch import nn
 
 from toolkit.core.errors import ToolkitError, describe_failure
 from toolkit.core.files import sha256_bytes, sha256_file
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from torchvision.transforms._presets import ImageClassification
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
@@ -47,6 +47,7 @@ class LogProbabilities(nn.Module):
 
     def forward(self, batch: torch.Tensor) -> torch.Tensor:
         """The logarithms of its probabilities."""
+        # softmax(log p) = p; a probability of 0 has no logarithm
         return self.network(batch).clamp_min(torch.finfo(torch.float32).tiny).log()
 
 
@@ -103,6 +104,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     if not module_name or not function_name:
         raise FieldError("expected python:MODULE:FUNCTION, such as python:my_networks:bolts", {"model": model})
     here = str(Path.cwd())
+    # in front for this import alone, at the path's end afterwards
     sys.path.insert(0, here)
     try:
         module = import_module(module_name)
@@ -178,6 +180,7 @@ def _read_mapping(model: str, given: object) -> LabelsFile:
 
 
 def _hash_module(network: nn.Module, source: Path) -> str:
+    # code and weights both: either may change alone
     parts = [sha256_file(source)] if source.is_file() else []
     for name, value in network.state_dict().items():
         content = value.detach().cpu().contiguous().flatten().view(torch.uint8).numpy().tobytes()

@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
@@ -111,6 +111,7 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
     """
+    # labels are looked for before the parameters are taken out: checkpoints hold them side by side
     state = _load(file.path)
     labels = find_labels(state)
     for key in ("state_dict", "model"):

@@ -75,6 +75,7 @@ def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float) -> t
         rank[np.argsort(length, kind="stable")] = np.arange(len(edges))
         longest_of = edge[np.arange(len(faces)), rank[edge].argmax(axis=1)]
         around = np.bincount(edge.reshape(-1), minlength=len(edges))
+        # an edge is cut where it is the longest of all triangles at it (Rivara 1984): no hanging corner is left
         cut = (np.bincount(longest_of, minlength=len(edges)) == around) & (length > longest)
         if not cut.any():
             return places, faces

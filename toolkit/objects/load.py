@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside
-from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.imaging.read import open_textures
 from toolkit.objects.announced import check_announced, check_faces, check_parts
 from toolkit.objects.grouping import group_places

@@ -14,8 +14,8 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from toolkit.core.cores import count_cores
 from toolkit.core.errors import ToolkitError
+from toolkit.core.limits import count_cores
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
     NO_PICTURE,

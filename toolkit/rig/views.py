@@ -14,8 +14,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from toolkit.core.cores import count_cores
 from toolkit.core.draws import Draws
+from toolkit.core.limits import count_cores
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail

@@ -4,6 +4,7 @@ Functions, their arguments and the replies are as in the servers' sources: `AirL
 `RpcLibAdaptorsBase.hpp` of microsoft/AirSim, CodexLabsLLC/Colosseum and Cosys-Lab/Cosys-AirSim (MIT).
 """
 
+import reprlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,8 +17,12 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import shorten
 from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 from toolkit.worlds.msgpack_rpc import CallError, Connection
-from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, show, unpack_pose
 
+NED_WORLD = np.array([(0.0, 1, 0), (1, 0, 0), (0, 0, -1)])
+"""From our axes, z up, to north, east, down; it is its own inverse."""
+BODY_CAMERA = np.array([(0.0, 0, 1), (1, 0, 0), (0, 1, 0)])
+"""From OpenCV's axes of a camera (right, down, forward) to the simulator's (forward, right, down)."""
+NEAR_M, NEAR_DEG = 0.01, 0.1
 SCHEME, PORT = "airsim", 41451
 EXPECTED = f"expected raycast or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
 OPTIONS = ("camera", "vehicle", "origin")
@@ -35,6 +40,83 @@ ENDLESS_M = 60_000.0
 """Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
 PARKED_UP_M = 3000.0
 OBJECT_NUMBER = 42
+
+
+def to_quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
+    """(w, x, y, z) of a (3, 3) rotation, w not negative."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
+    return w, x, y, z
+
+
+def camera_to_ned(T_world_camera: np.ndarray, origin: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    """(4, 4) `T_ned_body` of a camera, metres: its body looks along x."""
+    return _to_ned(T_world_camera, BODY_CAMERA.T, origin)
+
+
+def object_to_ned(T_world_object: np.ndarray, origin: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    """(4, 4) `T_ned_actor` of an object's GLB, metres."""
+    return _to_ned(T_world_object, NED_WORLD, origin)
+
+
+def _to_ned(T_world_thing: np.ndarray, thing_body: np.ndarray, origin: tuple[float, float, float]) -> np.ndarray:
+    pose = np.eye(4)
+    # a change of basis on both sides: the world's axes, and those of the thing itself
+    pose[:3, :3] = NED_WORLD @ T_world_thing[:3, :3] @ thing_body
+    pose[:3, 3] = NED_WORLD @ T_world_thing[:3, 3] + origin
+    return pose
+
+
+def pack_pose(pose: np.ndarray) -> dict[str, dict[str, float]]:
+    """A (4, 4) pose as calls take it."""
+    w, x, y, z = to_quaternion(pose[:3, :3])
+    north, east, down = pose[:3, 3].tolist()
+    return {
+        "position": {"x_val": north, "y_val": east, "z_val": down},
+        "orientation": {"w_val": w, "x_val": x, "y_val": y, "z_val": z},
+    }
+
+
+def unpack_pose(found: object, where: str) -> np.ndarray:
+    """(4, 4) of a reply's pose, named `where` in errors; a `ToolkitError` where it is none."""
+    from scipy.spatial.transform import Rotation
+
+    fields = read_fields(found, where)
+    position, turn = (read_fields(fields.get(name), where) for name in ("position", "orientation"))
+    numbers = np.array([_number(position.get(f"{axis}_val")) for axis in "xyz"])
+    quaternion = np.array([_number(turn.get(f"{axis}_val")) for axis in "xyzw"])
+    # a quaternion of a rotation has length 1
+    if not np.isfinite([*numbers, *quaternion]).all() or not 0.5 < np.abs(quaternion).sum() < 4:
+        raise ToolkitError(f"{where}: expected a pose, found {show({**position, **turn})}")
+    pose = np.eye(4)
+    pose[:3, 3], pose[:3, :3] = numbers, Rotation.from_quat(quaternion).as_matrix()
+    return pose
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def show(found: object) -> str:
+    """What a server said, in a few words, however much it is."""
+    return reprlib.repr(found)
+
+
+def find_miss(found: np.ndarray, wanted: np.ndarray) -> str | None:
+    """How far a pose is from another, in words; None where it is there."""
+    away_m = float(np.linalg.norm(found[:3, 3] - wanted[:3, 3]))
+    # the trace of a rotation by an angle a is 1 + 2 cos a
+    cosine = (np.trace(found[:3, :3].T @ wanted[:3, :3]) - 1) / 2
+    turned_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    return None if away_m <= NEAR_M and turned_deg <= NEAR_DEG else f"{away_m:.3g} m and {turned_deg:.3g}°"
+
+
+def read_fields(found: object, where: str) -> dict[str, object]:
+    """A reply's map by text; a `ToolkitError` where it is none."""
+    if not isinstance(found, dict):
+        raise ToolkitError(f"{where}: expected a map, found {show(found)}")
+    return {key.decode("utf-8", "replace") if isinstance(key, bytes) else str(key): one for key, one in found.items()}
 
 
 @dataclass(frozen=True)
@@ -125,6 +207,7 @@ class AirSim:
             if not isinstance(version, int):
                 raise ToolkitError(f"{address}: getServerVersion says {show(version)}: expected a number, as AirSim's")
             self.version = version
+            # paused from here on, or pictures would not fit their poses
             self._pause()
         except BaseException:
             self._rpc.close()
@@ -163,6 +246,7 @@ class AirSim:
 
     def set_weather(self, numbers: Mapping[str, float]) -> None:
         """Set AirSim's weather parameters, each 0 to 1, and let it come up; all others are 0."""
+        # only what differs: each change costs the seconds in which it comes down
         changed = {
             name: float(numbers.get(name, 0.0))
             for name in {**self._weather, **numbers}
@@ -199,6 +283,7 @@ class AirSim:
         self._actors[name] = actor
         moved = self._call("simSetObjectPose", actor, pack_pose(pose), True)
         found = unpack_pose(self._call("simGetObjectPose", actor, True), self._where("simGetObjectPose"))
+        # asked back: what counts is where it ended up
         miss = find_miss(found, pose)
         if not moved or miss is not None:
             raise ToolkitError(
@@ -306,6 +391,7 @@ class AirSim:
             count = error.expected_arguments
             if count is None or not 0 < count < known:
                 raise
+            # kept, so that only the first call of a function is made twice
             self._counts[method] = count
             return self._rpc.call(method, *arguments[:count])
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.memory import limit_memory
+from toolkit.core.limits import limit_memory
 from toolkit.core.text import shorten
 
 REQUEST, REPLY = 0, 1
@@ -119,6 +119,7 @@ class Connection:
             ) from None
         except OSError as error:
             raise self._lost(method, str(error.strerror or error)) from None
+        # a reply is [1, number of the call, error, result] (msgpack-rpc's specification)
         if not isinstance(reply, list) or len(reply) != 4 or reply[:2] != [REPLY, self._calls]:
             raise self._no_rpc(method)
         if reply[2] is not None:
@@ -136,6 +137,7 @@ class Connection:
                 pass
             except (ValueError, TypeError, msgpack.UnpackException):  # a map's key may be a list
                 raise self._no_rpc(method) from None
+            # what is left of the whole: a server that sends a byte now and then must not hold us for ever
             self._socket.settimeout(max(end - time.monotonic(), 1e-3))
             content = self._socket.recv(CHUNK_BYTES)
             if not content:

@@ -30,8 +30,7 @@ from toolkit.objects.announced import MAX_PARTS
 from toolkit.objects.load import SUFFIXES, read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.spec import axes_of_format
-from toolkit.worlds.classes import STANDING, SceneClass
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import STANDING, SceneClass, Spot, World
 
 MIN_ACROSS_M, MAX_ACROSS_M = 15.0, 6000.0
 MIN_GROUND_SHARE = 0.6

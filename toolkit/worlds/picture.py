@@ -9,13 +9,12 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import develop_light, draw_grain
-from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
 from toolkit.worlds.place import Placed, make_scene
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.world import Spot, World
+from toolkit.worlds.world import STANDING, SceneClass, Spot, World
 
 BURIED_M = 50.0
 SPECK_M = 0.01

@@ -11,8 +11,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
-from toolkit.worlds.classes import STANDING, SceneClass
-from toolkit.worlds.world import World
+from toolkit.worlds.world import STANDING, SceneClass, World
 
 FOV_DEG = 68.0
 PROBE = Camera.from_fov(32, 18, FOV_DEG)

@@ -4,22 +4,46 @@ Frame: right-handed, z up, metres; the origin is near the middle, on the ground.
 """
 
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh
-from toolkit.worlds.classes import STANDING
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
 
     from toolkit.rig.lighting import Shape
 
+
 CHUNK = 4096
 # three directions along no axis: a ray that grazes a wall or an edge may miss, two of three do not
 RAYS = np.array([(0.31, 0.17, 0.94), (-0.83, 0.29, 0.48), (0.23, -0.88, 0.41)])
+
+
+class SceneClass(IntEnum):
+    """Class of a face; 0 is what no world names."""
+
+    OTHER = 0
+    GROUND = 1
+    ROAD = 2
+    PAVEMENT = 3
+    GRASS = 4
+    WATER = 5
+    BUILDING = 6
+    ROOF = 7
+    VEHICLE = 8
+    TREE = 9
+    FURNITURE = 10
+    SIGN = 11
+    PAD = 12
+    SKYLINE = 13
+
+
+STANDING = (SceneClass.GROUND, SceneClass.ROAD, SceneClass.PAVEMENT, SceneClass.GRASS, SceneClass.WATER)
+"""Classes of the ground: what lies under everything else."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
-from toolkit.imaging.fonts import read_font
+from toolkit.imaging.plots import read_font
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.worlds.viewpoints import Viewpoint
 from toolkit.worlds.world import World

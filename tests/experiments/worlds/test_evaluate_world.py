@@ -20,7 +20,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p
 from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, SKY_ID
 from toolkit.experiments.worlds.world_run import WorldRun, evaluate_world
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import SceneClass
 
 FILES = ("summary.json", "predictions.csv", "cameras.csv", "report.html")
 

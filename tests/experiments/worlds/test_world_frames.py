@@ -9,14 +9,13 @@ from walled_field import PX
 from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, WorldVariant
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
 from toolkit.worlds.picture import find_depths, make_renderer, see_through
 from toolkit.worlds.place import find_spot, place_object
 from toolkit.worlds.sky import make_sky
-from toolkit.worlds.world import World
+from toolkit.worlds.world import SceneClass, World
 
 VIEW = Camera.from_fov(PX, PX, 60), look_at(np.array([-14.0, 3.0, 4.0]), np.array([-4.0, 0.0, 0.8]))
 

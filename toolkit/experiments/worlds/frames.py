@@ -81,6 +81,7 @@ def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -
     """From classes by falling probability and the probability of each; six digits are kept."""
     first = int(order[0])
     rank = int(np.flatnonzero(order == true_index)[0]) + 1
+    # rounded before they are kept, so that an answer is the same from the log as from the network
     return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
 
 
@@ -207,6 +208,7 @@ def open_renderer(stage: Stage, place: int, variant: str) -> RaycastRenderer:
 def render_frame(stage: Stage, task: PictureTask, renderer: RaycastRenderer) -> Frame:
     """Render, and lay every weather over the linear light before it is developed."""
     view = stage.camera, task.camera.T_world_camera
+    # one render serves all weathers: they change light by its depth alone
     light, found = renderer.render_with_depth(*view)
     through = find_depths(stage.world, stage.sky, view, found, task.weathers)
     pictures = tuple(develop_through(light, through, stage.sky, task.weathers, (stage.seed, task.item)))

@@ -143,6 +143,7 @@ class KeptFrames:
         """
         path = self.path_of(self._name(task), task.variant, task.camera)
         names = [name_picture(weather) for weather in task.weathers]
+        # files first, the line last: a line says that all is there
         for name, content in files.items():
             write_bytes(self.folder / path / name, content)
         before = self._known.get(path)
@@ -203,6 +204,7 @@ def pose_of(stand: Stand) -> np.ndarray:
 
 def encode_depth(depth_m: np.ndarray) -> np.ndarray:
     """(h, w) uint16 centimetres; 0 is the sky, and what is further than 655 m is at 655.34 m."""
+    # 0 stands for the sky, so that what is nearest begins at 1
     centimetres = np.minimum(np.nan_to_num(depth_m, posinf=0.0) * CM_PER_M, FARTHEST_CM).round()
     return np.where(np.isinf(depth_m), 0, np.maximum(centimetres, 1)).astype(np.uint16)
 

@@ -19,9 +19,9 @@ from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.lighting import Shape
 from toolkit.worlds.airsim import Address, AirSim, SimulatorShot
-from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_weather import to_airsim
+from toolkit.worlds.world import SceneClass
 
 DEPTH_SLACK, DEPTH_SLACK_M = 0.02, 0.05
 LEAST_AGREEING = 0.5

@@ -139,8 +139,10 @@ def measure_half(
 
 def _compare(name: str, own: np.ndarray, reference: np.ndarray, densest: float) -> dict[str, Any]:
     with np.errstate(divide="ignore", invalid="ignore"):
+        # a quotient of extinctions: how much denser the fog may be
         times = own / reference
     is_bound = bool(np.isinf(own[0]))
+    # not lost even in the densest fog: at least so many times
     value = densest / reference[0] if is_bound else times[0]
     interval = percentile_interval(times[1:]) if len(times) > 1 else None
     key = "times" if name == "times" else "same_times"
@@ -273,6 +275,7 @@ def _count(found: ViewAnswers, own: np.ndarray, sampler: ClusterBootstrap | None
     shares: dict[str, Any] = {"n": n, "failed": 0}
     for name, guesses in (("top1", 1), ("top5", 5)):
         right = found.right(guesses)
+        # of one place: its cameras are all that there is
         interval: Interval | None = wilson_interval(int(right[own].sum()), n)
         if sampler is not None:
             interval = sampler.estimate(right, own)[1]
@@ -307,6 +310,7 @@ def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[Hal
         def shares(variant: str, steps: list[WeatherKey] = ladder) -> np.ndarray:
             return np.stack([sampler.shares(results.answers[variant, step].right(5)) for step in steps], axis=1)
 
+        # the same bootstrap samples for all: quotients of two variants are taken sample by sample
         bare = shares(UNPATCHED) if UNPATCHED in results.variants else None
         for variant in results.variants:
             against = None if variant == UNPATCHED else bare
@@ -338,6 +342,7 @@ def _each_curve(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[di
 def place_on_axis(results: WorldResults, axis: str) -> np.ndarray:
     """(n,) where each camera is on the axis of a curve."""
     special: dict[str, Callable[[], np.ndarray]] = {
+        # the first bin lies around 0: angles are brought into [-22.5, 337.5)
         "azimuth_deg": lambda: (results.column("azimuth_deg") + 22.5) % 360 - 22.5,
         "distance_lengths": lambda: results.column("distance_m") / results.length_m,
     }

@@ -23,7 +23,7 @@ import numba.core.config as config
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_text
-from toolkit.core.memory import without_collector
+from toolkit.core.limits import without_collector
 
 MARK = "made-by-toolkit.txt"
 """In each folder that was made here; one without it is never deleted."""

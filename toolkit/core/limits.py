@@ -1,14 +1,36 @@
-"""Memory: a bound on what somebody else's file may take, and no search for garbage where there is none."""
+"""What this process may use: cores; memory, where somebody else's file asks for it; no search for garbage."""
 
 import gc
+import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+_limit: int | None = None
 _counting = threading.Lock()
 _within = 0
 _before = (0, 0)
+
+
+def count_cores() -> int:
+    """Cores that this process may use: all that the system gives it, or as many as `limit_cores` said."""
+    if _limit is not None:
+        return _limit
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def limit_cores(count: int) -> None:
+    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process that is one of many."""
+    global _limit
+    _limit = count
+    # read by the libraries when they are first imported, which takes seconds: not here, where they may not be needed
+    os.environ |= {"OMP_NUM_THREADS": str(count), "OPENCV_FOR_THREADS_NUM": str(count)}
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(count)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(count)
 
 
 @contextmanager
