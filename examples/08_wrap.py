@@ -17,7 +17,7 @@ profile = [(0, 0), (0.05, 0), (0.07, 0.06), (0.06, 0.13), (0.03, 0.18), (0, 0.18
 turned = trimesh.transformations.rotation_matrix(-1.5707963, (1, 0, 0))
 mesh_file = lab.root / f"{NAME}.glb"
 trimesh.creation.revolve(profile, sections=48).apply_transform(turned).export(mesh_file)
-added = tk.add_object(lab, mesh_file, tk.ObjectRequest("coffeepot", length_mm=180, replace=True))
+added = tk.add_object(lab, mesh_file, tk.ObjectRequest(class_name="coffeepot", length_mm=180, replace=True))
 
 wrap = tk.plan_wrap(added.item, tk.WrapConfig(pieces=4, material="vinyl", views=16))
 print(f"{len(wrap.pieces)} pieces cover {wrap.record.covered:.0%} of what cameras see")

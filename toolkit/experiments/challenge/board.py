@@ -156,5 +156,8 @@ def _count_curve(judged: Judged) -> list[tuple[int, float, float]]:
     for one in judged.outcomes:
         if one.condition != FOG and one.judge_sha256 in judges:
             right.setdefault(one.severity, {}).setdefault(one.variant, []).append(one.correct)
-    variants = UNPATCHED, judged.entry.record.variant
-    return [(severity, *(float(np.mean(own[name])) for name in variants)) for severity, own in sorted(right.items())]
+    variant = judged.entry.record.variant
+    return [
+        (severity, float(np.mean(own[UNPATCHED])), float(np.mean(own[variant])))
+        for severity, own in sorted(right.items())
+    ]
