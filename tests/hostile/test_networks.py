@@ -5,6 +5,7 @@ import json
 import zipfile
 from functools import lru_cache
 
+import numpy as np
 import pytest
 from hostile_checks import LONGEST_LINE, count, limited
 from hostile_inputs import damaged, documents
@@ -16,6 +17,7 @@ torch = pytest.importorskip("torch")
 from toolkit.core.errors import ToolkitError  # noqa: E402
 from toolkit.models.exported import read_exported  # noqa: E402
 from toolkit.models.weights import open_weights, read_state_dict  # noqa: E402
+from toolkit.training.checkpoint import Checkpoint  # noqa: E402
 
 
 def read(call):
@@ -89,3 +91,18 @@ def read_changed(place, parts, name, content):
     count("programs")
     made = read(lambda: read_exported(place / "net.pt2"))
     return None if made is None else made[0]
+
+
+@given(at=st.integers(0))
+def test_a_checkpoint_in_which_a_bit_has_flipped_is_refused_or_whole(place, at):
+    checkpoint = Checkpoint(place / "run", "ab" * 32)
+    arrays = {"pixels": np.arange(12, dtype=np.float32).reshape(3, 4), "step": np.array(7)}
+    checkpoint.write(arrays, "test", 7)
+    content = bytearray(checkpoint.file.read_bytes())
+    at %= 8 * len(content)
+    content[at // 8] ^= 1 << at % 8
+    checkpoint.file.write_bytes(content)
+    count("flipped bits")
+    found = read(lambda: checkpoint.read("test"))
+    # a bit of what is said beside the numbers, such as how many steps were done, may be another
+    assert found is None or all(np.array_equal(found[name], arrays[name]) for name in arrays)

@@ -12,6 +12,7 @@ import pytest
 from hostile_checks import count, limited
 from hostile_inputs import damaged, documents
 from hypothesis import given
+from hypothesis import strategies as st
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
@@ -135,3 +136,19 @@ def test_a_damaged_shard(folder, content):
 def test_a_damaged_description(folder, about):
     if isinstance(about, dict):
         read(folder, pack(), about)
+
+
+@given(at=st.integers(0, 8 * len(pack()) - 1))
+def test_a_shard_in_which_a_bit_has_flipped_is_refused_by_its_hash(folder, at):
+    content = bytearray(pack())
+    (folder / "a.tar").write_bytes(content)
+    about = describe()
+    about["shards"][0]["sha256"] = sha256_file(folder / "a.tar")
+    (folder / DATASET).write_text(json.dumps(about))
+    assert read_split(folder, "train").truths == (TRUTH,)
+    content[at // 8] ^= 1 << at % 8
+    (folder / "a.tar").write_bytes(content)
+    count("flipped bits")
+    for call in (lambda: read_split(folder, "train"), lambda: pick_samples(folder)):
+        with pytest.raises(ToolkitError, match=r"a\.tar"):
+            call()

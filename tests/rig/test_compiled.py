@@ -42,6 +42,27 @@ def test_a_cold_cache_is_compiled_and_said_once(start, tmp_path, capsys):
     assert said.out == "" and said.err.splitlines() == ["compiling the renderer for this machine: some seconds, once"]
 
 
+@pytest.mark.parametrize("at", [0, -1])
+def test_code_in_which_a_bit_has_flipped_is_compiled_anew(start, tmp_path, capsys, at):
+    start(tmp_path)
+    code = compiled.cache_folder() / "kernel_1" / "tone.nbc"
+    done = []
+
+    def compile_all() -> None:
+        done.append(code.exists())
+        code.parent.mkdir(exist_ok=True)
+        code.write_bytes(b"machine code")
+
+    compiled.prepare(compile_all)
+    damaged = bytearray(b"machine code")
+    damaged[at] ^= 1
+    code.write_bytes(damaged)
+    for _ in range(2):
+        start(tmp_path)
+        compiled.prepare(compile_all)
+    assert done == [False, False] and "is not as it was written" in capsys.readouterr().err
+
+
 def test_it_is_not_said_quietly(start, tmp_path, capsys):
     start(tmp_path)
     with quietly():

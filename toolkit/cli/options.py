@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
 from toolkit.cli.app import SHARED, spell_flag
-from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, part_maker, typed_as
+from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, is_config, part_maker, typed_as
 from toolkit.core.errors import FIELD_PATH, show_value
 
 Overrides = dict[str, Any]
@@ -273,7 +273,7 @@ def _walk(config: type[Config], holders: Mapping[str, object], before: str) -> I
 
 
 def _parts(annotation: object) -> Iterator[type[Config]]:
-    if isinstance(annotation, type) and issubclass(annotation, Config):
+    if is_config(annotation):
         yield annotation
     elif get_origin(annotation) is not tuple:
         for one in get_args(annotation):

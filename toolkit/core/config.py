@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, model_serializer
@@ -189,7 +189,7 @@ def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails
         name = str(step)
         info, found = owner.model_fields[name], found.get(name) if isinstance(found, Mapping) else None
         names.append(name)
-        owner = next((kind for kind in _members(info.annotation) if _is_config(kind)), None)
+        owner = next((kind for kind in _members(info.annotation) if is_config(kind)), None)
     if error["type"] == "extra_forbidden":
         return one_of("setting", str(error["loc"][-1]), list((owner or config).model_fields))
     path = ".".join(names)
@@ -307,12 +307,13 @@ def _members(annotation: object) -> list[Any]:
     return [annotation]
 
 
-def _is_config(kind: object) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Config)
+def is_config(kind: object) -> TypeGuard[type["Config"]]:
+    """Whether an annotation is a class of configs; for Python 3.10 `tuple[int, int]` is a type too, but no class."""
+    return get_origin(kind) is None and isinstance(kind, type) and issubclass(kind, Config)
 
 
 def _is_part(kind: object) -> bool:
-    return isinstance(kind, type) and (is_dataclass(kind) or issubclass(kind, Config))
+    return is_config(kind) or (get_origin(kind) is None and isinstance(kind, type) and is_dataclass(kind))
 
 
 def _has(info: FieldInfo, mark: type) -> bool:

@@ -40,6 +40,7 @@ SECOND_NAME = "the file has a second name (a hard link), and would change there 
 WRITE_TROUBLE = {
     errno.ENOSPC: "the disk is full: free some space and run the same command again, it goes on where it stopped",
     errno.EDQUOT: "the disk quota is used up: free some space and run the same command again",
+    errno.EFBIG: "it is larger than this disk or account allows (ulimit -f): write elsewhere, and run it again",
     errno.EROFS: "the file system is read-only: choose a folder that you can write to",
     errno.EACCES: "permission denied: choose a folder that you can write to",
     errno.EISDIR: "a folder of that name is there: choose another name",

@@ -7,7 +7,7 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.read import Capture
-from toolkit.core.memory import without_collector
+from toolkit.core.limits import without_collector
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
     Comparison,

@@ -135,21 +135,23 @@ def _retexture(
         variant: sha256_bytes(repr((VERSION, photo.sha256, [one.sha256 for one in found], patch.sha256, seed)).encode())
         for variant, patch in variants.items()
     }
-    paths = {variant: _path(name, variant, number, photo) for variant in variants}
-    records = [done.get(paths[variant]) for variant in variants]
-    if all(is_finished(root, one, inputs[variant]) for one, variant in zip(records, variants, strict=True)):
-        first = records[0]
-        assert first is not None
+    inputs[AS_TAKEN] = photo.sha256
+    records = {variant: done.get(_path(name, variant, number, photo)) for variant in inputs}
+    finished = {variant for variant, one in records.items() if is_finished(root, one, inputs[variant])}
+    first = records[next(iter(variants))]
+    if first is not None and len(finished) == len(inputs):
         return number, photo.name, dict(first.made[RETEXTURED])
     fitted = fit_photo(file, found)
     facts = fitted.facts()
     made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
     pictures = fitted.with_patches(list(variants.values()), Draws(seed, number, "retexture"))
     for (variant, patch), picture in zip(variants.items(), pictures, strict=True):
-        content = encode_like(photo, picture)
-        _write(root, name, variant, number, photo, content, patch.sha256, made, inputs[variant])
-    taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
-    _write(root, name, AS_TAKEN, number, photo, encode_like(photo, None), fitted.patch.sha256, taken, photo.sha256)
+        if variant not in finished:
+            content = encode_like(photo, picture)
+            _write(root, name, variant, number, photo, content, patch.sha256, made, inputs[variant])
+    if AS_TAKEN not in finished:
+        taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
+        _write(root, name, AS_TAKEN, number, photo, encode_like(photo, None), fitted.patch.sha256, taken, photo.sha256)
     return number, photo.name, facts
 
 

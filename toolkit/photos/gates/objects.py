@@ -16,12 +16,13 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays, make_ray_scene
 from toolkit.photos.gates.result import Gate, GateResult
-from toolkit.photos.match_render import PoseTemplates, make_templates, match_objects
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.plan import read_plan
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
+
+    from toolkit.photos.match_render import PoseTemplates
 
 MASK_SIDE_PX = 256
 """Longer side of the silhouettes: a pixel is then about a pixel of what a classifier sees."""
@@ -114,8 +115,10 @@ class KnownObjects:
         return {name: load_object(self._workspace.object_spec(name)).spec.class_name for name in self._templates}
 
     @cached_property
-    def _templates(self) -> dict[str, PoseTemplates]:
+    def _templates(self) -> "dict[str, PoseTemplates]":
         """Of each object of the plan that can be read, bare; none without a plan."""
+        from toolkit.photos.match_render import make_templates  # with the renderer, which `eval` needs not
+
         if not self._workspace.plan_file.is_file():
             return {}
         plan, found = read_plan(self._workspace.plan_file), {}
@@ -129,6 +132,8 @@ class KnownObjects:
 
     def _compare(self, image: np.ndarray) -> dict[str, float]:
         """Scores of one photograph, remembered until the next: it is asked about several objects."""
+        from toolkit.photos.match_render import match_objects
+
         if self._last is None or self._last[0] is not image:
             share = WORK_SIDE_PX / max(image.shape[:2])
             small = cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA) if share < 1 else image

@@ -22,11 +22,13 @@ import numba.core.config as config
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_text
+from toolkit.core.files import sha256_file, write_text
 from toolkit.core.limits import without_collector
 
 MARK = "made-by-toolkit.txt"
 """In each folder that was made here; one without it is never deleted."""
+SEAL = "complete"
+"""What lies in such a folder when all is compiled, by hash: machine code in which a bit has flipped does not run."""
 PLACE = "TOOLKIT_CACHE"
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -77,9 +79,18 @@ def _make_folder() -> Path:
 
 
 def is_compiled() -> bool:
-    """Whether the machine code of this version is on disk."""
+    """Whether the machine code of this version is on disk, as it was written."""
     folder = cache_folder()
-    return folder is not None and (folder / "complete").is_file()
+    try:
+        sealed = [] if folder is None else [line.split(" ", 1) for line in (folder / SEAL).read_text().splitlines()]
+        return folder is not None and all(sha256_file(folder / name) == digest for digest, name in sealed)
+    except (OSError, ValueError):
+        return False
+
+
+def _hash_code(folder: Path) -> str:
+    files = sorted(folder.rglob("*.nb[ic]"))
+    return "".join(f"{sha256_file(file)} {file.relative_to(folder)}\n" for file in files)
 
 
 _prepared = False
@@ -105,11 +116,15 @@ def prepare(compile_all: Callable[[], None]) -> None:
         if refused := find_refusal():
             said = f"compiling the renderer, some seconds at every start: its cache is not used, as {refused}"
             said += f": set {PLACE} to a folder of your own"
+        elif (folder / SEAL).is_file():
+            said = f"compiling the renderer anew: its machine code in {folder} is not as it was written"
         notice(said)
+        for file in folder.rglob("*.nb[ic]") if (folder / SEAL).is_file() else ():
+            file.unlink(missing_ok=True)
         with without_collector():  # going through the compiler's objects is a tenth of its work
             compile_all()
         # last: an interrupted compilation is done again
-        (folder / "complete").touch()
+        write_text(folder / SEAL, _hash_code(folder))
         for old in folder.parent.glob("kernel-*"):
             if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
                 shutil.rmtree(old, ignore_errors=True)
