@@ -60,6 +60,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         missing = [name for name in needed if name not in (lines.fieldnames or ())]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+        # most files hold no quote, and need no cell looked at
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
         with without_collector():
             return [_read_line(_decode(line) if is_escaped else line, find, sources) for line in lines]
@@ -109,6 +110,7 @@ def _list_files(folder: Path) -> tuple[set[str], set[str]]:
 
 
 def _read_line(line: Mapping[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
+    # interned: one copy of each text instead of one a line
     line = {**line, **{name: intern(line[name]) for name in REPEATED if line.get(name)}}
     path, source = line["path"], line["source"]
     file, is_there = find(path)
