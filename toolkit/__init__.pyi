@@ -35,7 +35,7 @@ from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
 from toolkit.photos.retexture import retexture as retexture
-from toolkit.photos.retexture_config import RetextureConfig as RetextureConfig
+from toolkit.photos.settings import RetextureConfig as RetextureConfig
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
 from toolkit.evaluation.eval_config import EvalConfig as EvalConfig

@@ -35,7 +35,7 @@ TEXTURES = ROOT / "rig" / "textures"
 
 def main(folder: str, photographs: str | None = None) -> None:
     """Make each entry that is not there yet."""
-    entries = Path(folder)
+    entries = make_workspace(folder).root
     space = make_workspace(entries / "spaces" / "patches")
     copy(ROOT / "print/patches/four-networks", space.root / "print/patches/four-networks")
     enter(entries, space, "patch-resnet18", "The kit's own patches: `toolkit train-patch`, against ResNet-18 alone.")

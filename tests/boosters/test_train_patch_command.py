@@ -78,7 +78,7 @@ def test_a_patch_that_gains_nothing_on_its_object_is_not_printed_unwarned(
     assert code == 0, told
     assert said.index("tiny on the object, held-out views:") < said.index("pasted flat on"), "what a camera sees first"
     assert re.search(r"held-out views: \d+% \(.*\) with grey paper", told), "before it is trained"
-    assert ("nothing of the object is known without a patch" in told) == (share == 0)
+    assert ("without a patch the object is never recognised" in told) == (share == 0)
     assert ("not shown to do better than grey paper" in told) == (share == 0)
 
 

@@ -201,12 +201,15 @@ class TestFeatureMixup:
 
     def test_a_texture_meets_it(self, tmp_path, make_crate_space):
         space, network = make_crate_space(tmp_path), tiny_classifier()
+        before = [value.numpy().tobytes() for value in network.module.state_dict().values()]
         made = [
             train_texture(crate_config(feature_mixup=one), [network], space, class_name="jet", name=name, workers=0)
             for name, one in (("plain", None), ("mixed", FeatureMixup(probability=1)))
         ]
         assert not np.array_equal(*(one.texture.pixels for one in made))
         assert made[1].texture.record.settings["feature_mixup"]["probability"] == 1
+        assert [value.numpy().tobytes() for value in network.module.state_dict().values()] == before
+        assert not any(one._forward_hooks or one.training for one in network.module.modules())
 
 
 @pytest.mark.parametrize("name", ["jitter", "block_shuffle", "feature_mixup"])

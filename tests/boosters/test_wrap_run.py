@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,13 +13,14 @@ import torch
 from tiny_network import tiny_classifier
 
 from toolkit.boosters.wrap_config import RECIPES, make_config
-from toolkit.boosters.wrap_task import train_wrap, wrap_object
+from toolkit.boosters.wrap_task import paint_pieces, rank_pieces, train_wrap, wrap_object
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
-from toolkit.rig.requests import Misfit
+from toolkit.rig.requests import Misfit, WrapConfig
+from toolkit.rig.views import ViewSettings, ViewStream
 from toolkit.rig.wrap_plan import draw_paint, plan_wrap
 from toolkit.rig.wrapped import find_canvas
 
@@ -66,10 +68,16 @@ def space(tmp_path, make_crate_space):
     return make_planned_space(tmp_path / "w", make_crate_space)
 
 
-def make_planned_space(folder, make_crate_space):
+@pytest.fixture
+def split(tmp_path, make_crate_space):
+    """As `space`, in pieces of one or two sides."""
+    return make_planned_space(tmp_path / "s", make_crate_space, WrapConfig(sheet_mm=(62.0, 102.0)))
+
+
+def make_planned_space(folder, make_crate_space, config=None):
     space = make_crate_space(folder)
     with quietly(True):
-        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate"))))
+        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate")), config))
     return space
 
 
@@ -134,7 +142,6 @@ def test_the_class_is_seen_more_surely_with_the_wrap(space):
 
 def _probability(item, wrap) -> float:
     from toolkit.boosters.linear_view import batch_views, show_texture
-    from toolkit.rig.views import ViewSettings, ViewStream
 
     subject = wrap_object(item, wrap, Misfit()).subject()
     views = ViewStream([subject], ViewSettings(image_px=32, per_studio=8), 0, 1, 0).held_out(1)
@@ -165,6 +172,52 @@ def test_the_paint_is_the_objects_own_also_of_a_wrap_that_was_trained(space):
     item, wrap = load_object(space.object_spec("crate")), read_wrap(space.wrap("crate"))
     inverted = write_wrap(space.wraps_dir / "crate", type(wrap)(wrap.record, wrap.pieces, 255 - wrap.pixels))
     np.testing.assert_array_equal(wrap_object(item, inverted, None).paint(), draw_paint(wrap, item.mesh))
+
+
+def test_pieces_are_ranked_by_what_they_add(split):
+    """A network that is the surer the greener its picture: one piece is green, all others are as bare."""
+    item, wrap = load_object(split.object_spec("crate")), read_wrap(split.wrap("crate"))
+    worn = wrap_object(item, wrap, None)
+    views = ViewStream([worn.subject()], ViewSettings(image_px=32, per_studio=4), 0, 1, 0).held_out(1)
+    green = np.full_like(wrap.pixels, (0, 255, 0))
+    for number in (1, len(wrap.pieces)):
+        pixels = paint_pieces(wrap.record, green, wrap.pixels, [number])
+        ranked = rank_pieces(wrap.record, pixels, wrap.pixels, views, [GreenTarget()])
+        assert sorted(one.number for one in ranked) == list(range(1, len(wrap.pieces) + 1))
+        assert ranked[0].number == number
+        assert [one.mean_log_prob for one in ranked] == pytest.approx([ranked[0].mean_log_prob] * len(ranked))
+
+
+class GreenTarget:
+    """As `Target`: two classes, of which the second is as likely as the picture is green."""
+
+    class_index = 1
+    classifier = SimpleNamespace(device="cpu")
+
+    def logits(self, photos):
+        return torch.stack([torch.zeros(len(photos)), 10 * (photos[:, 1] - photos[:, 0]).mean((1, 2))], dim=1)
+
+
+def test_pieces_that_add_nothing_are_dropped(split):
+    plan = read_wrap(split.wrap("crate"))
+    count = len(plan.pieces)
+    made = run(split, pieces="1..2")
+    wrap = read_wrap(split.wrap("crate"))
+    ranking = wrap.record.booster.ranking
+    assert len(ranking) == count > 2 >= len(wrap.pieces)
+    shares = [one.recognised for one in ranking]
+    assert shares[len(wrap.pieces) - 1] == max(shares[:2])
+    for one, kept in zip(ranking, wrap.pieces, strict=False):
+        np.testing.assert_array_equal(kept.faces, plan.pieces[one.number - 1].faces)
+    assert wrap.record.covered < plan.record.covered
+    assert all(seam.piece <= len(wrap.pieces) for one in wrap.record.pieces for seam in one.seams)
+    assert any("pieces are kept" in line for line in made.lines())
+    assert run(split, pieces="1..2").was_finished
+    again = run(split)  # of the pieces that are left
+    assert not again.was_finished and len(again.wrap.pieces) == len(wrap.pieces)
+    for wrong in ("0..3", "3..1", "many", "1..1000"):
+        with pytest.raises(ToolkitError, match=r"1\.\.12"):
+            run(split, pieces=wrong)
 
 
 def test_settings_that_the_plan_decides_are_refused():

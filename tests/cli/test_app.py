@@ -143,6 +143,7 @@ SETS = {
     "--optimiser": "a landing has no signs",
     "--board": "one that is looked for; of a new page the switch that prints it",
     "--square-mm": "of a board that is found, or of one that is printed: mm, the page takes the words of a range",
+    "--pieces": "at most so many; in training the two ends between which the count is chosen",
     "--roll": "of a camera, a range of turns; of paper, its width",
     "--renderer": "a world may be shot in a simulator, a table top by Filament",
 }

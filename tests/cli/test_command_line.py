@@ -87,7 +87,7 @@ def test_help_lists_the_road(run):
         ),
         (
             ["plan", "--object", "eggnog", "--resolution", "8", "8"],
-            "error: a resolution of 8×8 px: expected both sides",
+            "error: a resolution of 8×8 px: expected both sides between 16 and 16384 px",
         ),
         (
             ["plan", "--object", "eggnog", "--elevation", "60", "20"],
@@ -134,7 +134,7 @@ def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
     monkeypatch.setattr("toolkit.core.workspace.make_workspace", stop)
     code, _, err = run("init", "here")
     assert code == 130 and "Traceback" not in err
-    assert err == "stopped: what is finished is kept; the same command goes on from here\n"
+    assert err == "stopped: what is finished is kept; run the same command again to go on\n"
 
 
 def test_init_makes_a_workspace_and_says_what_is_next(run, tmp_path):
@@ -160,3 +160,30 @@ def test_a_table_breaks_no_word_and_becomes_blocks_where_it_does_not_fit(capsys,
     show_table(["run", *("abc" * 4 for _ in range(5))], [["resnet18-imagenet", *("warplane/eggnog" for _ in range(5))]])
     lines = capsys.readouterr().out.splitlines()
     assert lines == ["run           resnet18-imagenet", *["abcabcabcabc  warplane/eggnog"] * 5, ""]
+
+
+def test_a_column_gets_its_words_however_wide_its_neighbour_is(capsys, monkeypatch):
+    from toolkit.cli.output import show_table
+    from toolkit.core.console import console
+
+    monkeypatch.setattr(console, "_width", 60)
+    titles = ["object", "mesh", "size, mm (x × y × z)", "patch"]
+    show_table(titles, [["coffeepot", "builtin:coffeepot", "144.5 × 270 × 239.8", "top"]])
+    lines = capsys.readouterr().out.splitlines()
+    assert {len(line) for line in lines} == {60} and all(line[-1] in "┓┃┩│┘" for line in lines)
+
+
+def test_names_in_a_narrow_table_are_broken_after_a_slash():
+    from rich.console import Console
+
+    from toolkit.core import console, tables
+
+    narrow = Console(width=40)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(console.console, "_width", 40)
+        table = tables.build_table(
+            "", ("run", "variant"), ("n", "right % (95 %)"), [("landing/apriltag", "a", "4", "100")]
+        )
+    with narrow.capture() as shown:
+        narrow.print(table)
+    assert [line.split()[0] for line in shown.get().splitlines()] == ["run", "landing/", "apriltag"]

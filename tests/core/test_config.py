@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, model_validator
 
-from toolkit.core.config import Config, Expect, Flag, Later, Range, Rising, align_rows, bounds_of
+from toolkit.core.config import Config, Expect, Flag, Later, Range, Rising, align_rows, bounds_of, describe
 from toolkit.core.errors import FieldError, ToolkitError
 
 
@@ -141,10 +141,16 @@ def test_the_same_number_has_the_same_hash_however_it_is_written():
     assert Turn(rotation_deg=(0, 5)).sha256() == Turn(rotation_deg=(0.0, 5.0)).sha256()
 
 
+class Drop(Config):
+    fastest_m_s: float = 1.5
+    wait_s: float = 2.0
+
+
 def test_rows_have_units_and_leave_out_what_does_not_act():
     rows = dict(Job(pose=Turn()).rows())
     assert rows["turn"] == "rotation -180 to 180°, length 270 mm, probability 0.5"
     assert rows["size px"] == "100 px" and "blur" not in rows
+    assert describe(Drop()) == "fastest 1.5 m/s, wait 2 s"
     lines = align_rows(list(rows.items()))
     assert len({len(line) - len(line[2:].partition("  ")[2].lstrip()) for line in lines}) == 1
 

@@ -13,6 +13,7 @@ from toolkit.core.files import (
     inside,
     link_file,
     move_file,
+    open_whole,
     read_json,
     read_toml,
     sha256_file,
@@ -129,13 +130,32 @@ def test_a_link_in_a_files_place_is_replaced_and_never_followed(root, monkeypatc
     (root / "log.jsonl").symlink_to(target)
     with pytest.raises(ToolkitError, match="it is a link, which is not followed"):
         RecordLog(root / "log.jsonl", Anything).append(Anything())
-    # the temporary name that could be foreseen, and one that is there by chance
+    # the temporary name that can be foreseen, and one that is there by chance
     monkeypatch.setattr("toolkit.core.files.secrets.token_hex", lambda _: "0")
-    for name in (f".b.json.{os.getpid()}.partial", ".b.json.0.partial"):
+    for name in (".b.json.partial", ".b.json.0.partial"):
         (root / name).symlink_to(target)
     with pytest.raises(ToolkitError, match="cannot write"):
         write_bytes(root / "b.json", b"evil")
     assert target.read_bytes() == b"mine"
+
+
+def test_what_a_killed_run_left_of_a_file_is_taken_and_what_is_being_written_is_not(root):
+    (root / ".a.json.partial").write_bytes(b"half of what a killed run would have written")
+    with open_whole(root / "a.json") as first:
+        with open_whole(root / "a.json") as second:  # as another process would
+            second.write(b"second")
+        first.write(b"first")
+        assert (root / "a.json").read_bytes() == b"second"
+    assert (root / "a.json").read_bytes() == b"first"
+    assert [one.name for one in root.iterdir() if "partial" in one.name] == []
+
+
+def test_a_second_name_of_a_file_is_not_written_to(root):
+    target = root.parent / "outside" / "precious"
+    target.write_bytes(b"mine")
+    os.link(target, root / ".a.json.partial")
+    write_bytes(root / "a.json", b"new")
+    assert target.read_bytes() == b"mine" and (root / "a.json").read_bytes() == b"new"
 
 
 def test_a_pipe_a_device_or_a_folder_is_never_replaced(root):

@@ -113,7 +113,7 @@ def test_it_is_this_patch():
         ({"grey_patch": 14}, "open", "Not shown to be this patch"),
         ({"patched": 3, "grey_patch": 15}, "bad", "It is not this patch: 'grey-patch' does better"),
         ({"unpatched": 17}, "open", "This patch beats its controls, but is not shown to help"),
-        ({"unpatched": 4, "patched": 4}, "open", "No help shown, so none to put down to this patch"),
+        ({"unpatched": 4, "patched": 4}, "open", "No help is shown that this patch could have caused"),
     ],
 )
 def test_when_it_is_not_shown_to_be_this_patch(changed, tone, verdict):
@@ -131,11 +131,11 @@ def test_every_control_must_be_beaten():
 @pytest.mark.parametrize(
     ("alone", "patched", "tone", "words"),
     [
-        (16, 18, "bad", "It is the sticker that is read"),
+        (16, 18, "bad", "The network reads the sticker, not the object"),
         (8, 10, "open", "not shown to add"),
-        (0, 18, "good", "The object is read"),
+        (0, 18, "good", "The network reads the object"),
         (9, 18, "open", "Both"),
-        (0, 2, "open", "mostly not enough, nor"),
+        (0, 2, "open", "mostly not enough; that"),
     ],
 )
 def test_object_or_sticker(alone, patched, tone, words):
@@ -186,7 +186,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
         "eggnog",
     )
     html = result.report_file.read_text(encoding="utf-8")
-    assert "It is the sticker that is read" in html and 'id="controls"' in html
+    assert "The network reads the sticker, not the object" in html and 'id="controls"' in html
     assert html.index(">wrong-patch<") < html.index(">grey-patch<") < html.index(">patch-alone<")
     assert 'class="deck wide"' in html
 

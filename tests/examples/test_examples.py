@@ -29,8 +29,8 @@ HELPS = {
 """What some say of a booster and of the object without: the reader is told that it helps, so it must."""
 
 
-def test_there_are_seven():
-    assert [file.name[:3] for file in EXAMPLES] == [f"0{k}_" for k in range(1, 8)]
+def test_there_are_eight():
+    assert [file.name[:3] for file in EXAMPLES] == [f"0{k}_" for k in range(1, 9)]
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)

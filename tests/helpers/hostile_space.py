@@ -157,7 +157,7 @@ def _read_photo(file: str) -> Callable[[Path], object]:
 
 
 def _read_index(root: Path) -> None:
-    from toolkit.photos.importing.index import index_source
+    from toolkit.photos.importing.gather import index_source
 
     index_source(root / "captures/real")
 

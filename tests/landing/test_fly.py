@@ -161,6 +161,7 @@ def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
     assert [one.count("success") for one in results] == [2, 6]
     (pair,) = pair_cells(results)
     assert (pair.cell.pad, pair.against.pad) == ("boosted", "plain")
+    assert (pair.cell.words, pair.other) == ("boosted, net, clear, gentle", "pad plain")
     assert (pair.outcomes.only_second, pair.outcomes.only_first) == (5, 1)
     assert pair.outcomes.mcnemar_p == pytest.approx(binomtest(5, 6, 0.5).pvalue)
     assert results[0].success_ci95[0] < 0.25 < results[0].success_ci95[1]

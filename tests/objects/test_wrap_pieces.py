@@ -9,8 +9,9 @@ from toolkit.objects.coarse import MANY
 from toolkit.objects.flatten import weld_surface
 from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
+from toolkit.objects.region import Region, join_edges
 from toolkit.objects.seams import find_folds, find_seams
-from toolkit.objects.trim import Limits
+from toolkit.objects.trim import Limits, even_border
 from toolkit.objects.wrap import FlatPiece
 
 A4 = (190.0, 277.0)
@@ -199,3 +200,30 @@ def test_many_triangles_give_the_piece_that_few_give() -> None:
     assert len(faces) > MANY
     pieces = find(mesh, 0.01, 2)
     assert pieces[0].area_mm2 > 0.95 * areas(few).sum()
+
+
+def test_a_box_larger_than_the_sheet_is_cut_at_its_edges() -> None:
+    mesh = box(120, 200, 90)  # of triangles that nearly fill the sheet: two of them only just lie on it
+    pieces = find(mesh, 0.03, 12, sheet=(177.0, 241.0))
+    assert sum(piece.area_mm2 for piece in pieces) == pytest.approx(areas(mesh).sum(), rel=1e-6)
+    assert all(min(p.width_mm, p.height_mm) <= 177 and max(p.width_mm, p.height_mm) <= 241 for p in pieces)
+    assert len(pieces) <= 6
+
+
+def test_teeth_and_notches_of_an_edge_are_evened_out() -> None:
+    """A level grid of 5 mm, cut across its triangles at a slope: the edge is a saw."""
+    x, y = np.meshgrid(np.arange(33), np.arange(33), indexing="ij")
+    corner = (33 * x + y)[:-1, :-1].reshape(-1)
+    faces = np.concatenate([[[a, a + 33, a + 34], [a, a + 34, a + 1]] for a in corner])
+    mesh = make_mesh(np.stack([5.0 * x, 5.0 * y, 0.0 * x], axis=-1).reshape(-1, 3), faces)
+    surface = weld_surface(mesh)
+    middle = surface.corners.mean(axis=1)
+    rows = np.flatnonzero(middle[:, 1] + 0.2 * middle[:, 0] < 100)
+    ragged = join_edges(surface, Region(rows, surface.corners[rows][..., :2], np.zeros((len(rows), 3), bool)), 0.0)
+    even = even_border(surface, ragged, np.ones(len(faces), bool))
+    before, after = (shapely.union_all(shapely.polygons(np.round(one.flat, 6))) for one in (ragged, even))
+    assert after.geom_type == "Polygon" and after.is_valid
+    assert after.area == pytest.approx(before.area, rel=0.02)
+    assert before.length > 560 and after.length == pytest.approx(520)  # of steps along the grid alone
+    # what it may not have, it does not take
+    assert set(even_border(surface, ragged, np.isin(np.arange(len(faces)), rows)).faces) <= set(rows)

@@ -28,9 +28,8 @@ from toolkit.photos.gates.check_captures import (
     retake_list,
     write_retake_list,
 )
-from toolkit.photos.gates.check_photo import check_photo, inspect_photo
+from toolkit.photos.gates.check_photo import ExpectationBuilder, check_photo, inspect_photo, view_of_record
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
-from toolkit.photos.gates.expect import ExpectationBuilder, view_of_record
 from toolkit.photos.gates.framing import (
     check_blur,
     check_centred,
@@ -41,8 +40,8 @@ from toolkit.photos.gates.framing import (
     measure_edge_blur,
     middle_of,
 )
+from toolkit.photos.gates.objects import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.gates.result import Gate
-from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board

@@ -10,9 +10,8 @@ import pytest
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
-from toolkit.photos.gates.check_photo import inspect_photo
+from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves, measure_side
-from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.patch import cell_middles
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import CharucoBoard

@@ -12,10 +12,10 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.photos.importing.gather import CaptureKey
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.index import CaptureKey
 from toolkit.photos.importing.match import Decision, Doubt
-from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
@@ -282,7 +282,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
     """The rig's photographs of the crate on the printed board, as a phone stores them; its cameras are known."""
     from board_photos import focal_35mm, photograph, save_photo
 
-    from toolkit.photos.match_pose import match_pose
+    from toolkit.photos.locate import match_pose
     from toolkit.rig.board import DEFAULT_BOARD
 
     lens = Camera.from_fov(960, 720, 62.0)

@@ -14,7 +14,7 @@ from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.photos.gates.check_captures import check_captures
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.settings import ImportSettings
 
 VARIANTS = ("unpatched", "bear1", "bearcontrol")
 VIEWS = ("2in_over", "4in_side", "6in_over")

@@ -12,8 +12,8 @@ from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
 from toolkit.photos.gates.result import Gate
-from toolkit.photos.importing.index import REPLACED
-from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.importing.gather import REPLACED
+from toolkit.photos.settings import ImportSettings
 
 space, folder = import_bench.space, import_bench.folder
 
@@ -116,7 +116,7 @@ def test_a_deleted_image_is_imported_again(space, folder):
 @pytest.mark.parametrize("replace", [False, True])
 def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
     """Every write fails once, at each place in turn; the same command then ends where an undisturbed one does."""
-    from toolkit.photos.importing import index as index_module
+    from toolkit.photos.importing import gather as index_module
     from toolkit.photos.importing import store as store_module
 
     class Killed(BaseException):

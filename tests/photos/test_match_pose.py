@@ -5,7 +5,7 @@ import pytest
 from board_photos import object_mesh, photograph
 
 from toolkit.core.errors import ToolkitError
-from toolkit.photos.match_pose import match_pose, view_of
+from toolkit.photos.locate import match_pose, view_of
 from toolkit.photos.match_render import make_templates, match_by_render
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.plan import Pose

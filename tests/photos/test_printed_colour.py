@@ -25,9 +25,8 @@ from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, s
 from toolkit.imaging.printer import raise_terms, read_print_profile
 from toolkit.photos.prints.align import map_points
 from toolkit.photos.prints.colours import compare_colours, measure_error, read_colours
-from toolkit.photos.prints.find import find_patch, rectify_patch
+from toolkit.photos.prints.find import find_page, find_patch, measure_on_page, rectify_patch
 from toolkit.photos.prints.fit_profile import MODELS, fit_colours, read_strip
-from toolkit.photos.prints.size import find_page, measure_on_page
 from toolkit.printing.colour_strip import STRIP
 from toolkit.printing.page import parse_paper
 

@@ -1,6 +1,7 @@
 """Another patch put into a photograph of a printed one: renders whose truth is known, and real photographs."""
 
 import os
+import sys
 from itertools import product
 from pathlib import Path
 
@@ -14,11 +15,11 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.photos.prints.colour_cube import bending, cube_weights, solve_cube
+from toolkit.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.photos.prints.look import _smooth_noise, draw_texels
 from toolkit.photos.retexture import retexture
-from toolkit.photos.retexture_config import RetextureConfig
+from toolkit.photos.settings import RetextureConfig
 
 SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
 N, SIDE = 24, 240
@@ -186,6 +187,111 @@ def test_a_patch_that_is_there_twice_is_refused(tmp_path: Path) -> None:
         fit_photo(save(tmp_path / "a.png", np.concatenate([image, image], axis=1)), [KnownPatch("old", old)])
 
 
+def test_a_patch_half_outside_is_refused_and_one_that_is_mostly_inside_is_not(tmp_path: Path) -> None:
+    old, image = make_patch(1), photograph(make_patch(1))
+    with pytest.raises(ToolkitError, match=r"(only \d+% of the patch 'old' shows|the patch 'old' was not found)"):
+        fit_photo(save(tmp_path / "half.png", image[:, 280:]), [KnownPatch("old", old)])
+    fitted = fit_photo(save(tmp_path / "most.png", image[:, 190:]), [KnownPatch("old", old)])
+    (predicted,) = fitted.with_patches([KnownPatch("new", make_patch(2))], Draws(0, 1, "test"))
+    there, truth = inner(image.shape)[:, 190:], photograph(make_patch(2))[:, 190:]
+    assert np.median(apart(predicted, truth)[there]) < 4 < np.median(apart(fitted.image, truth)[there])
+
+
+def test_what_glass_mirrors_lies_over_the_new_patch_too(tmp_path: Path) -> None:
+    """A veil of a tenth over all of it is light like any other; a lamp's reflection hides what is under it."""
+    old, new = make_patch(1), make_patch(2)
+    behind = np.zeros((480, 640, 3))
+    cv2.ellipse(behind, (270, 200), (45, 30), 0, 0, 360, (0.9, 0.9, 0.85), -1)
+    behind = cv2.GaussianBlur(behind, (0, 0), 2) + 0.03
+
+    def glaze(image: np.ndarray) -> np.ndarray:
+        return np.rint(255 * linear_to_srgb(np.clip(0.9 * srgb_to_linear(image / 255.0) + behind, 0, 1))).astype(
+            np.uint8
+        )
+
+    fitted = fit_photo(save(tmp_path / "a.png", glaze(photograph(old))), [KnownPatch("old", old)])
+    (predicted,) = fitted.with_patches([KnownPatch("new", new)], Draws(0, 1, "test"))
+    truth = glaze(photograph(new))
+    mirrored = behind[..., 0] > 0.85
+    clear = inner(truth.shape) & (cv2.dilate((behind[..., 0] > 0.04).astype(np.uint8), np.ones((41, 41))) == 0)
+    assert np.median(apart(predicted, truth)[clear]) < 4 and np.median(apart(predicted, truth)[mirrored]) < 2
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> tuple[Path, Path]:
+    """Five square photographs of a known patch, each a little brighter, and one without it; the patch's file."""
+    image = photograph(make_patch(1))[:, :480].astype(float)
+    for k in range(5):
+        save(tmp_path / "desk" / f"{k}.png", np.clip(image * (0.8 + 0.05 * k), 0, 255).astype(np.uint8))
+    save(tmp_path / "desk" / "bare.png", photograph(make_patch(3))[:, :480])
+    return tmp_path / "desk", save(tmp_path / "old.png", make_patch(1))
+
+
+def test_views_of_photographs_show_a_patch_where_the_printed_one_was_found(
+    workspace: Workspace, desk, monkeypatch
+) -> None:
+    """The printed patch in the colours that it has there gives the photograph back; others change its place alone."""
+    import torch
+
+    from toolkit.boosters.mounted import show_mounted
+    from toolkit.photos.prints import fitted_photo as module
+
+    monkeypatch.setattr(module, "WINDOW", (1.0, 1.0))  # the whole photograph
+    folder, file = desk
+    views, skipped = module.view_photos(
+        workspace, [folder], [str(file)], size_px=N, size_mm=80.0, count=10, image_px=240, seed=0, device="cpu"
+    )
+    assert [Path(path).name for path, _ in skipped] == ["bare.png"] and "not found" in skipped[0][1]
+    train, held_out = views.divide()
+    assert (len(train), len(held_out)) == (8, 2), "two of each photograph, and all of the last one held out"
+
+    def show(colours: np.ndarray) -> np.ndarray:
+        patch = torch.from_numpy(np.ascontiguousarray(colours.transpose(2, 0, 1))).float()
+        (picture,) = show_mounted(patch, views, np.array([0]), np.zeros((1, 2), int), 240)
+        return picture.permute(1, 2, 0).numpy()
+
+    fitted = fit_photo(folder / "0.png", [KnownPatch("old", make_patch(1))])
+    inks, white = (srgb_to_linear(fitted.look.colours(p)) for p in (make_patch(1), np.full((1, 1, 3), 255, np.uint8)))
+    truth = cv2.resize(fitted.image, (240, 240), interpolation=cv2.INTER_AREA) / 255.0
+    place = np.zeros((240, 240), np.uint8)
+    cv2.fillConvexPoly(place, np.rint(CORNERS / 2).astype(np.int32), 1)
+    deep, far = cv2.erode(place, np.ones((7, 7))) > 0, cv2.dilate(place, np.ones((7, 7))) == 0
+    miss = np.abs(show(linear_to_srgb(np.clip(inks / white, 0, 1))) - truth)
+    assert np.median(miss[deep]) < 0.04 and np.median(miss[far]) < 0.01
+    changed = (show(np.ones((N, N, 3))) - show(np.zeros((N, N, 3)))).min(axis=2)
+    assert changed[deep].min() > 0.3 and np.abs(changed[far]).max() < 0.01
+
+
+def test_a_patch_is_trained_in_photographs_alone(workspace: Workspace, desk, monkeypatch, capsys) -> None:
+    """No object, no mesh: the place is where the printed patch was found, and the record says what was seen."""
+    from toolkit.cli import main
+    from toolkit.objects.records import read_patch
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["toolkit", "train-patch", *arguments, "--workspace", str(workspace.root)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return (int(stopped.value.code or 0), *capsys.readouterr())
+
+    folder, file = desk
+    asked = ["--found", str(file), "--class", "warplane", "--model", "rig18", "--size-px", "16", "--steps", "2"]
+    asked += ["--batch", "2", "--mounted-views", "10", "--name", "desk"]
+    code, said, told = run("--data", str(folder), *asked)
+    assert code == 0, told
+    assert "rig18 on the object, held-out views" in said and "with grey paper" in said
+    assert "bare.png" in told, "what shows no printed patch is listed"
+    record = read_patch(workspace.patches_dir / "desk.png").record
+    assert record.data["mounted_views_sha256"] and record.final["rig18_mounted_patched_n"] == 2
+    for more, words in (
+        (["--data", "rig:racer"], "expected folders of photographs"),
+        (["--data", str(folder), "--weather", "fog"], "need the object itself"),
+        (["--data", str(file.parent / "bare")], "found in 0 of 1 photographs, 2 are needed"),
+    ):
+        save(file.parent / "bare" / "bare.png", photograph(make_patch(3)))
+        code, _, told = run(*more, *asked)
+        assert code == 2 and words in told and "Traceback" not in told
+
+
 def test_what_is_no_patch_is_said(workspace: Workspace, tmp_path: Path) -> None:
     wide = save(tmp_path / "wide.png", np.zeros((20, 30, 3), np.uint8))
     with pytest.raises(ToolkitError, match="expected the square file that was printed"):
@@ -197,7 +303,7 @@ def test_real_photographs_predict_each_other() -> None:
     folder = SHARED / "photos" / "stickers-keyboard"
     if not folder.is_dir():
         pytest.skip(f"the photographs of printed stickers are not in {folder}")
-    from toolkit.photos.retexture_check import check_retexture, summarise
+    from toolkit.photos.retexture import check_retexture, summarise
 
     photos = [folder / f"{name}_6in_side.jpg" for name in ("bear1", "bear2")]
     originals = [str(folder / "originals" / f"{name}.png") for name in ("bear1", "bear2")]

@@ -6,7 +6,7 @@ import pytest
 
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.which_object import KnownObjects, judge_likeness
+from toolkit.photos.gates.objects import KnownObjects, judge_likeness
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, write_plan
 from toolkit.rig.requests import Pattern

@@ -239,6 +239,34 @@ def test_the_same_wrap_gives_the_same_bytes(space, printed, tmp_path):
         assert Path(one).read_bytes() == Path(other).read_bytes()
 
 
+@pytest.fixture(scope="module")
+def net(tmp_path_factory):
+    """A printed net of a box of bluish green, and its wrap."""
+    space = make_workspace(tmp_path_factory.mktemp("net"))
+    trimesh.creation.box((60, 40, 30)).export(space.objects_dir / "box.obj")
+    (space.objects_dir / "box.toml").write_text('class = "box"\nmesh = "box.obj"\nlength_mm = 60\n')
+    wrap = plan_wrap(load_object(space.object_spec("box")), WrapConfig(net=True, views=8, texel_mm=1.0))
+    wrap = write_wrap(space.wraps_dir / "box", replace(wrap, pixels=np.full_like(wrap.pixels, (0, 200, 90))))
+    return print_wrap(space, "box", wanted=WrapSettings(cut="svg")), wrap
+
+
+def test_the_tabs_of_a_net_are_printed_and_cut_out_with_it(net):
+    printed, wrap = net
+    pixels, per_mm = raster(printed, 2, 150), 150 / MM_PER_INCH
+    cut = read_svg(printed.cut_files[0])
+    for one in printed.placed:
+        record = wrap.record.pieces[one.number - 1]
+        tabs = [shapely.Polygon(one.to_page(np.array(tab.outline_mm))) for tab in record.tabs]
+        assert tabs and cut[one.number].area == pytest.approx(record.area_mm2 + sum(tab.area for tab in tabs), rel=1e-4)
+        for tab in tabs:
+            inner, bleed = tab.buffer(-1).exterior, tab.buffer(BLEED_MM - 0.5).exterior
+            outside = [spot for spot in bleed.coords if cut[one.number].distance(shapely.Point(spot)) > 0.4]
+            assert len(outside) > 4
+            for x, y in [*inner.coords, *outside]:
+                seen = pixels[round(len(pixels) - y * per_mm), round(x * per_mm)].astype(int)
+                assert np.abs(seen - (0, 200, 90)).max() < 12, (seen, x, y)
+
+
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", wanted=WrapSettings(roll_mm=600), out=tmp_path)
     assert printed.pages == 2

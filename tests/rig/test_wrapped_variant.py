@@ -1,6 +1,9 @@
 """The variant `wrapped`: what it looks like, what the manifest says of it, and what makes it be shot again."""
 
+import itertools
+
 import numpy as np
+import pdfplumber
 import pytest
 from PIL import Image
 
@@ -11,10 +14,11 @@ from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
+from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig.plan import read_plan
-from toolkit.rig.requests import Misfit
+from toolkit.rig.requests import Misfit, ShotListConfig
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
-from toolkit.rig.wrap_plan import plan_wrap
+from toolkit.rig.wrap_plan import plan_wrap, take_best
 
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
@@ -91,3 +95,35 @@ def test_without_a_wrap_it_says_how_to_make_one(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "bare")
     with pytest.raises(ToolkitError, match="no wrap is for 'crate'"):
         find_booster(space, load_object(space.object_spec("crate")), "wrapped")
+
+
+def test_the_best_pieces_cover_the_share_that_is_asked_for(space, crate):
+    wrap = read_wrap(space.wrap("crate"))
+    whole = wrap.record.covered
+    reached = [take_best(wrap, crate, share) for share in (0.3, 0.6, 1.0)]
+    shares = [one.record.covered for one in reached]
+    # triangles stay whole: the crate has twelve
+    assert shares == pytest.approx([0.3, 0.6, whole], abs=0.2) and shares[2] == pytest.approx(whole, abs=1e-3)
+    for few, more in itertools.pairwise(reached):
+        assert set(np.concatenate([p.faces for p in few.pieces])) < set(np.concatenate([p.faces for p in more.pieces]))
+    assert len(take_best(wrap, crate, 0.001).pieces[0].faces) == 1
+
+
+def test_a_share_of_the_wrap_is_shot_and_said(space, crate):
+    part = ShootSettings(backdrop="white", coverage=0.5).find_booster(space, crate, "wrapped")
+    full = find_booster(space, crate, "wrapped")
+    assert describe_booster(crate, part) != describe_booster(crate, full)
+    assert len(apply_booster(crate, part).faces) < len(apply_booster(crate, full).faces)
+    green = {name: (show(shoot(space, coverage=share), "wrapped")[..., 1]).mean() for name, share in
+             (("half", 0.5), ("all", None))}  # fmt: skip
+    assert green["half"] != green["all"]
+
+
+def test_the_shot_list_shows_where_the_pieces_go(space):
+    asked = ShotListConfig(variants=("unpatched", "wrapped"))
+    with quietly(True):
+        written = write_shot_list(space, read_plan(space.plan_file), ["crate"], asked)
+    with pdfplumber.open(written.pdf_file) as pdf:
+        words = pdf.pages[0].extract_text()
+    assert "Where the wrap's pieces go" in words and "there is no sheet to stick on" not in words
+    assert all(side in words for side in ("front", "left", "back", "right", "top", "bottom"))

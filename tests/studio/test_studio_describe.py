@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import pytest
 
 from toolkit.photos.gates.result import Gate
-from toolkit.photos.match_pose import match_pose
+from toolkit.photos.locate import match_pose
 from toolkit.rig.camera import orbit_pose
 from toolkit.rig.plan import Pose
 from toolkit.studio.describe import describe_gate, describe_inspection, say_moves

@@ -99,4 +99,4 @@ def test_a_photograph_goes_from_the_file_picker_to_the_captures(server, browser,
 def test_ctrl_c_right_away_ends_cleanly_and_says_where_to_go_on(server):
     said, code = server[1]()
     assert code == 0, said
-    assert "0 of 4 shots" in said and "goes on from here" in said and "Traceback" not in said
+    assert "0 of 4 shots" in said and "to go on" in said and "Traceback" not in said

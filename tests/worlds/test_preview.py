@@ -4,8 +4,11 @@ import errno
 import io
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -81,6 +84,26 @@ def test_a_damaged_record_costs_time_alone(field, folder, content) -> None:
     short = replace(SETTINGS, film_s=0)
     again = preview_world(field, SKIES[1:], folder, replace(short, weathers=()))
     assert set(again.made) == {f"dusk-{view}.jpg" for view in VIEWS} | {"map.png"}
+
+
+def test_the_work_ahead_is_all_of_it_and_a_frame_is_less_than_a_picture(field, folder, monkeypatch) -> None:
+    """Or the time left, which the bar foresees by what was done, is wrong by as much."""
+    counts: list[tuple[int, list[int]]] = []
+
+    @contextmanager
+    def count(title: str, total: int) -> Iterator[SimpleNamespace]:
+        done: list[int] = []
+        counts.append((total, done))
+        yield SimpleNamespace(advance=lambda amount=1, note=None: done.append(amount))
+
+    monkeypatch.setattr(preview, "progress", count)
+    for lost in ("flythrough.mp4", "dusk-roof.jpg"):
+        (folder / lost).unlink()
+        preview_world(field, SKIES, folder, SETTINGS)
+    (film, frames), (picture, _) = counts
+    assert [sum(done) for _, done in counts] == [film, picture]
+    assert len(frames) == 1 + 2 * SETTINGS.frames + 2 and max(frames[1:]) == 1  # its light, then each frame twice
+    assert picture - preview.LIGHT > 2
 
 
 def test_another_seed_makes_all_anew(field, first, folder) -> None:

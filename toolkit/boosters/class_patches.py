@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from toolkit.boosters.class_patches_config import ClassPatchesConfig
-from toolkit.boosters.data import Loaded, TrainingData, divide_images
+from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images
 from toolkit.boosters.patch_config import PatchConfig, check_size
 from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import Network
@@ -33,9 +33,6 @@ from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     from toolkit.boosters.validation import Share, Validation
-
-FEW_IMAGES = 32
-"""A class with fewer images is trained on those of all classes, where the user leaves it open."""
 
 
 @dataclass(frozen=True)

@@ -330,6 +330,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
 
 
 FEW_IMAGES = 32
+"""A class with fewer is trained on images of all classes, where the user leaves it open."""
 
 
 def describe_data(data: TrainingData) -> None:

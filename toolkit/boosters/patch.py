@@ -67,8 +67,8 @@ Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
 """(b, 3, m, m) photographs, networks -> the loss, a scalar, and the share recognised."""
 CHECKPOINT_EVERY_S = 5.0
 UNKNOWN = (
-    "note: nothing of the object is known without a patch, and there a sheet is often too little; "
-    "'toolkit train-texture' paints all of it"
+    "note: without a patch the object is never recognised, and a sheet is then often too small; "
+    "'toolkit train-texture' paints the whole object"
 )
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""

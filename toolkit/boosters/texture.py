@@ -274,7 +274,7 @@ class SurfaceTask(BoosterTask[Trained]):
 
     def finish(self, history: History) -> Trained:
         """Validate the rounded pixels, and write them."""
-        config, inputs, pixels = self.config, self.inputs, quantise(self.dilated())
+        config, inputs, pixels = self.config, self.inputs, self.reduce(quantise(self.dilated()))
         with progress("Validating", 1) as bar:
             validations = validate_texture(
                 pixels, self._stream.held_out(config.held_out), self.targets, config.seed,
@@ -299,6 +299,10 @@ class SurfaceTask(BoosterTask[Trained]):
             config.settings(self.image_px) | self._allowed, {}, shares,
         )  # fmt: skip
         return self.write(pixels, record, validations)
+
+    def reduce(self, pixels: np.ndarray) -> np.ndarray:
+        """(n, n, 3) uint8 sRGB trained pixels without what adds nothing; by default all of them."""
+        return pixels
 
     @abstractmethod
     def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> Trained:

@@ -3,14 +3,15 @@
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.boosters.pixel_config import AUGMENTATION
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
 from toolkit.boosters.texture_config import WEARS, TextureConfig, fit_recipe
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint
-from toolkit.core.config import Flag
+from toolkit.core.config import Expect, Flag, Later
 from toolkit.core.errors import FieldError
+from toolkit.objects.spec import MOST_PIECES
 from toolkit.rig.requests import STUCK_ON, Misfit
 
 PRINTED = 0.5
@@ -22,6 +23,21 @@ def check_object(names: tuple[str, ...]) -> tuple[str, ...]:
     if len(names) != 1:
         raise FieldError("expected one object to wear the wrap; 'toolkit objects' lists them", {"objects": names})
     return names
+
+
+def read_counts(given: Any) -> Any:
+    """`1..12`, or one number, as the fewest and the most."""
+    if not isinstance(given, str):
+        return given
+    low, _, high = given.partition("..")
+    return (low, high or low)
+
+
+def check_counts(counts: tuple[int, int]) -> tuple[int, int]:
+    """At least one, and rising."""
+    if not 1 <= counts[0] <= counts[1] <= MOST_PIECES:
+        raise ValueError(f"expected numbers of pieces such as 1..12, at most {MOST_PIECES}")
+    return counts
 
 
 class WrapTrainConfig(TextureConfig):
@@ -36,6 +52,15 @@ class WrapTrainConfig(TextureConfig):
     keep_image: None = Field(None, exclude=True)
     unwrap: None = Field(None, exclude=True)
     start: None = Field(None, exclude=True)
+    pieces: Annotated[
+        Annotated[tuple[int, int], AfterValidator(check_counts)] | None,
+        BeforeValidator(read_counts), Expect("numbers of pieces such as 1..12"), Later,
+        Flag("--pieces", metavar="LOW..HIGH", group=WEARS, typed=str),
+    ] = Field(
+        None,
+        description="Rank the pieces by what the networks say, and keep the fewest of so many that do as well as more. "
+        "Default: all are kept.",
+    )  # fmt: skip
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
         None, description="Show the patch in the inks of a desktop printer."
     )

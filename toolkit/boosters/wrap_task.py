@@ -9,13 +9,14 @@ import numpy as np
 
 from toolkit.boosters.booster import BoosterFiles, TrainedBooster, train_booster
 from toolkit.boosters.detectors import meet_networks
-from toolkit.boosters.pixels import Network, list_networks
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
+from toolkit.boosters.pixels import Network, Target, from_picture, list_networks
 from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
 from toolkit.boosters.texture_config import METHOD_VERSION
 from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
 from toolkit.boosters.validation import WeatherValidation
 from toolkit.boosters.wrap_config import WrapTrainConfig
-from toolkit.core.console import notice
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
@@ -23,15 +24,29 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.atlas import GROUND, Atlas
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import RECORD_FILE, Wrap, WrapRecord, WrapTraining, check_wrap, read_wrap, write_wrap
+from toolkit.objects.wrap import (
+    RECORD_FILE,
+    RankedPiece,
+    Wrap,
+    WrapRecord,
+    WrapTraining,
+    check_wrap,
+    choose_pieces,
+    read_wrap,
+    write_wrap,
+)
 from toolkit.rig.requests import Misfit
-from toolkit.rig.views import PaintableObject
-from toolkit.rig.wrap_plan import draw_paint, plan_wrap
+from toolkit.rig.views import PaintableObject, RenderedView
+from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
 from toolkit.worlds.place import scale_to_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+BATCH = 12
+"""Views that are shown together when pieces are ranked."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +108,10 @@ def wrap_object(item: TableObject, wrap: Wrap, misfit: Misfit | None) -> Wrapped
     return WrappedObject(item, Atlas(mesh, trained, covered, source, unwrapped=True), wrap, misfit)
 
 
-def open_plan(workspace: Workspace, item: TableObject) -> Wrap:
+def open_plan(workspace: Workspace, item: TableObject, whole: bool = False) -> Wrap:
     """The pieces of an object's wrap, without what is on them; they are planned by default where it has none.
+
+    With `whole` those that were dropped are among them.
 
     Raises:
         ToolkitError: the plan is broken or of another mesh, or no piece lies flat.
@@ -102,7 +119,8 @@ def open_plan(workspace: Workspace, item: TableObject) -> Wrap:
     known = workspace.wraps()
     for name in sorted(known, key=lambda name: (name != item.name, name)):
         if read_json(known[name] / RECORD_FILE, WrapRecord).object == item.name:
-            wrap = read_wrap(known[name], with_pixels=False)  # pictures may be half written by a run that was killed
+            # pictures may be half written by a run that was killed
+            wrap = read_wrap(known[name], with_pixels=False, whole_plan=whole)
             check_wrap(wrap, item)
             return wrap
     wrap = write_wrap(workspace.wraps_dir / item.name, plan_wrap(item))
@@ -138,11 +156,76 @@ class TrainedWrap(TrainedBooster):
         else:
             yield f"{files.png.parent}: {len(record.pieces)} pieces on {record.covered:.0%} of what cameras see"
             yield f"{files.preview}: the object turning, with the network's first guess"
+            yield from self._say_ranking()
             yield from say_held_out(self.validations, "with the wrap stuck on")
         yield (
             f"next: toolkit print --wrap {record.name}, toolkit capture-sim --object {record.object} "
             "--variant unpatched --variant wrapped"
         )
+
+    def _say_ranking(self) -> Iterator[str]:
+        record = self.wrap.record
+        ranking = record.booster.ranking if record.booster is not None else []
+        if ranking:
+            known = ", ".join(f"{count}: {one.recognised:.0%}" for count, one in enumerate(ranking, 1))
+            yield f"recognised with so many of the best pieces, in views for this alone: {known}"
+            yield f"{len(record.pieces)} of {len(ranking)} pieces are kept; numbers are by rank"
+
+
+def paint_pieces(record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, numbers: Sequence[int]) -> np.ndarray:
+    """(n, n, 3) uint8 canvas with pixels on these pieces, the object's own paint on the others."""
+    canvas = paint.copy()
+    for number in numbers:
+        left, low, right, high = record.box_px(record.pieces[number - 1])
+        box = slice(record.n_px - high, record.n_px - low), slice(left, right)
+        canvas[box] = pixels[box]
+    return canvas
+
+
+def rank_pieces(
+    record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, views: Sequence[RenderedView], targets: Sequence[Target]
+) -> list[RankedPiece]:
+    """All pieces, each next the one with which the networks are surest of the class (greedy forward selection).
+
+    Args:
+        record: of the plan.
+        pixels, paint: (n, n, 3) uint8 sRGB canvases: what was trained, and what is there without a piece.
+        views: of the object with all pieces stuck on.
+        targets: the networks.
+    """
+    batches = [
+        batch_views([one.view for one in views[start : start + BATCH]], targets[0].classifier.device)
+        for start in range(0, len(views), BATCH)
+    ]
+    left, ranked = [one.number for one in record.pieces], list[RankedPiece]()
+    with progress("Ranking pieces", len(left) * (len(left) + 1) // 2) as bar:
+        while left:
+            tried = []
+            for number in left:
+                canvas = paint_pieces(record, pixels, paint, [*(one.number for one in ranked), number])
+                sure, known = _judge(canvas, batches, targets)
+                tried.append(RankedPiece(number=number, recognised=known, mean_log_prob=sure))
+                bar.advance()
+            best = max(tried, key=lambda one: (one.mean_log_prob, -one.number))
+            ranked.append(best)
+            left.remove(best.number)
+    return ranked
+
+
+def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence[Target]) -> tuple[float, float]:
+    """Mean log probability of the class over views and networks, and the share of them that are right."""
+    import torch
+
+    texture = from_picture(canvas, targets[0].classifier.device)
+    sure, right = [], []
+    with torch.inference_mode():
+        for batch in batches:
+            photos = show_texture(texture, batch)
+            for target in targets:
+                logits = target.logits(photos)
+                sure.append(logits.log_softmax(1)[:, target.class_index])
+                right.append(logits.argmax(1) == target.class_index)
+    return round(float(torch.cat(sure).mean()), 6), round(float(torch.cat(right).float().mean()), 6)
 
 
 def train_wrap(
@@ -172,7 +255,7 @@ def train_wrap(
     """
     config.check_backgrounds()
     item = load_object(workspace.object_spec(config.objects[0]))
-    wrap = open_plan(workspace, item)
+    wrap = open_plan(workspace, item, whole=config.pieces is not None)
     worn = wrap_object(item, wrap, config.misfit)
     config, targets = meet_networks(config, networks, choose_class(class_name, [worn]))
     record = wrap.record
@@ -181,8 +264,7 @@ def train_wrap(
     )
     inputs = load_inputs(config, [worn], None, networks[0], workspace)
     decides = [
-        METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm,
-        [one.origin_px for one in record.pieces],
+        METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm, record.n_px,
         inputs.sha256(needs_size=config.weather is not None or config.world is not None),
         config.settings(networks[0].preprocessing.crop_px),
     ]  # fmt: skip
@@ -201,6 +283,8 @@ class WrapTask(SurfaceTask[TrainedWrap]):
     """Training of a wrap: only the texels on its pieces are seen."""
 
     kind = "wrap"
+    _ranking: "Sequence[RankedPiece]" = ()
+    _kept: Sequence[int] = ()
 
     def find_finished(self) -> TrainedWrap | None:
         """The wrap, where its files are whole and of the same inputs."""
@@ -216,13 +300,32 @@ class WrapTask(SurfaceTask[TrainedWrap]):
             return None
         return TrainedWrap(wrap=wrap, files=self.files, skipped=self.inputs.backgrounds.skipped)
 
+    def reduce(self, pixels: np.ndarray) -> np.ndarray:
+        """With the object's own paint on pieces that add nothing, where they are ranked."""
+        assert isinstance(self.config, WrapTrainConfig)
+        (worn,) = self.inputs.objects
+        assert isinstance(worn, WrappedObject)
+        if self.config.pieces is None:
+            return pixels
+        # views that are neither trained on nor reported
+        views = self._stream.held_out(1, first=self.config.held_out)
+        paint = worn.paint().reshape(-1, 3)[worn.atlas.source]
+        self._ranking = rank_pieces(worn.wrap.record, pixels, paint, views, self.targets)
+        low, high = (min(count, len(self._ranking)) for count in self.config.pieces)
+        shares = [one.recognised for one in self._ranking[:high]]
+        enough = max(low, shares.index(max(shares)) + 1)
+        self._kept = [one.number for one in self._ranking[:enough]]
+        return paint_pieces(worn.wrap.record, pixels, paint, self._kept)
+
     def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedWrap:
         """Write the pieces' pictures and the record."""
         (worn,) = self.inputs.objects
         assert isinstance(worn, WrappedObject)
         plan, misfit = worn.wrap, worn.misfit
         kept = {name: record[name] for name in WrapTraining.model_fields if name in record}
-        trained = WrapTraining(**kept, misfit={} if misfit is None else misfit.record())
+        trained = WrapTraining(**kept, misfit={} if misfit is None else misfit.record(), ranking=list(self._ranking))
+        if self._kept:
+            plan = choose_pieces(plan, self._kept, measure_cover(plan, worn.item, self._kept))
         full = plan.record.model_copy(update={"class_name": record["class_name"], "booster": trained})
         wrap = write_wrap(self.files.png.parent, Wrap(full, plan.pieces, pixels))
         skipped = self.inputs.backgrounds.skipped

@@ -69,7 +69,7 @@ def _check_own(out: Path, corruption: Corruption) -> None:
     for path, record in read_manifest(out).items():
         if (record.made.get("corruption"), record.made.get("severity")) != corruption:
             raise FieldError(
-                f"{out} holds images that are no corrupted copies of shots ({path}): name another {{source}}", {}
+                f"{out} holds images that were not made by corrupting shots ({path}): name another {{source}}", {}
             )
 
 

@@ -88,7 +88,7 @@ def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
     try:
         pixels = read_image(capture.file, how.resize_px)
     except UnreadableImage as error:
-        raise ToolkitError(f"{capture.path}: {error.reason}: take it out of the folder, or put it right") from None
+        raise ToolkitError(f"{capture.path}: {error.reason}: remove it from the folder, or correct it") from None
     is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
     return pixels if is_cut else resize_and_crop(pixels, how)
 

@@ -317,7 +317,7 @@ def _note_retextured(captures: list[Capture]) -> list[str]:
     if not counts:
         return []
     named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))
-    return [f"retextured, true photographs with another patch in the printed one's place: {named}"]
+    return [f"retextured: photographs in which another patch replaces the printed one: {named}"]
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:

@@ -108,8 +108,8 @@ class ObjectPreview:
     def lines(self) -> Iterator[str]:
         """What to look at, a sentence each."""
         yield (
-            f"drew {self.picture}: its front must show at azimuth 0°, upright (else give --up and --front, with "
-            "--replace); the checks are where the patch goes"
+            f"drew {self.picture}: azimuth 0° must show its front, upright (if not, add it again with --up, --front, "
+            "--replace); the patch goes where the checks are"
         )
         if self.page is not None:
             yield f"{self.page}: open it in a browser to turn the object, patch and all"

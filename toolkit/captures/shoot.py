@@ -31,7 +31,8 @@ from toolkit.rig.requests import PAIR
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Worn, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import Sheets, Worn, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.wrap_plan import take_best
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class ShootSettings:
         board: the printed board that lies under the object; None for the bare table.
         rehearsal: what print, hand and phone do to the shots; None: nothing.
         perfect: a wrap's pieces lie exactly in their places.
+        coverage: share of what cameras see that a wrap's best pieces may cover, the others are left off; None: all.
     """
 
     seed: int = 0
@@ -102,6 +104,14 @@ class ShootSettings:
     board: Board | None = None
     rehearsal: Rehearsal | None = None
     perfect: bool = False
+    coverage: float | None = None
+
+    def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> Worn | None:
+        """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
+        worn = find_booster(workspace, item, variant, perfect=self.perfect, seed=self.seed)
+        if self.coverage is None or not isinstance(worn, Sheets):
+            return worn
+        return replace(worn, wrap=take_best(worn.wrap, item, self.coverage), coverage=self.coverage)
 
 
 @dataclass(frozen=True)
@@ -305,7 +315,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     """
     studio = studio_for(item, settings)
     how = asdict(settings)
-    del how["perfect"]  # said with the booster that it acts on
+    del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
     if settings.rehearsal is not None:
@@ -314,7 +324,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
         "variant": variant, **how,
     }  # fmt: skip
-    booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
+    booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
         look |= describe_booster(item, booster)
     return look
@@ -326,7 +336,7 @@ def _list_units(
     """Units of images; `planned` gets the records of their shots, but for the hash of the image."""
     for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
         item, variant = shots[0].item, shots[0].variant
-        booster = find_booster(workspace, item, variant, perfect=settings.perfect, seed=settings.seed)
+        booster = settings.find_booster(workspace, item, variant)
         made = {
             "with": f"toolkit {__version__}", "renderer": settings.renderer,
             "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
@@ -376,7 +386,9 @@ def shoot_unit(
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:
     buffer = BytesIO()
     if image_format == "png":
-        Image.fromarray(pixels).save(buffer, "PNG")
+        Image.fromarray(pixels).save(
+            buffer, "PNG", compress_level=3
+        )  # a quarter of the default's time, a tenth more bytes
     else:
         Image.fromarray(pixels).save(buffer, "JPEG", quality=95, subsampling=0)
     return buffer.getvalue()

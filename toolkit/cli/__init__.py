@@ -36,7 +36,7 @@ def main() -> None:
     except BaseException as error:
         code = _end(error, typed)
     if code == INTERRUPTED:
-        typer.echo("stopped: what is finished is kept; the same command goes on from here", err=True)
+        typer.echo("stopped: what is finished is kept; run the same command again to go on", err=True)
     sys.exit(code)
 
 

@@ -111,7 +111,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "landing train": Entry("landing:train", "train a network to say where the pad is"),
         "landing boost": Entry("landing:boost", "train the pad's picture for that network"),
         "landing fly": Entry("landing:fly", "fly landings with it in worsening weather"),
-        "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
+        "landing demo": Entry("landing:demo", "run the whole landing experiment, small"),
     },
     "Challenge": {
         "challenge init": Entry("challenge:init", "make an entry of your boosters"),
@@ -138,7 +138,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
 
 WORDS = {
     "world": "List, see and export the worlds that objects stand in.",
-    "challenge": "Whose booster carries: enter one, check, score and rank entries.",
+    "challenge": "Whose booster helps networks that it was not trained on: enter one, check, score, rank.",
     "landing": "Land a drone on a pad: shoot the pad, train a network, boost the pad, fly.",
 }
 """What is said of the commands that begin with a word."""

@@ -205,19 +205,17 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     ends = [name for name in OUTCOMES[1:] if any(one.count(name) for one in results)]
     rows = []
     for one in results:
-        *_, air, gains = one.cell.key.split("/")
         row = one.as_json()
         error = "-" if row["median_error_m"] is None else f"{row['median_error_m']:.2f}"
-        rows.append(
-            (one.cell.pad, one.cell.regressor, f"{air} {gains}", str(one.n), format_percent(one.success),
-             format_interval(one.success_ci95), *(str(one.count(name)) for name in ends), error)
-        )  # fmt: skip
+        shares = format_percent(one.success), format_interval(one.success_ci95)
+        where = one.cell.pad, one.cell.regressor, f"{one.cell.air}, {one.cell.gains}", str(one.n)
+        rows.append((*where, *shares, *(str(one.count(name)) for name in ends), error))
     heads = ("n", "success", "95 %", *(name.replace("_", " ") for name in ends), "error m")
     console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
     if pairs:
-        found = [(one.cell.key, one.against.key, one.outcomes) for one in pairs]
-        cells = [(*keys, str(one.only_second), str(one.only_first), format_p(one.mcnemar_p)) for *keys, one in found]
-        console.print(build_table("Episode by episode", ("cell", "against"), ("gained", "lost", "exact p"), cells))
+        found = [(one.cell.words, one.other, one.outcomes) for one in pairs]
+        cells = [(*words, str(one.only_second), str(one.only_first), format_p(one.mcnemar_p)) for *words, one in found]
+        console.print(build_table("Episode by episode", ("flown", "against"), ("gained", "lost", "exact p"), cells))
 
 
 @from_config(config=BoostConfig, printing=PadPrintConfig)

@@ -44,9 +44,8 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.photos.calibrate import calibrate_folder
+    from toolkit.photos.calibrate import calibrate_folder, write_pictures
     from toolkit.photos.lens import write_lenses
-    from toolkit.photos.lens_picture import write_pictures
     from toolkit.rig.board_file import read_board, with_board
 
     space = open_workspace(workspace)

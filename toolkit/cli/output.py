@@ -78,18 +78,19 @@ def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     from rich.text import Text
 
     from toolkit.core.console import console
+    from toolkit.core.tables import share_width
 
     cells = [[escape(str(cell)) for cell in row] for row in rows]
-    longest = [max(map(len, " ".join(column).split()), default=0) for column in zip(titles, *cells, strict=True)]
-    frame = 3 * len(titles) + 1  # a bar and two blanks for each column, and the last bar
-    if sum(longest) + frame > console.width:
+    room = console.width - 3 * len(titles) - 1  # a bar and two blanks for each column, and the last bar
+    widths = share_width(list(zip(titles, *cells, strict=True)), room)
+    if sum(widths) > room:
         wide = max(map(len, titles))
         for row in cells:
             for title, cell in zip(titles, row, strict=True):
                 console.print(f"{title:{wide}}  {cell}".rstrip(), markup=False, soft_wrap=True)
             console.print()
         return
-    table = Table(*(Column(title, min_width=least) for title, least in zip(titles, longest, strict=True)))
+    table = Table(*(Column(title, width=width) for title, width in zip(titles, widths, strict=True)))
     for row in cells:
         table.add_row(*map(Text, row))
     console.print(table)

@@ -11,8 +11,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.severities import list_spans
-from toolkit.photos.importing.settings import ImportSettings
-from toolkit.photos.retexture_config import RetextureConfig
+from toolkit.photos.settings import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace
@@ -221,7 +220,7 @@ def _check_retexture(
     """Run and show `retexture --check`."""
     from toolkit.core.console import list_skipped
     from toolkit.models.load import load_classifiers
-    from toolkit.photos.retexture_check import check_retexture, summarise
+    from toolkit.photos.retexture import check_retexture, summarise
 
     model, weights, device = networks
     classifiers = load_classifiers(model, weights, device, space.classifiers_dir)

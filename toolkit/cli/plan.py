@@ -111,7 +111,7 @@ def what_pairs_can_show(count: int) -> str:
 
     low, high = wilson_interval(count // 2, count)
     enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
-    flips = "no number of changes reaches p < 0.05"
+    flips = "no number of changes can reach p < 0.05"
     if enough is not None:
         flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
     return (

@@ -79,7 +79,7 @@ def compare(
     if first.endswith(".csv") and second.endswith(".csv"):
         found = compare_tables(Path(first), Path(second), captures, cluster)
     elif cluster is not None:
-        raise FieldError("is a column of CSV tables: runs have their own objects", {"cluster": cluster})
+        raise FieldError("goes with CSV tables only: runs know their objects", {"cluster": cluster})
     else:
         found = compare_runs(space, open_run(space, first), open_run(space, second), captures)
     name = "-vs-".join(run.name.strip("/").replace("/", "-") for run in (found.first, found.second))
@@ -180,7 +180,7 @@ def export(
     formats = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
     if objects:
         if names:
-            raise FieldError("exported alone: name runs in a call of their own", {"objects": objects[0]})
+            raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
         from toolkit.rig.export import export_objects
 
         chosen = [one for one, is_asked in formats.items() if is_asked] or ["glb"]

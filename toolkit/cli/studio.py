@@ -110,6 +110,6 @@ def show_summary(session: "Session") -> None:
     parts += [f"{skipped} put off"] if skipped else []
     say("; ".join(parts))
     if done < len(shots):
-        say("the same command goes on from here")
+        say("run the same command again to go on")
     if done:
         say(f"next: toolkit eval {session.workspace.captures_dir}")

@@ -111,7 +111,7 @@ def _view_photos(
     from toolkit.core.console import list_skipped
     from toolkit.core.errors import FieldError
     from toolkit.objects.records import printed_size_mm
-    from toolkit.photos.prints.views import view_photos
+    from toolkit.photos.prints.fitted_photo import view_photos
 
     if asked.data.rig_source is not None:
         raise FieldError(

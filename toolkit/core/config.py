@@ -26,7 +26,7 @@ from pydantic_core import ErrorDetails, core_schema
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
 
 Range = tuple[float, float]
-UNITS = {"deg": "°", "mm": " mm", "px": " px", "m": " m", "s": " s"}
+UNITS = {"m_s": " m/s", "deg": "°", "mm": " mm", "px": " px", "m": " m", "s": " s"}
 KINDS: dict[object, str] = {int: "a whole number", float: "a number", bool: "on or off", Path: "a file", str: "text"}
 Self = TypeVar("Self", bound="Config")
 
@@ -271,7 +271,7 @@ def describe(value: object, name: str = "") -> str:
         names = list(type(value).model_fields) if isinstance(value, Config) else [one.name for one in fields(value)]
         names.sort(key=lambda name: name.endswith("probability"))
         return ", ".join(f"{_words(one)} {describe(getattr(value, one), one)}" for one in names)
-    unit = UNITS.get(name.rpartition("_")[2], "")
+    unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g} to {value[1]:g}{unit}"
     if isinstance(value, tuple | list):
@@ -320,8 +320,13 @@ def _has(info: FieldInfo, mark: type) -> bool:
 
 
 def _words(name: str) -> str:
-    head, _, unit = name.rpartition("_")
-    return (head if unit in UNITS and head else name).replace("_", " ")
+    unit = _unit_of(name)
+    return (name.removesuffix(f"_{unit}") if unit else name).replace("_", " ")
+
+
+def _unit_of(name: str) -> str:
+    """The unit that a field's name ends in, as it stands there: `mm` of `size_mm`, `m_s` of `fastest_m_s`."""
+    return next((unit for unit in UNITS if f"_{name}".endswith(f"_{unit}")), "")
 
 
 def _or(words: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -125,8 +126,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
 def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """A file to write that takes the place of `path` when the block has ended, and is gone when it fails.
 
-    Every file of the kit is written here. A link to a file at `path` is replaced, not followed, and the temporary name
-    can not be foreseen.
+    Every file of the kit is written here. A link to a file at `path` is replaced, not followed.
 
     Args:
         path: where to.
@@ -138,23 +138,38 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
             the folder may not be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         make_folder(path.parent, root)
         _check_replaceable(path)
-        number = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOWING, 0o666)
+        number, partial = _open_partial(path)
         with os.fdopen(number, "wb") as file:
-            yield file
-            file.flush()
-            # on disk before the rename, or a crash could leave the new name on an empty file
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except BaseException as error:
-        with contextlib.suppress(OSError, ValueError):
-            partial.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise explain_write_error(path, error) from error
-        raise
+            try:
+                yield file
+                file.flush()
+                # on disk before the rename, or a crash could leave the new name on an empty file
+                os.fsync(file.fileno())
+                partial.replace(path)  # before it is closed: until then it is nobody else's
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    partial.unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise explain_write_error(path, error) from error
+
+
+def _open_partial(path: Path) -> tuple[int, Path]:
+    """A file beside `path` to write first, and its name; one that a killed run left is taken, one in use is not."""
+    partial = path.with_name(f".{path.name}.partial")
+    with contextlib.suppress(OSError):
+        number = open_in_place(partial)
+        with contextlib.suppress(OSError):
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(number), partial.lstat()):  # its last holder did not rename it meanwhile
+                os.truncate(number, 0)
+                return number, partial
+        os.close(number)
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    return os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOWING, 0o666), partial
 
 
 def _check_replaceable(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import atanh, sqrt, tanh
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,7 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
     return (0.0 if successes == 0 else max(0.0, low)), (1.0 if successes == trials else min(1.0, high))
 
 
+@lru_cache(maxsize=1 << 14)  # of very many groups, most have few pairs, and the same numbers of them
 def mcnemar_p(gained: int, lost: int) -> float:
     """Two-sided exact McNemar p of paired right-or-wrong outcomes; 1 where no pair changed.
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 NONE = "–"
 ROUNDING = 1e-9
 FIRST_WIDTH, TEXT_WIDTH = 6, 12
+BREAKS = re.compile(r"/(?=\w)")
 """To which a first and another column of text may be narrowed on a small console."""
 
 
@@ -114,6 +115,16 @@ def decode_cell(text: str) -> str:
     return text[1:] if text[:1] == "'" and FORMULA.match(text) else text
 
 
+def share_width(columns: Sequence[Sequence[str]], room: int) -> list[int]:
+    """Width of each column: of its longest word at least, and more, from the left, as far as there is room."""
+    widths = [max(map(len, " ".join(cells).split()), default=0) for cells in columns]
+    left = room - sum(widths)
+    for at, cells in enumerate(columns):
+        more = min(max(map(len, cells), default=0) - widths[at], max(left, 0))
+        widths[at], left = widths[at] + more, left - more
+    return widths
+
+
 def build_table(
     title: str, texts: Sequence[str], numbers: Sequence[str], rows: Iterable[Sequence[str]], bold: str | None = None
 ) -> "Table":
@@ -129,11 +140,20 @@ def build_table(
     from rich.table import Table
     from rich.text import Text
 
+    from toolkit.core.console import console
+
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     cells = [[escape(cell) for cell in row] for row in rows]
-    for i, name in enumerate(texts):
-        longest = max(len(name), *(len(row[i]) for row in cells), 0)
-        table.add_column(name, overflow="fold", min_width=min(longest, TEXT_WIDTH if i else FIRST_WIDTH))
+    columns = list(zip((*texts, *numbers), *cells, strict=True))
+    room = console.width - sum(max(map(len, column)) for column in columns[len(texts) :]) - len(columns)
+    widths = share_width(columns[: len(texts)], room)
+    if sum(widths) > room:  # long names such as landing/apriltag may then be broken after a slash
+        cells = [[*(BREAKS.sub("/ ", cell) for cell in row[: len(texts)]), *row[len(texts) :]] for row in cells]
+        widths = share_width(list(zip(texts, *(row[: len(texts)] for row in cells), strict=True)), room)
+    fits = sum(widths) <= room
+    for i, (name, width) in enumerate(zip(texts, widths, strict=True)):
+        least = width if fits else min(width, TEXT_WIDTH if i else FIRST_WIDTH)
+        table.add_column(name, overflow="fold", min_width=least)
     for name in numbers:
         table.add_column(name, justify="right", no_wrap=True)
     above = None

@@ -112,7 +112,7 @@ class RunComparison:
             return None
         limits = f" ({format_points_interval(over['gain_ci95'])})" if over["gain_ci95"] else ""
         return (
-            f"Over {over['clusters']} clusters, which alone count as independent draws: {format_points(over['gain'])} "
+            f"Over {over['clusters']} clusters, each counted as one independent draw: {format_points(over['gain'])} "
             f"points{limits}, sign-flip p {format_p(over['sign_flip_p'])}."
         )
 

@@ -287,7 +287,7 @@ def write_fiftyone(
             for name, label in labels.items():
                 fields.setdefault(name, {})[key] = label
     if not files:
-        raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: say where they lie")
+        raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: name their folder")
     write_json(folder / "data.json", {key: file for file, key in files.items()})
     for name, labels in fields.items():
         write_json(folder / "labels" / f"{name}.json", {"labels": labels})
@@ -354,7 +354,7 @@ def write_coco_results(
             raise ToolkitError(f"{run.name} holds no boxes (kind '{run.kind}'): expected a run of a detector")
         placed, gone = _read_placed(workspace, run, captures_dir)
         if not placed:
-            raise ToolkitError(f"none of the images of {run.name} is there: say where they lie")
+            raise ToolkitError(f"none of the images of {run.name} is there: name their folder")
         categories = sorted({one.true_label for one in placed})
         images: list[Row] = []
         truths: list[Row] = []

@@ -89,7 +89,7 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
     table = pandas.read_csv(file, dtype="string", keep_default_na=False, na_values=[""])
     missing = [name for name in NEEDED if name not in table.columns]
     if missing:
-        raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+        raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
     for name in table.columns:
         table[name] = table[name].map(decode_cell, na_action="ignore").astype("string")
     if "failed_gates" in table.columns:

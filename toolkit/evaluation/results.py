@@ -7,6 +7,7 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.read import Capture
+from toolkit.core.limits import without_collector
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
     Comparison,
@@ -69,6 +70,7 @@ class Findings:
         return describe_both(self.pairs, self.passed.pairs if self.passed else (), counts)
 
 
+@without_collector()
 def compare_predictions(
     network: str, predictions: Sequence[Prediction], refused_folders: Sequence[tuple[str, str]] = ()
 ) -> Findings:

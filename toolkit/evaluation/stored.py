@@ -55,26 +55,24 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
     try:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
-        lines = csv.DictReader(text, strict=True)
+        lines = csv.reader(text, strict=True)
+        names = next(lines, [])
         needed = DETECTION_COLUMNS if run.kind == "detection" else NEEDED
-        missing = [name for name in needed if name not in (lines.fieldnames or ())]
+        missing = [name for name in needed if name not in names]
         if missing:
-            raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+            raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
         # most files hold no quote, and need no cell looked at
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
         with without_collector():
-            return [_read_line(_decode(line) if is_escaped else line, find, sources) for line in lines]
+            cells = (map(decode_cell, line) if is_escaped else line for line in lines if line)
+            return [_read_line(dict(zip(names, line, strict=False)), find, sources) for line in cells]
     except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
-        raise ToolkitError(f"{file} is damaged ({error}): evaluate the captures again") from None
+        raise ToolkitError(f"{file} is damaged ({error}): run 'toolkit eval' again") from None
 
 
 def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
     """`sim` of `sim-fog-3`."""
     return source.removesuffix(name_source("", (condition, severity or 0)))
-
-
-def _decode(line: Mapping[str, str]) -> dict[str, str]:
-    return {name: cell and decode_cell(cell) for name, cell in line.items() if name}
 
 
 Find = Callable[[str], tuple[Path, bool]]
@@ -87,7 +85,8 @@ def _within(root: Path) -> Find:
     def find(path: str) -> tuple[Path, bool]:
         head, _, name = path.rpartition("/")
         if head not in folders:
-            folders[head] = inside(root, head), *_list_files(inside(root, head))
+            there = inside(root, head)
+            folders[head] = there, *_list_files(there)
         folder, files, links = folders[head]
         is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
         if name in links or not is_plain or name in ("", ".", "..") or len(name) > MOST_NAME_BYTES:
@@ -109,9 +108,11 @@ def _list_files(folder: Path) -> tuple[set[str], set[str]]:
     return {one.name for one in entries if one.name not in links and one.is_file()}, links
 
 
-def _read_line(line: Mapping[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
+def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
     # interned: one copy of each text instead of one a line
-    line = {**line, **{name: intern(line[name]) for name in REPEATED if line.get(name)}}
+    for name in REPEATED:
+        if name in line:
+            line[name] = intern(line[name])
     path, source = line["path"], line["source"]
     file, is_there = find(path)
     head, _, rest = path.partition("/")

@@ -180,7 +180,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
             "open", f"This {noun} beats its controls, but is not shown to help"
         )  # fmt: skip
     elif not helps:
-        verdict = f"No help shown, so none to put down to this {noun}"
+        verdict = f"No help is shown that this {noun} could have caused"
     elif best in beaten:
         verdict = "Not shown against every control"
     which = f"the best control, '{best.second}'" if len(rivals) > 1 else f"'{best.second}', the only control shot"
@@ -216,7 +216,7 @@ def _describe_wrong(row: Comparison) -> str:
     return (
         f"With another class's patch the true class is recognised on {format_count(found.n_second, found.n)}, against "
         f"{format_count(found.n_first, found.n)} bare ({found.only_second} gained, {found.only_first} lost, "
-        f"{format_test(found.mcnemar_p)}), its mean probability going from {row.prob_first:.2f} to "
+        f"{format_test(found.mcnemar_p)}), its mean probability goes from {row.prob_first:.2f} to "
         f"{row.prob_second:.2f}{mistake}."
     )
 
@@ -235,15 +235,15 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
         )
     needs_object = row is not None and row.outcomes.first_is_better
     if low > MOST:
-        tone, verdict = "bad", "It is the sticker that is read"
+        tone, verdict = "bad", "The network reads the sticker, not the object"
         if needs_object:
-            verdict = "Mostly the sticker is read; the object adds to it"
+            verdict = "The network mostly reads the sticker; the object adds to it"
     elif needs_object and high < MOST:
-        tone, verdict = "good", "The object is read: the sticker alone is mostly not enough"
+        tone, verdict = "good", "The network reads the object: the sticker alone is mostly not enough"
     elif needs_object:
         tone, verdict = "open", "Both: the sticker alone is often enough, the object adds to it"
     elif high < MOST:
-        tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
+        tone, verdict = "open", "The sticker alone is mostly not enough; that the object adds to it is not shown"
     else:
         tone, verdict = "open", "The object is not shown to add to the sticker"
     return Verdict(tone, sentence, verdict, alone.source, ALONE, STICKER)

@@ -104,8 +104,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -
                 track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
                 above.plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
                 aside.plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
-        air = one.cell.weather if one.cell.weather == "clear" else f"{one.cell.weather} {one.cell.severity}"
-        title = f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}"
+        title = f"{one.cell.pad}, {one.cell.regressor}\n{one.cell.air}, {one.cell.gains}: {one.success:.0%}"
         _frame(above, title, radius_m)
         above.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m))
         aside.set_xlabel("aside (m)")
@@ -292,7 +291,7 @@ def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: Epis
         pose = flights.camera_poses(np.array([0]))[0]
         views.append(SiteView(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
     pictures = list(map_frames(site.photograph, views))
-    title = f"{record.cell.key}, episode {record.index}"
+    title = f"{record.cell.words}, episode {record.index}"
     last, hz = len(record.track) - 1, config.episode.camera_hz
     order = [*range(len(record.track)), *[last] * round(hz)]
     return Film(title, np.stack([_compose(pictures, record, k, title, config) for k in order]), hz)

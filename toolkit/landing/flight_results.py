@@ -83,6 +83,13 @@ class PairResult:
     against: FlightCell
     outcomes: PairedOutcomes
 
+    @property
+    def other(self) -> str:
+        """What is different in `against`: `pad plain`, or `pad plain, regressor net`."""
+        names = ("pad", "regressor", "gains")
+        theirs = {name: getattr(self.against, name) for name in names}
+        return ", ".join(f"{name} {value}" for name, value in theirs.items() if value != getattr(self.cell, name))
+
     def as_json(self) -> dict[str, Any]:
         """A row of `pairs`."""
         return {"cell": self.cell.key, "against": self.against.key, **describe_change(self.outcomes)}

@@ -102,6 +102,16 @@ class FlightCell:
         air = self.weather if self.weather == "clear" else f"{self.weather}:{self.severity}"
         return "/".join((self.pad, self.regressor, self.world, air, self.gains))
 
+    @property
+    def air(self) -> str:
+        """`clear`, or `fog 3`."""
+        return self.weather if self.weather == "clear" else f"{self.weather} {self.severity}"
+
+    @property
+    def words(self) -> str:
+        """`plain, pad-net, fog 3, gentle`."""
+        return ", ".join((self.pad, self.regressor, self.air, self.gains))
+
 
 class EpisodeRecord(BaseModel):
     """One episode that has ended, a line of `episodes.jsonl`.

@@ -20,7 +20,7 @@ from toolkit.objects.flatten import (
 )
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.region import Region, hold_together, join_edges, relax_region, take
-from toolkit.objects.trim import NARROWEST_MM, Limits, finish, make_piece
+from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece
 
@@ -67,8 +67,16 @@ def _find_coarsely(
     tighter = replace(limits, stretch=SPARED * limits.stretch)
     found = find_regions(coarse.surface, worth, coarse.surface.area > 0, tighter, count)
     fine = [take_back(surface, coarse, region, free) for region in found]
-    done = [finish(surface, region, value, limits) for region in fine if region is not None]
-    return [region for region in done if region is not None]
+    left, done = free.copy(), []
+    for region in fine:
+        left[region.faces if region is not None else []] = False
+    for region in fine:
+        whole = None if region is None else finish(surface, region, value, limits)
+        even = None if whole is None else finish(surface, even_border(surface, whole, left), value, limits)
+        if whole is not None:
+            done.append(whole if even is None else even)
+            left[done[-1].faces] = False
+    return done
 
 
 def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: Limits, count: int) -> list[Region]:
@@ -96,6 +104,8 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
             best = max(grown.values(), key=lambda one: _worth(one, value), default=None)
             if best is None or _worth(best, value) < LEAST_GAIN * total:
                 break
+            even = finish(surface, even_border(surface, best, free), value, limits)
+            best = best if even is None else even
             found.append(best)
             free[best.faces] = False
             # what lost faces grows again; what did not grow before may do so from another middle

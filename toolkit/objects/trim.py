@@ -22,8 +22,12 @@ NARROWEST_MM = 12.0
 NECK_MM = 8.0
 """What is narrower than this is cut off a piece."""
 PIXEL_MM = 0.5
+SAME_MM = 1e-3
+"""Corners closer than this are one."""
 TURNS = 12
-"""Angles between 0 and 180 degrees at which a sheet is laid over what is larger than it."""
+LONGEST, CORNERS = 6, 64
+"""Angles between 0 and 180 degrees at which a sheet is laid over what is larger than it; how many of the longest edges
+it is laid along besides; and how many places across and up it is tried at."""
 
 
 @dataclass(frozen=True)
@@ -62,31 +66,112 @@ def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) 
     return None
 
 
+EVEN_MM = 12.0
+"""A tooth in a piece's edge goes where that saves so many millimetres squared of piece for each of its cut."""
+EVEN_DEG = 30.0
+"""Edges bent by more are where a piece should end."""
+PASSES = 4
+
+
+def even_border(surface: Surface, region: Region, free: np.ndarray) -> Region:
+    """Fill notches between two faces of a piece's edge, and take off teeth: what is left is cut with scissors.
+
+    Args:
+        surface: in mm.
+        region: finished.
+        free: (m,) bool, faces that it may have.
+    """
+    for _ in range(PASSES):
+        before = len(region.faces)
+        region = _fill_notches(surface, region, free)
+        is_cut = ~region.joined & _is_smooth(surface, region.faces)
+        length = surface.length[region.faces]
+        saved = np.where(is_cut, length, 0).sum(axis=1) - np.where(region.joined, length, 0).sum(axis=1)
+        teeth = (region.joined.sum(axis=1) == 1) & (is_cut.sum(axis=1) == 2)
+        teeth &= EVEN_MM * saved > surface.area[region.faces]
+        if teeth.any() and not teeth.all():
+            region = take(surface, region, largest_part(surface, region, ~teeth))
+        elif len(region.faces) == before:
+            break
+    return region
+
+
+def _is_smooth(surface: Surface, faces: np.ndarray) -> np.ndarray:
+    """(k, 3) bool: edges of faces behind which the surface goes on without a bend."""
+    other = surface.neighbour[faces]
+    bend = (surface.normals[faces][:, None] * surface.normals[other]).sum(axis=2)
+    return (other >= 0) & (bend > np.cos(np.radians(EVEN_DEG)))
+
+
+def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
+    """With the free faces that two joined neighbours hold by all three corners."""
+    place = np.full(len(surface.faces), -1)
+    place[region.faces] = np.arange(len(region.faces))
+    face, count = np.unique(surface.neighbour[region.faces][_is_smooth(surface, region.faces)], return_counts=True)
+    face = face[(count >= 2) & free[face] & (place[face] < 0)]
+    rows = np.where(surface.neighbour[face] >= 0, place[surface.neighbour[face]], -1)
+    flat, gap = np.full((len(face), 3, 2), np.nan), np.zeros(len(face))
+    for edge in range(3):
+        own = surface.across[face, edge]
+        for corner, theirs in ((edge, (own + 1) % 3), ((edge + 1) % 3, own)):
+            there = np.where((rows[:, edge] >= 0)[:, None], region.flat[rows[:, edge], theirs], np.nan)
+            apart = np.linalg.norm(there - flat[:, corner], axis=1)
+            gap = np.fmax(gap, apart)
+            flat[:, corner] = np.where(np.isnan(flat[:, corner]), there, flat[:, corner])
+    fits = (gap < SAME_MM) & (signed_areas(flat) > FLAT_MM2)
+    face, flat = face[fits], flat[fits]
+    if not len(face):
+        return region
+    grown = Region(
+        np.concatenate([region.faces, face]), np.concatenate([region.flat, flat]),
+        np.concatenate([region.joined, np.zeros((len(face), 3), bool)]),
+    )  # fmt: skip
+    return join_edges(surface, grown, 0.0)
+
+
 def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:
     """(k,) bool: faces beyond the sheet, laid where it holds most value."""
     if turn_to_fit(flat, sheet_mm)[1]:
         return np.zeros(len(flat), bool)
     best, most = np.ones(len(flat), bool), 0.0
-    for angle in np.pi * np.arange(TURNS) / TURNS:
-        turned = turn(flat, angle)
-        middles = turned.mean(axis=1)
-        low, span = middles.min(axis=0), np.ptp(middles, axis=0)
-        cell = float(min(sheet_mm)) / 48
-        counts = np.ceil(span / cell).astype(int) + 1
-        # sums over all windows of the sheet's size, from the table of sums (Crow 1984)
-        column, row = ((middles - low) / cell).astype(int).T
-        table = np.bincount(column * counts[1] + row, value, int(counts.prod())).reshape(counts)
-        table = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        window = np.minimum((np.array(sheet_mm) / cell).astype(int), counts)
-        across, up = window
-        sums = table[across:, up:] - table[:-across, up:] - table[across:, :-up] + table[:-across, :-up]
+    for angle in _list_turns(flat):
+        turned = turn(flat, -angle)
+        low, high = turned.min(axis=1), turned.max(axis=1)
+        # a best sheet can be moved until its left and its lower side touch a face each: such corners are tried
+        corners = [_thin_out(np.unique(low[:, axis])) for axis in range(2)]
+        sums = np.zeros((len(corners[0]) + 1, len(corners[1]) + 1))
+        # each face counts at all corners whose sheets hold it, a rectangle of them (summed as a table, Crow 1984)
+        first, last = (
+            np.stack([np.searchsorted(corners[axis], side[:, axis], "left" if side is not low else "right")
+                      for axis in range(2)])
+            for side in (high - sheet_mm - 1e-6, low)
+        )  # fmt: skip
+        held = (first < last).all(axis=0)
+        for (x, y), sign in (((first[0], first[1]), 1), ((last[0], first[1]), -1), ((first[0], last[1]), -1),
+                             ((last[0], last[1]), 1)):  # fmt: skip
+            np.add.at(sums, (x[held], y[held]), sign * value[held])
+        sums = sums.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
         if sums.max() <= most:
             continue
-        start = low + cell * np.array(np.unravel_index(sums.argmax(), sums.shape))
-        inside = ((turned >= start) & (turned <= start + sheet_mm)).all(axis=(1, 2))
-        if float(value[inside].sum()) > most:
-            best, most = ~inside, float(value[inside].sum())
+        column, row = np.unravel_index(sums.argmax(), sums.shape)
+        start = np.array([corners[0][column], corners[1][row]])
+        inside = ((low >= start - 1e-9) & (high <= start + sheet_mm + 1e-6)).all(axis=1)
+        best, most = ~inside, float(sums.max())
     return best
+
+
+def _list_turns(flat: np.ndarray) -> np.ndarray:
+    """Angles at which a sheet is laid, radians: a fan of them, and along the longest edges."""
+    edges = (np.roll(flat, -1, axis=1) - flat).reshape(-1, 2)
+    longest = edges[np.argsort(-np.linalg.norm(edges, axis=1), kind="stable")[:LONGEST]]
+    along = np.arctan2(longest[:, 1], longest[:, 0])
+    fan = np.pi * np.arange(TURNS) / TURNS
+    return np.unique(np.round(np.concatenate([fan, along % np.pi, (along + np.pi / 2) % np.pi]), 6))
+
+
+def _thin_out(places: np.ndarray) -> np.ndarray:
+    """At most `CORNERS` of sorted places, evenly."""
+    return places if len(places) <= CORNERS else places[np.linspace(0, len(places) - 1, CORNERS).astype(int)]
 
 
 def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> FlatPiece:
@@ -110,7 +195,7 @@ def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.nda
     sides = np.roll(hull, -1, axis=0) - hull
     # the smallest box has a side along one of the hull's (Freeman and Shapira 1975)
     angles = np.arctan2(sides[:, 1], sides[:, 0])
-    boxes = np.array([np.ptp(turn(hull, -angle), axis=0) for angle in angles])
+    boxes = np.ptp(np.stack([turn(hull, -angle) for angle in angles]), axis=1)
     fits = np.all(np.sort(boxes, axis=1) <= np.sort(np.array(sheet_mm)) + 1e-6, axis=1)
     best = int(np.argmin(boxes.prod(axis=1) + np.where(fits, 0, 1e18)))
     return turn(flat, -angles[best]), bool(fits[best])

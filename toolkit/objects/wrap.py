@@ -127,6 +127,7 @@ class PieceRecord(BaseModel):
 
     Attributes:
         number: from 1, best first.
+        map_index: which piece of `pieces.npz` it is, where others of the plan were dropped; None: number - 1.
         origin_px: column and row of the canvas, from its lower left, where the piece's box begins.
         width_mm, height_mm, area_mm2: of the flat piece.
         stretch: see `FlatPiece`.
@@ -140,6 +141,7 @@ class PieceRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     number: int = Field(ge=1, le=MOST_PIECES)
+    map_index: int | None = Field(None, ge=0, lt=MOST_PIECES)
     origin_px: tuple[int, int]
     width_mm: float = Field(gt=0)
     height_mm: float = Field(gt=0)
@@ -153,8 +155,23 @@ class PieceRecord(BaseModel):
     png_sha256: str = Field(pattern=SHA256)
 
 
+class RankedPiece(BaseModel):
+    """A piece of the plan in the order in which each next one adds most.
+
+    Attributes:
+        number: in the plan.
+        recognised: share of views in which the networks know the object with it and those before it.
+        mean_log_prob: of the class, in those views.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    number: int = Field(ge=1, le=MOST_PIECES)
+    recognised: float = Field(ge=0, le=1)
+    mean_log_prob: float
+
+
 class WrapTraining(BaseModel):
-    """How what is on the pieces came to be: as `BoosterRecord`, and the misfit that was drawn."""
+    """How what is on the pieces came to be: as `BoosterRecord`, the misfit that was drawn, and the pieces' ranks."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     class_index: int = Field(ge=0)
@@ -164,6 +181,7 @@ class WrapTraining(BaseModel):
     settings: dict[str, Any]
     final: dict[str, float]
     misfit: dict[str, Any]
+    ranking: list[RankedPiece] = []
     toolkit_version: str
 
 
@@ -181,6 +199,7 @@ class WrapRecord(BaseModel):
         covered_surface: share of the whole surface.
         texel_mm: pitch of the canvas, and n_px its side.
         pieces: best first.
+        plan: all pieces as they were planned, where some were dropped.
         map_sha256: of `pieces.npz`.
         booster: None before training.
     """
@@ -198,6 +217,7 @@ class WrapRecord(BaseModel):
     texel_mm: float = Field(gt=0)
     n_px: int = Field(ge=8, le=MOST_TEXELS)
     pieces: list[PieceRecord] = Field(min_length=1, max_length=MOST_PIECES)
+    plan: list[PieceRecord] = Field([], max_length=MOST_PIECES)
     map_sha256: str = Field(pattern=SHA256)
     booster: WrapTraining | None = None
 
@@ -251,6 +271,27 @@ class Wrap:
         if self.pixels is None:
             raise ToolkitError(f"wrap '{self.record.name}' has no picture yet: train it with 'toolkit train-wrap'")
         return self.pixels[_rows_columns(self.record, self.record.pieces[index])]
+
+
+def choose_pieces(wrap: Wrap, numbers: Sequence[int], covered: tuple[float, float]) -> Wrap:
+    """A wrap of some of its pieces, numbered in this order; what met the others meets nothing.
+
+    Args:
+        wrap: with all of them.
+        numbers: of those that stay, best first.
+        covered: shares of what cameras see, and of the surface, that they cover.
+    """
+    new = {number: place for place, number in enumerate(numbers, 1)}
+    records = []
+    for number in numbers:
+        one = wrap.record.pieces[number - 1]
+        seams = [seam.model_copy(update={"piece": new[seam.piece]}) for seam in one.seams if seam.piece in new]
+        index = number - 1 if one.map_index is None else one.map_index
+        records.append(one.model_copy(update={"number": new[number], "seams": seams, "map_index": index}))
+    changes = {"pieces": records, "plan": wrap.record.pieces, "covered": covered[0], "covered_surface": covered[1]}
+    return replace(
+        wrap, record=wrap.record.model_copy(update=changes), pieces=tuple(wrap.pieces[number - 1] for number in numbers)
+    )
 
 
 def dress_mesh(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> Mesh:
@@ -331,13 +372,14 @@ def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
 
     Args:
         folder: `print/wraps/NAME` of a workspace.
-        wrap: with pixels; the hashes in its record are written anew.
+        wrap: with pixels; the hashes in its record are written anew. The map of a wrap that had more pieces stays.
 
     Returns:
         The wrap as `read_wrap` gives it.
     """
     folder, record = Path(folder), wrap.record
-    table = pack_arrays({
+    is_part = any(one.map_index is not None for one in record.pieces)
+    table = (folder / MAP_FILE).read_bytes() if is_part else pack_arrays({
         "faces": np.concatenate([piece.faces for piece in wrap.pieces]).astype(np.int32),
         "flat_mm": np.concatenate([piece.flat_mm for piece in wrap.pieces]).astype(np.float64),
         "piece": np.repeat(np.arange(len(wrap.pieces), dtype=np.int32), [len(piece.faces) for piece in wrap.pieces]),
@@ -348,15 +390,21 @@ def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
         for one, png in zip(record.pieces, pictures, strict=True)
     ]
     full = record.model_copy(update={"pieces": pieces, "map_sha256": sha256_bytes(table)})
-    write_bytes(folder / MAP_FILE, table)
+    if not is_part:
+        write_bytes(folder / MAP_FILE, table)
     for one, png in zip(pieces, pictures, strict=True):
         write_bytes(folder / piece_name(one.number), png)
     write_json(folder / RECORD_FILE, full.model_dump(mode="json"))
     return Wrap(full, wrap.pieces, _put_together(full, [wrap.picture(i) for i in range(len(wrap.pieces))]))
 
 
-def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
+def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = False) -> Wrap:
     """Read a wrap, each file checked against its record; its pieces alone where its pictures are not asked for.
+
+    Args:
+        folder: `print/wraps/NAME` of a workspace.
+        with_pixels: read what is on the pieces.
+        whole_plan: with those that were dropped, of which there are no pictures.
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
@@ -365,13 +413,16 @@ def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
     if not (folder / RECORD_FILE).is_file():
         raise ToolkitError(f"{folder} is no wrap (it has no {RECORD_FILE}): make one with 'toolkit wrap --object NAME'")
     record = read_json(folder / RECORD_FILE, WrapRecord)
+    if whole_plan and record.plan:
+        record = record.model_copy(update={"pieces": record.plan, "plan": []})
     file = inside(folder, MAP_FILE)
     content = read_recorded(file, record.map_sha256, "map of pieces")
     faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
     _check_map(file, record, faces, flat_mm=flat_mm, piece=piece)
     pieces = tuple(
         FlatPiece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
-        for i, one in enumerate(record.pieces)
+        for one in record.pieces
+        for i in [one.number - 1 if one.map_index is None else one.map_index]
     )
     for one, part in zip(record.pieces, pieces, strict=True):
         if abs(part.width_mm - one.width_mm) > 0.01 or abs(part.height_mm - one.height_mm) > 0.01:
@@ -379,7 +430,7 @@ def read_wrap(folder: Path, *, with_pixels: bool = True) -> Wrap:
                 f"{file}: piece {one.number} is {part.width_mm:.2f} × {part.height_mm:.2f} mm, its record says "
                 f"{one.width_mm:.2f} × {one.height_mm:.2f}: make the wrap again"
             )
-    if not with_pixels:
+    if not with_pixels or whole_plan:
         return Wrap(record, pieces)
     pictures = []
     for one in record.pieces:
@@ -443,8 +494,11 @@ def _check_map(file: Path, record: WrapRecord, faces: np.ndarray, flat_mm: np.nd
     for name, (array, shape, kind) in shapes.items():
         if array.shape != shape or array.dtype.kind not in kind:
             raise ToolkitError(f"{file}: '{name}' is {array.dtype} of shape {array.shape}: make the wrap again")
-    numbers = range(len(record.pieces))
-    if not np.array_equal(np.unique(piece), numbers):
+    numbers = [one.number - 1 if one.map_index is None else one.map_index for one in record.pieces]
+    there = np.unique(piece)
+    is_part = any(one.map_index is not None for one in record.pieces)
+    if len(set(numbers)) < len(numbers) or not (np.isin(numbers, there).all() if is_part else
+                                                np.array_equal(there, numbers)):  # fmt: skip
         raise ToolkitError(f"{file}: its pieces are not the {len(numbers)} of {RECORD_FILE}: make the wrap again")
     if faces.min() < 0 or len(np.unique(faces)) < count:
         raise ToolkitError(f"{file}: a face is negative, or on two pieces: make the wrap again")

@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.photos.corners import STOP, grow_corners, refine_marker
 from toolkit.photos.lens import scale_lens
-from toolkit.photos.plane_pose import PhotoPose, fit_plane_pose
+from toolkit.photos.posed_camera import PhotoPose, fit_plane_pose
 from toolkit.rig.board import Board, CharucoBoard, Chessboard
 from toolkit.rig.camera import Camera
 from toolkit.rig.markers import get_dictionary

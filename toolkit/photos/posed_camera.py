@@ -1,8 +1,9 @@
-"""A photograph's camera and where it stood."""
+"""A photograph's camera and where it stood; its pose from points of a plane, and how sure that is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from toolkit.rig.camera import Camera
@@ -41,3 +42,189 @@ class PosedCamera:
         local = np.c_[directions, np.ones(len(directions))]
         turned = local @ self.T_world_camera[:3, :3].T
         return turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+LEAST_POINTS = 6
+LEAST_SPREAD_MM = 5.0
+"""Root mean square distance of the points from the straight line that fits them best; nearer to it they are a line."""
+GROSS_SHARE = 0.004
+"""A corner further than this share of the picture's diagonal from the best homography is no corner of the board; it
+leaves room for the distortion of a lens that nobody calibrated."""
+OUTLIER_SIGMAS = 4.0
+LEAST_OUTLIER_PX = 0.6
+LEAST_NOISE_PX = 0.05
+"""Corners are never taken to be surer than this, however well they agree."""
+AMBIGUOUS_RATIO = 1.5
+"""A plane seen from afar fits two cameras. Where the second fits no worse than so many times the first, which of them
+took the picture is not known."""
+MOST_SIGMA_DEG = 1.0
+"""A direction less sure than this could be another pose of a dense plan."""
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class PhotoPose:
+    """A photograph's camera.
+
+    Attributes:
+        T_world_camera: (4, 4), OpenCV axes, millimetres.
+        reprojection_px: root mean square distance of the corners from where the pose puts them.
+        n_corners: how many were used.
+        angle_sigma_deg, position_sigma_mm: standard deviations that follow from the corners' scatter. An error of the
+            lens, such as a rounded focal length, is not in them.
+        rival_px: the same as `reprojection_px` for the other camera above the table that a plane always leaves
+            possible; None where there is none.
+    """
+
+    T_world_camera: np.ndarray
+    reprojection_px: float
+    n_corners: int
+    angle_sigma_deg: float
+    position_sigma_mm: float
+    rival_px: float | None = None
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the other camera fits about as well, so that the pose is a guess."""
+        return self.rival_px is not None and self.rival_px < AMBIGUOUS_RATIO * max(self.reprojection_px, LEAST_NOISE_PX)
+
+    def doubt(self) -> str | None:
+        """Why the pose should not be relied on, in words for a person; None where it may be."""
+        if self.ambiguous:
+            return "two cameras fit the board about as well: it is too small or too blurred in the picture"
+        if self.angle_sigma_deg > MOST_SIGMA_DEG:
+            return (
+                f"the camera's direction is known to {self.angle_sigma_deg:.1f}° only: the board is blurred or hidden"
+            )
+        return None
+
+
+def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> PhotoPose | None:
+    """Fit a camera above the table to points of the plane z = 0.
+
+    IPPE gives both cameras that a plane allows (Collins and Bartoli, 2014), SQPNP a third start; each is refined by
+    Levenberg-Marquardt on the pixels, and the best is kept.
+
+    Args:
+        world_mm: (n, 3), z = 0.
+        pixels: (n, 2), pixel (0, 0)'s centre at (0.5, 0.5).
+        lens: intrinsics and distortion.
+
+    Returns:
+        None with fewer than `LEAST_POINTS` points that agree, points on one line, or no camera above the table.
+    """
+    world_mm, pixels = np.ascontiguousarray(world_mm, float), np.ascontiguousarray(pixels, float)
+    kept = _drop_gross(world_mm, pixels, lens)
+    fits: list[_PlaneFit] = []
+    for _ in range(ROUNDS):
+        if kept.sum() < LEAST_POINTS or _spread(world_mm[kept]) < LEAST_SPREAD_MM:
+            return None
+        fits = _fit_all(world_mm[kept], pixels[kept], lens)
+        if not fits:
+            return None
+        error = _errors(fits[0], world_mm, pixels, lens)
+        # the median of a two-dimensional normal error's length is 1.18 standard deviations
+        limit = max(OUTLIER_SIGMAS * float(np.median(error[kept])) / 1.18, LEAST_OUTLIER_PX)
+        again = kept & (error < limit)
+        if again.sum() == kept.sum():
+            break
+        kept = again
+    best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
+    angle, position = _uncertainty(best, world_mm[kept], lens)
+    return PhotoPose(
+        best.T_world_camera,
+        best.rms_px,
+        int(kept.sum()),
+        angle_sigma_deg=angle,
+        position_sigma_mm=position,
+        rival_px=rival.rms_px if rival else None,
+    )
+
+
+@dataclass(frozen=True)
+class _PlaneFit:
+    """A candidate: OpenCV's rotation and translation of the world as the camera sees it, and its error."""
+
+    rotation: np.ndarray
+    translation: np.ndarray
+    rms_px: float
+
+    @property
+    def T_world_camera(self) -> np.ndarray:
+        T = np.eye(4)
+        # OpenCV maps world to camera: the inverse is R^T and -R^T t
+        T[:3, :3] = cv2.Rodrigues(self.rotation)[0].T
+        T[:3, 3] = -T[:3, :3] @ self.translation.reshape(3)
+        return T
+
+    def like(self, other: "_PlaneFit") -> bool:
+        """Whether both are the same camera, found twice."""
+        turn = cv2.Rodrigues(self.rotation)[0] @ cv2.Rodrigues(other.rotation)[0].T
+        return float(np.linalg.norm(cv2.Rodrigues(turn)[0])) < np.radians(0.2)
+
+
+def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
+    """(n,) which points agree with one homography, distortion taken out."""
+    if len(pixels) < LEAST_POINTS:
+        return np.zeros(len(pixels), bool)
+    # a homography holds only where straight lines are straight; in pixels again, so that the limit is one of pixels
+    flat = lens.undistort(pixels) * [lens.fx, lens.fy]
+    limit = GROSS_SHARE * float(np.hypot(lens.width, lens.height))
+    cv2.setRNGSeed(0)  # RANSAC draws: the same picture gives the same pose
+    homography, agree = cv2.findHomography(world_mm[:, :2], flat, cv2.RANSAC, limit)
+    return np.zeros(len(pixels), bool) if homography is None else agree.reshape(-1).astype(bool)
+
+
+def _spread(world_mm: np.ndarray) -> float:
+    centred = world_mm[:, :2] - world_mm[:, :2].mean(axis=0)
+    # the second singular value measures the spread across the best line
+    return float(np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)))
+
+
+def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_PlaneFit]:
+    """Every camera above the table that a start leads to, the best first."""
+    fits = []
+    # every start of two solvers is refined: they may lead to different cameras
+    for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_SQPNP):
+        _, rotations, translations, _ = cv2.solvePnPGeneric(
+            world_mm, pixels, lens.matrix, lens.coefficients, flags=method
+        )
+        for start in zip(rotations, translations, strict=True):
+            rotation, translation = cv2.solvePnPRefineLM(
+                world_mm, pixels, lens.matrix, lens.coefficients, start[0].astype(float), start[1].astype(float)
+            )
+            fit = _PlaneFit(rotation, translation, 0.0)
+            ahead = (world_mm @ cv2.Rodrigues(rotation)[0].T + translation.reshape(3))[:, 2].min() > 0
+            if ahead and fit.T_world_camera[2, 3] > 0 and np.isfinite(translation).all():
+                rms = float(np.sqrt((_errors(fit, world_mm, pixels, lens) ** 2).mean()))
+                fits.append(_PlaneFit(rotation, translation, rms))
+    return sorted(fits, key=lambda fit: fit.rms_px)
+
+
+def _errors(fit: _PlaneFit, world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
+    """(n,) distances in pixels."""
+    placed, _ = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
+    return np.linalg.norm(placed.reshape(-1, 2) - pixels, axis=1)
+
+
+def _uncertainty(fit: _PlaneFit, world_mm: np.ndarray, lens: Camera) -> tuple[float, float]:
+    """Standard deviations of the camera's direction (degrees) and place (mm): σ² (JᵀJ)⁻¹, carried to the world."""
+    _, jacobian = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
+    jacobian = jacobian[:, :6]  # by rotation vector and translation
+    # two numbers a corner, less the pose's six
+    freedom = max(2 * len(world_mm) - 6, 1)
+    noise = max(fit.rms_px * np.sqrt(len(world_mm) / freedom), LEAST_NOISE_PX)
+    covariance = noise**2 * np.linalg.pinv(jacobian.T @ jacobian)
+    base = fit.T_world_camera
+    changes = np.zeros((6, 6))
+    # by differences: how place and direction in the world follow from OpenCV's six numbers
+    for i, step in enumerate((1e-3, 1e-3, 1e-3, 1e-1, 1e-1, 1e-1)):
+        nudge = np.zeros(6)
+        nudge[i] = step
+        moved = _PlaneFit(
+            fit.rotation.reshape(3) + nudge[:3], fit.translation.reshape(3) + nudge[3:], 0.0
+        ).T_world_camera
+        changes[:3, i] = cv2.Rodrigues(moved[:3, :3] @ base[:3, :3].T)[0].reshape(3) / step
+        changes[3:, i] = (moved[:3, 3] - base[:3, 3]) / step
+    spread = changes @ covariance @ changes.T
+    return float(np.degrees(np.sqrt(np.trace(spread[:3, :3])))), float(np.sqrt(np.trace(spread[3:, 3:])))

@@ -1,11 +1,14 @@
 """An object with its pieces on it, drawn from six sides to the scale, and where each piece is seen."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, cross_products, make_ray_scene
 from toolkit.objects.wrap import Wrap
+from toolkit.printing.canvas import BOLD, Pdf
+from toolkit.printing.page import Rect
 from toolkit.rig.mount import SIDES
 
 SIX = {**{side: SIDES[side] for side in ("front", "left", "back", "right", "top")}, "bottom": ((1, 0, 0), (0, -1, 0))}
@@ -118,3 +121,46 @@ def _look(
     small = Image.fromarray(picture.astype(np.uint8)).resize((width // FINER, height // FINER), Image.Resampling.BOX)
     size_mm = (width / FINER / px_per_mm, height / FINER / px_per_mm)
     return SideView(side, np.asarray(small), size_mm, {}), marks, counts
+
+
+TITLE_MM = 4.5
+
+
+def place_sides(pdf: Pdf, room: Rect, views: Sequence[SideView]) -> None:
+    """Draw six sides at one scale, each with its name and the numbers of its pieces."""
+    for view, cell in zip(views, _share_out(room, views), strict=True):
+        _draw_view(pdf, view, cell)
+
+
+def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
+    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
+    best: tuple[float, list[Rect]] = (0.0, [])
+    for columns in (2, 3):
+        rows = len(views) // columns
+        widths = [max(view.size_mm[0] for view in views[i::columns]) for i in range(columns)]
+        heights = [max(view.size_mm[1] for view in views[i * columns : (i + 1) * columns]) for i in range(rows)]
+        scale = min((room.width - 4 * columns) / sum(widths), (room.height - (TITLE_MM + 2) * rows) / sum(heights))
+        spare_x, spare_y = room.width - scale * sum(widths), room.height - scale * sum(heights)
+        cells = []
+        for i in range(len(views)):
+            row, column = divmod(i, columns)
+            x = room.x + scale * sum(widths[:column]) + spare_x / columns * (column + 0.5)
+            top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
+            height = scale * heights[row] + spare_y / rows
+            cells.append(Rect(x, top - height, scale * widths[column], height))
+        best = max(best, (scale, cells), key=lambda one: one[0])
+    scale, cells = best
+    return [
+        Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,
+             cell.top - TITLE_MM - (cell.height - TITLE_MM - 2 + scale * view.size_mm[1]) / 2,
+             scale * view.size_mm[0], scale * view.size_mm[1])
+        for view, cell in zip(views, cells, strict=True)
+    ]  # fmt: skip
+
+
+def _draw_view(pdf: Pdf, view: SideView, area: Rect) -> None:
+    pdf.raster(f"view-{view.side}", view.pixels, area)
+    pdf.write(view.side, area.x + area.width / 2, area.top + 1.4, 2.9, room_mm=40, font=BOLD, align="centre")
+    scale = area.width / view.size_mm[0]
+    for number, (x, y) in view.marks_mm.items():
+        pdf.badge(str(number), area.x + scale * x, area.y + scale * y, 1.9)

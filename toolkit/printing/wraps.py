@@ -1,6 +1,6 @@
 """The pieces of a wrap on pages at true size, how they are stuck on, and their outlines for a cutting machine."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.net import TAB_MM
 from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
 from toolkit.printing.canvas import BOLD, INK, SOFT, Pdf, Point, measure_text_mm
 from toolkit.printing.colour_strip import StripPlace, draw_strip, reserve_strip
@@ -22,7 +23,7 @@ from toolkit.printing.nesting import Nested, fits, nest
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
-from toolkit.printing.wrap_views import SideView, draw_sides
+from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -39,8 +40,11 @@ LEAST_ROOM_MM = 2.2
 APART_MM = 0.5
 """Paper between pieces on a page is at least twice this, beyond their bleeds."""
 LETTER_MM, NUMBER_MM = 1.9, 3.0
+MOUNTAIN, VALLEY = (1.2, 0.9), (2.4, 0.8, 0.3, 0.8)
+"""Dashes and gaps of folds, mm: dashed where paper is folded back, dash and dot where it is folded towards you."""
 TICK_MM = 1.2
 CUT_OUT = "Cut along the fine magenta line. Numbers say the order, letters which edges meet, arrows which way is up."
+FOLD_IT = "Cut along the magenta line. Dashed: fold back; dash and dot: fold towards you. Glue tab A under edge A."
 ASSEMBLE = "Stick the pieces on in this order, each to the letters of those that are there. Cut them out one by one."
 LEVEL = 0.35
 """A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
@@ -211,8 +215,32 @@ def build_wrap_pdf(
     Returns:
         What was printed (without files), the PDF, and the outlines by number.
     """
+    layout = _lay_out(wrap, item, settings, roll_mm)
+    label, keywords = _describe_wrap(wrap, item)
     first = turn_frames(settings.paper, "portrait" if settings.orientation == "auto" else settings.orientation)[0]
-    frame, pages, tiled, sheets = _lay_out(wrap, item, settings, roll_mm)
+    pdf = Pdf(first.paper, f"{wrap.record.object} wrap, {len(wrap.pieces)} pieces", label.size, keywords)
+    order = order_pieces(wrap.record.pieces)
+    strip, rest = next(reserve_strip(first.content), (None, first.content))
+    with pdf.page():
+        _draw_assembly(pdf, rest, draw_sides(item.mesh, wrap), order, wrap.record.pieces)
+        if strip is not None and roll_mm is None:
+            draw_strip(pdf, strip)
+        pdf.grey(0)
+        draw_frame(pdf, first, label, f"{first.paper.describe()}, page 1 of {layout.total}", ASSEMBLE)
+    placed = [*_draw_nested(pdf, wrap, layout, label), *_draw_tiled(pdf, wrap, layout, label)]
+    papers = [first.paper, *(layout.frame.paper for _ in layout.pages)]
+    papers += [plan.frame.paper for _, plan in layout.tiled for _ in plan.pages]
+    printed = PrintedWrap(
+        file="", name=wrap.record.name, object=wrap.record.object, pages=layout.total, paper=layout.frame.paper.name,
+        orientation=layout.frame.paper.orientation,
+        sizes_mm=tuple((paper.width_mm, paper.height_mm) for paper in papers),
+        placed=tuple(sorted(placed, key=lambda one: one.number)), order=tuple(order), roll_mm=roll_mm,
+    )  # fmt: skip
+    return printed, pdf.finish(), {one.record.number: one.outline for one in layout.sheets}
+
+
+def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str, object]]:
+    """What stands in the header of each page, and what the PDF says of itself."""
     record = wrap.record
     pictures = sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
     label = PatchLabel(
@@ -222,67 +250,72 @@ def build_wrap_pdf(
         f"map sha256 {record.map_sha256[:HASH_DIGITS]}   ·   pictures {pictures[:HASH_DIGITS]}   ·   "
         f"toolkit {__version__}",
     )
-    keywords = {
+    return label, {
         "wrap": record.name, "object": record.object, "pieces": len(record.pieces), "map_sha256": record.map_sha256,
         "pictures_sha256": pictures,
     }  # fmt: skip
-    pdf = Pdf(first.paper, f"{record.object} wrap, {len(record.pieces)} pieces", label.size, keywords)
-    order = order_pieces(record.pieces)
-    total = 1 + len(pages) + sum(len(plan.pages) for _, plan in tiled)
-    placed: list[PlacedPiece] = []
-    sizes = [(first.paper.width_mm, first.paper.height_mm)]
-    strips = reserve_strip(first.content)
-    strip, rest = next(strips, (None, first.content))
-    with pdf.page():
-        _draw_assembly(pdf, rest, draw_sides(item.mesh, wrap), order, record.pieces)
-        if strip is not None and roll_mm is None:
-            draw_strip(pdf, strip)
-        pdf.grey(0)
-        draw_frame(pdf, first, label, f"{first.paper.describe()}, page 1 of {total}", ASSEMBLE)
-    for number, (nested, place) in enumerate(pages, start=2):
-        sizes.append((frame.paper.width_mm, frame.paper.height_mm))
-        with pdf.page(frame.paper):
+
+
+def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
+    """The pages with several pieces each."""
+    paper = layout.frame.paper
+    for number, (nested, strip) in enumerate(layout.pages, start=2):
+        with pdf.page(paper):
             for one in nested:
-                sheet = sheets[one.index]
+                sheet = layout.sheets[one.index]
                 here = PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
-                placed.append(here)
                 _draw_piece(pdf, wrap, one.index, sheet, here)
-            if place is not None:
-                draw_strip(pdf, place)
+                yield here
+            if strip is not None:
+                draw_strip(pdf, strip)
             pdf.grey(0)
-            draw_frame(pdf, frame, label, f"{frame.paper.describe()}, page {number} of {total}", CUT_OUT)
-    number = 1 + len(pages)
-    for index, plan in tiled:
-        placed.append(PlacedPiece(index + 1, number + 1, 0.0, 0.0, tiles=plan.tiles))
-        drawing = _describe_tiled(pdf, wrap, index, sheets[index], label)
+            draw_frame(pdf, layout.frame, label, f"{paper.describe()}, page {number} of {layout.total}", layout.advice)
+
+
+def _draw_tiled(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
+    """The pages of pieces that are joined from several."""
+    number = 1 + len(layout.pages)
+    for index, plan in layout.tiled:
+        yield PlacedPiece(index + 1, number + 1, 0.0, 0.0, tiles=plan.tiles)
+        drawing = _describe_tiled(pdf, wrap, index, layout.sheets[index], label)
         for page in plan.pages:
             number += 1
-            sizes.append((plan.frame.paper.width_mm, plan.frame.paper.height_mm))
             with pdf.page(plan.frame.paper):
-                draw_page(pdf, plan, page, drawing, f"piece {index + 1}, page {number} of {total}")
-    placed.sort(key=lambda one: one.number)
-    printed = PrintedWrap(
-        "",
-        record.name,
-        record.object,
-        total,
-        frame.paper.name,
-        frame.paper.orientation,
-        tuple(sizes),
-        tuple(placed),
-        tuple(order),
-        roll_mm,
-    )
-    return printed, pdf.finish(), {one.record.number: one.outline for one in sheets}
+                draw_page(pdf, plan, page, drawing, f"piece {index + 1}, page {number} of {layout.total}")
 
 
 _Pages = list[tuple[list[Nested], StripPlace | None]]
 
 
-def _lay_out(
-    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None
-) -> tuple[PageFrame, _Pages, list[tuple[int, PagePlan]], list[_Sheet]]:
-    """The frame of pages with pieces, what is on each, the pieces that are tiled, and all pieces with their words."""
+@dataclass(frozen=True)
+class _Layout:
+    """Where everything goes.
+
+    Attributes:
+        frame: of the pages with pieces.
+        pages: what is nested on each of them, and where its colour strip is.
+        tiled: index of each piece that is larger than a page, and its pages.
+        sheets: all pieces with their words.
+    """
+
+    frame: PageFrame
+    pages: _Pages
+    tiled: list[tuple[int, PagePlan]]
+    sheets: list[_Sheet]
+
+    @property
+    def total(self) -> int:
+        """Pages in all, with the first one."""
+        return 1 + len(self.pages) + sum(len(plan.pages) for _, plan in self.tiled)
+
+    @property
+    def advice(self) -> str:
+        """What stands on pages with pieces."""
+        return FOLD_IT if any(sheet.record.tabs for sheet in self.sheets) else CUT_OUT
+
+
+def _lay_out(wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None) -> _Layout:
+    """Of upright and level pages those that are fewer."""
     if roll_mm is not None:
         frames = [PageFrame(Paper(f"roll of {roll_mm:g} mm", roll_mm, LARGEST_MM))]
     else:
@@ -301,8 +334,8 @@ def _lay_out(
         else:
             frame, pages = _cut_roll(frame, shapes)
         named = [([replace(one, index=whole[one.index]) for one in nested], strip) for nested, strip in pages]
-        found.append((frame, named, tiled, sheets))
-    return min(found, key=lambda one: len(one[1]) + sum(len(plan.pages) for _, plan in one[2]))
+        found.append(_Layout(frame, named, tiled, sheets))
+    return min(found, key=lambda one: one.total)
 
 
 def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame, _Pages]:
@@ -329,7 +362,9 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
     """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
     way, way_deg = _find_way(wrap, item, index)
-    rooms = ((ROOM_MM, ROOM_MM), (LEAST_ROOM_MM, ROOM_MM), (ROOM_MM, LEAST_ROOM_MM), (LEAST_ROOM_MM, LEAST_ROOM_MM))
+    tabs_mm = TAB_MM if wrap.record.pieces[index].tabs else 0.0
+    most, least = ROOM_MM + tabs_mm, LEAST_ROOM_MM + tabs_mm
+    rooms = ((most, most), (least, most), (most, least), (least, least))
     sheets = [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[:1]]
     if not fits(sheets[0].footprint, room):
         sheets += [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[1:]]
@@ -338,7 +373,7 @@ def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _S
 
 def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str, way_deg: float) -> _Sheet:
     """A piece with the words that find paper within `room_mm` beside and above it."""
-    record, outline = wrap.record.pieces[index], wrap.pieces[index].outline()
+    record, outline = wrap.record.pieces[index], _join_tabs(wrap, index)
     finder = _PlaceFinder(record, outline, room_mm)
     number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
     letters = []
@@ -348,6 +383,19 @@ def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str,
         if at is not None:
             letters.append(_Label(text, at, seam.middle_mm))
     return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg, finder.footprint())
+
+
+def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
+    """What is cut out: the piece with its glue tabs."""
+    import shapely
+
+    outline, tabs = wrap.pieces[index].outline(), wrap.record.pieces[index].tabs
+    if not tabs:
+        return outline
+    # drawn in by its rounding a tab might stand off its edge by a hair: it reaches a little into the piece
+    return shapely.union_all(
+        [outline, *(shapely.Polygon(tab.outline_mm).buffer(1e-3, join_style="mitre") for tab in tabs)]
+    )
 
 
 def _number_width(number: int, way: str) -> float:
@@ -456,8 +504,8 @@ def _draw_piece(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPie
 
 def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
     """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
-    record, texel_mm, edge_px = sheet.record, wrap.record.texel_mm, wrap.record.bleed_px
-    picture = wrap.picture(index)
+    record, texel_mm = sheet.record, wrap.record.texel_mm
+    picture, edge_px = _picture_to_bleed(wrap, index)
     height, width, _ = picture.shape
     area = Rect(-edge_px * texel_mm, -edge_px * texel_mm, width * texel_mm, height * texel_mm)
     bleed = sheet.outline.buffer(BLEED_MM)
@@ -468,14 +516,45 @@ def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
         for end in (seam.from_mm, seam.to_mm):
             _draw_tick(pdf, end, bleed)
     pdf.ink(INK, 0.12)
-    pdf.setDash(1.2, 0.9)
-    for start, end in record.folds_mm:
-        pdf.line(*start, *end)
+    for folds, dashes in (([*_list_mountains(record)], MOUNTAIN), (record.valleys_mm, VALLEY)):
+        pdf.setDash(dashes)
+        for start, end in folds:
+            pdf.line(*start, *end)
     pdf.setDash()
     with pdf.layer(CUT):
         pdf.spot_ink(CUT, CUT_CMYK, CUT_LINE_MM)
         for ring in _rings(sheet.outline):
             pdf.shape(ring[:-1].tolist(), fill=False)
+
+
+def _list_mountains(record: PieceRecord) -> Iterator[tuple[Point, Point]]:
+    """Where a piece is folded back: its own folds, and the foot of each tab."""
+    valleys = set(record.valleys_mm)
+    yield from (fold for fold in record.folds_mm if fold not in valleys)
+    yield from ((tab.outline_mm[0], tab.outline_mm[1]) for tab in record.tabs)
+
+
+def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
+    """(h, w, 3) uint8 what is printed of a piece, and its texels beyond the box on each side.
+
+    Glue tabs and the bleed round them go on with the colour at the edge: where one shows in a gap, it is not white.
+    """
+    import shapely
+    from scipy.ndimage import distance_transform_edt
+
+    record, texel_mm, edge_px = wrap.record.pieces[index], wrap.record.texel_mm, wrap.record.bleed_px
+    picture = wrap.picture(index)
+    if not record.tabs:
+        return picture, edge_px
+    more = int(np.ceil(TAB_MM / texel_mm))
+    edge_px += more
+    picture = np.pad(picture, ((more, more), (more, more), (0, 0)))
+    height, width, _ = picture.shape
+    x, y = np.meshgrid(np.arange(width) + 0.5, height - np.arange(height) - 0.5)
+    outline = wrap.pieces[index].outline()
+    off = ~shapely.contains_xy(outline, (x - edge_px) * texel_mm, (y - edge_px) * texel_mm)
+    row, column = distance_transform_edt(off, return_distances=False, return_indices=True)
+    return picture[row, column], edge_px
 
 
 def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
@@ -540,7 +619,6 @@ def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: Patc
 
 
 LINE_MM = 4.4
-TITLE_MM = 4.5
 
 
 def _draw_assembly(
@@ -551,8 +629,7 @@ def _draw_assembly(
     rows = -(-len(order) // columns)
     words = Rect(area.x, area.y, area.width, 8.0 + LINE_MM * rows)
     room = Rect(area.x, words.top + 2, area.width, area.height - words.height - 2)
-    for view, cell in zip(views, _share_out(room, views), strict=True):
-        _draw_view(pdf, view, cell)
+    place_sides(pdf, room, views)
     pdf.write("Stick them on in this order", words.x, words.top - 4, 3.4, room_mm=words.width, font=BOLD)
     known = {one.number: one for one in pieces}
     width = words.width / columns
@@ -571,40 +648,6 @@ def _say_seams(piece: PieceRecord, there: Sequence[int]) -> str:
         if seam.piece in there:
             meets.setdefault(seam.piece, []).append(seam.letter)
     return ", ".join(f"meets {number} at {' '.join(letters)}" for number, letters in meets.items())
-
-
-def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
-    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
-    best: tuple[float, list[Rect]] = (0.0, [])
-    for columns in (2, 3):
-        rows = len(views) // columns
-        widths = [max(view.size_mm[0] for view in views[i::columns]) for i in range(columns)]
-        heights = [max(view.size_mm[1] for view in views[i * columns : (i + 1) * columns]) for i in range(rows)]
-        scale = min((room.width - 4 * columns) / sum(widths), (room.height - (TITLE_MM + 2) * rows) / sum(heights))
-        spare_x, spare_y = room.width - scale * sum(widths), room.height - scale * sum(heights)
-        cells = []
-        for i in range(len(views)):
-            row, column = divmod(i, columns)
-            x = room.x + scale * sum(widths[:column]) + spare_x / columns * (column + 0.5)
-            top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
-            height = scale * heights[row] + spare_y / rows
-            cells.append(Rect(x, top - height, scale * widths[column], height))
-        best = max(best, (scale, cells), key=lambda one: one[0])
-    scale, cells = best
-    return [
-        Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,
-             cell.top - TITLE_MM - (cell.height - TITLE_MM - 2 + scale * view.size_mm[1]) / 2,
-             scale * view.size_mm[0], scale * view.size_mm[1])
-        for view, cell in zip(views, cells, strict=True)
-    ]  # fmt: skip
-
-
-def _draw_view(pdf: Pdf, view: SideView, area: Rect) -> None:
-    pdf.raster(f"view-{view.side}", view.pixels, area)
-    pdf.write(view.side, area.x + area.width / 2, area.top + 1.4, 2.9, room_mm=40, font=BOLD, align="centre")
-    scale = area.width / view.size_mm[0]
-    for number, (x, y) in view.marks_mm.items():
-        pdf.badge(str(number), area.x + scale * x, area.y + scale * y, 1.9)
 
 
 def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tuple[int, CutSheet]]:

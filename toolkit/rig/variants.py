@@ -150,11 +150,13 @@ class Sheets(Booster):
         wrap: whose pieces they are.
         misfit: of their places; None where each lies exactly in its own.
         seed: of how each misfits.
+        coverage: share of what cameras see that was asked for; None: all that there is.
     """
 
     wrap: Wrap
     misfit: Misfit | None = field(default_factory=Misfit)
     seed: int = 0
+    coverage: float | None = None
 
 
 Worn = Print | Paint | Sheets
@@ -163,7 +165,7 @@ Worn = Print | Paint | Sheets
 
 def find_booster(
     workspace: Workspace, item: TableObject, variant: str, *, perfect: bool = False, seed: int = 0
-) -> Worn | None:
+) -> Worn | None:  # fmt: skip
     """What is put on `item` in a variant; None for `unpatched`.
 
     - `patched`: its own patch, on each of its sheets; `patch-alone`: the first, flat on the table without the object.
@@ -230,7 +232,8 @@ def describe_booster(item: TableObject, booster: Worn) -> dict[str, Any]:
         atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
         return {"texture": booster.sha256, "atlas": atlas}
     if isinstance(booster, Sheets):
-        return {"wrap": booster.sha256, "map": booster.wrap.record.map_sha256, **_describe_misfit(booster)}
+        covers = {} if booster.coverage is None else {"coverage": booster.coverage}
+        return {"wrap": booster.sha256, "map": booster.wrap.record.map_sha256, **covers, **_describe_misfit(booster)}
     mounts = [mount.model_dump() for mount in item.spec.mounts]
     if len(mounts) == 1 or booster.alone:
         return {"patch": booster.sha256, "mm": booster.sizes_mm[0], "mount": mounts[0]}

@@ -369,9 +369,9 @@ class ViewStream:
             self._current = number, views
         return self._current[1]
 
-    def held_out(self, blocks: int) -> list[RenderedView]:
-        """Views that no group holds, each beside the object in its own paint."""
-        return [view for future in self._start(HELD_OUT, range(blocks)) for view in future.result()]
+    def held_out(self, blocks: int, first: int = 0) -> list[RenderedView]:
+        """Views that no group holds, each beside the object in its own paint; `first` numbers the first block."""
+        return [view for future in self._start(HELD_OUT, range(first, first + blocks)) for view in future.result()]
 
     def _start(self, kind: str, blocks: range) -> "list[Future[list[RenderedView]]]":
         """The views of blocks, as they will be rendered; they are at once where there are no threads."""

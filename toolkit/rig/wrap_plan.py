@@ -1,6 +1,7 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from toolkit.objects.grow import find_pieces
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
 from toolkit.objects.net import FOLD_DEG as NET_FOLD_DEG
-from toolkit.objects.net import name_tabs, unfold
+from toolkit.objects.net import TAB_MM, name_tabs, unfold
 from toolkit.objects.seams import FOLD_DEG, find_folds, find_seams
 from toolkit.objects.spec import STRETCH
 from toolkit.objects.trim import Limits, turn_to_fit
@@ -49,22 +50,30 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     config = config or WrapConfig()
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     sight = look_at_faces(item, config.views, seed)
-    seen = sight.seen
-    surface = weld_surface(item.mesh)
-    if config.net:
-        pieces = unfold(surface, config.sheet_mm)
-    else:
-        pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
-    if not seen.any():
+    if not sight.seen.any():
         raise ToolkitError(
             f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
         )
+    surface = weld_surface(item.mesh)
+    worth = np.where(sight.reached | config.net, sight.seen, 0)
+    sheet_mm = _fit_sheet(item, surface, worth, config.sheet_mm, TAB_MM if config.net else 0.0)
+    if config.net:
+        pieces = unfold(surface, sheet_mm)
+    else:
+        pieces = find_pieces(item.mesh, sight.seen, sight.reached, Limits(stretch, sheet_mm), config.pieces)
     if not pieces:
         raise ToolkitError(
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
             "allow more stretch, or take a softer material"
         )
-    _say_too_large(item, surface, np.where(sight.reached | config.net, seen, 0), config.sheet_mm)
+    wrap = Wrap(_record_plan(item, surface, pieces, sight.seen, config, stretch), tuple(pieces))
+    return replace(wrap, pixels=draw_paint(wrap, item.mesh))
+
+
+def _record_plan(
+    item: TableObject, surface: Surface, pieces: list[FlatPiece], seen: np.ndarray, config: WrapConfig, stretch: float
+) -> WrapRecord:
+    """Where the pieces lie on the canvas, what of the object they cover, and where they meet."""
     sizes = [(piece.width_mm, piece.height_mm) for piece in pieces]
     texel_mm = config.texel_mm or round(float(item.mesh.size_mm.max()) / 270, 2)
     if config.net and config.texel_mm is None:  # all sides at once need more room than the pieces that are seen
@@ -80,14 +89,12 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
         _describe(surface, piece, least_deg, number=i + 1, origin_px=origins[i], seams=seams[i], tabs=tabs[i])
         for i, piece in enumerate(pieces)
     ]
-    record = WrapRecord(
+    return WrapRecord(
         name=item.name, object=item.name, mesh_sha256=item.shape_sha256, material=config.material,
         stretch_allowed=stretch, covered=round(float(seen[faces].sum() / seen.sum()), 4),
         covered_surface=round(float(area[faces].sum() / area.sum()), 4), texel_mm=texel_mm, n_px=n_px, pieces=records,
         map_sha256="0" * 64,
     )  # fmt: skip
-    wrap = Wrap(record, tuple(pieces))
-    return Wrap(record, tuple(pieces), draw_paint(wrap, item.mesh))
 
 
 def _describe(surface: Surface, piece: FlatPiece, least_fold_deg: float, **known: Any) -> PieceRecord:
@@ -103,17 +110,27 @@ def _describe(surface: Surface, piece: FlatPiece, least_fold_deg: float, **known
     )  # fmt: skip
 
 
-def _say_too_large(item: TableObject, surface: Surface, worth: np.ndarray, sheet_mm: tuple[float, float]) -> None:
-    """Say how much is lost to triangles that are larger than the sheet."""
-    large = np.flatnonzero((surface.length.max(axis=1) > min(sheet_mm)) & (worth > 0))
-    own = lay_triangles(surface.corners[large])
-    large = large[[not turn_to_fit(one[None], sheet_mm)[1] for one in own]] if len(large) else large
-    if len(large):
-        notice(
-            f"{item.name}: {len(large)} triangles with {worth[large].sum() / worth.sum():.0%} of what cameras see are "
-            f"larger than the sheet of {sheet_mm[0]:g} × {sheet_mm[1]:g} mm and are left out: split them in a "
-            "modelling program, or take a larger --sheet-mm"
-        )
+def _fit_sheet(
+    item: TableObject, surface: Surface, worth: np.ndarray, sheet_mm: tuple[float, float], spare_mm: float
+) -> tuple[float, float]:
+    """The sheet, or one that holds the triangles that are larger: they are printed in tiles."""
+    large = np.flatnonzero((surface.length.max(axis=1) + 2 * spare_mm > min(sheet_mm)) & (worth > 0))
+    room = sheet_mm[0] - 2 * spare_mm, sheet_mm[1] - 2 * spare_mm
+    large = large[[not turn_to_fit(one[None], room)[1] for one in lay_triangles(surface.corners[large])]]
+    if not len(large):
+        return sheet_mm
+    # all three boxes with a side along an edge have the same area: the one that is nearest to a square
+    base = surface.length[large]
+    boxes = np.stack([base, 2 * surface.area[large, None] / base], axis=2)
+    boxes = np.sort(boxes, axis=2)
+    best = boxes[np.arange(len(large)), boxes[..., 1].argmin(axis=1)].max(axis=0) + 2 * spare_mm + 1e-3
+    short, long = np.maximum(np.sort(sheet_mm), best)
+    notice(
+        f"{item.name}: {len(large)} triangles with {worth[large].sum() / worth.sum():.0%} of what cameras see are "
+        f"larger than the sheet of {sheet_mm[0]:g} × {sheet_mm[1]:g} mm: pieces may have {short:.0f} × {long:.0f} mm, "
+        "and are printed in tiles; smaller triangles, split in a modelling program, need none"
+    )
+    return (short, long) if sheet_mm[0] <= sheet_mm[1] else (long, short)
 
 
 def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
@@ -179,6 +196,60 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
         out += np.isinf(way)
     reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
     return Sight(np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count)
+
+
+def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
+    """A wrap's first pieces, as many as cover a share of what random cameras see; of the last its middle alone.
+
+    Args:
+        wrap: best piece first.
+        item: its object.
+        share: between 0 and 1; more than the wrap covers is all of it.
+
+    Returns:
+        The pieces, on the same canvas; `covered` of its record is what they reach.
+    """
+    import shapely
+
+    seen = _see_faces(item)
+    left, pieces = share * float(seen.sum()), list[FlatPiece]()
+    for piece in wrap.pieces:
+        worth = seen[piece.faces]
+        if float(worth.sum()) <= left:
+            pieces.append(piece)
+            left -= float(worth.sum())
+            continue
+        # from the place that is farthest from its edge, evenly in all directions, to the nearest triangle
+        middle = np.array(shapely.maximum_inscribed_circle(piece.outline(), 0.5).coords[0])
+        order = np.argsort(np.linalg.norm(piece.flat_mm.mean(axis=1) - middle, axis=1), kind="stable")
+        count = int(np.abs(np.cumsum([0.0, *worth[order]]) - left).argmin())
+        rows = np.sort(order[: count if pieces else max(count, 1)])
+        if len(rows):
+            pieces.append(replace(piece, faces=piece.faces[rows], flat_mm=piece.flat_mm[rows]))
+        break
+    covered = float(seen[np.concatenate([piece.faces for piece in pieces])].sum() / seen.sum())
+    record = wrap.record.model_copy(update={"pieces": wrap.record.pieces[: len(pieces)], "covered": round(covered, 4)})
+    return Wrap(record, tuple(pieces), wrap.pixels)
+
+
+def measure_cover(wrap: Wrap, item: TableObject, numbers: Sequence[int]) -> tuple[float, float]:
+    """Shares of what random cameras see, and of the whole surface, that some of a wrap's pieces cover."""
+    seen = _see_faces(item)
+    area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1)
+    faces = np.concatenate([wrap.pieces[number - 1].faces for number in numbers])
+    return round(float(seen[faces].sum() / seen.sum()), 4), round(float(area[faces].sum() / area.sum()), 4)
+
+
+_SEEN: dict[str, np.ndarray] = {}
+"""By the hash of a mesh: a sweep asks for each of its values."""
+
+
+def _see_faces(item: TableObject) -> np.ndarray:
+    """(m,) `Sight.seen` by the default number of random cameras."""
+    if item.shape_sha256 not in _SEEN:
+        _SEEN.clear()
+        _SEEN[item.shape_sha256] = look_at_faces(item, WrapConfig().views, 0).seen
+    return _SEEN[item.shape_sha256]
 
 
 def _spread_directions(count: int) -> np.ndarray:

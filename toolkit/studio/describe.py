@@ -7,7 +7,7 @@ from typing import Any
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.result import GateResult
-from toolkit.photos.match_pose import PoseMatch
+from toolkit.photos.locate import PoseMatch
 from toolkit.printing.shot_list.session import PHONE_MM, equivalent_focal_mm
 from toolkit.printing.shot_list.tour import measure_place, name_change
 from toolkit.rig.shot_order import ShotStep

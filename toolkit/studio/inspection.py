@@ -10,12 +10,10 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.photos.board_pose import find_board
-from toolkit.photos.gates.check_photo import check_photo
-from toolkit.photos.gates.expect import ExpectationBuilder
+from toolkit.photos.gates.check_photo import ExpectationBuilder, check_photo
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.lens import read_lenses
-from toolkit.photos.locate import locate_sighting
-from toolkit.photos.match_pose import PoseMatch, match_pose, view_of
+from toolkit.photos.locate import PoseMatch, locate_sighting, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera

@@ -16,9 +16,9 @@ from toolkit.imaging.read import UnreadableImage, show_path
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import list_recorded
 from toolkit.photos.importing.evidence import Evidence
-from toolkit.photos.importing.gather import Candidate
-from toolkit.photos.importing.index import (
+from toolkit.photos.importing.gather import (
     REPLACED,
+    Candidate,
     CaptureKey,
     SourceIndex,
     drop_records,

@@ -41,6 +41,8 @@ QUALITY = 90
 OBJECT_VIEWS = {"object": (35.0, 12.0, 1.4), "object-far": (-50.0, 24.0, 3.5)}
 """Azimuth from its front, elevation and distance of pictures of an object; the distance in its lengths."""
 DEFAULT_TIMES = ("afternoon", "dusk")
+LIGHT, PICTURE, MAP_COST, IN_WEATHER, FRAME = 40, 8, 16, 2, 2
+"""Work of a sky's light, a picture, the map, another weather and a frame (rendered, encoded): for the time left."""
 TURNS_DEG = sorted(range(-180, 180, 15), key=abs)
 
 
@@ -57,10 +59,10 @@ class PreviewSettings:
         seed: of viewpoints, flight, grain and weather.
     """
 
-    resolution: tuple[int, int] = (1280, 720)
-    film_size: tuple[int, int] = (640, 360)
+    resolution: tuple[int, int] = (960, 540)
+    film_size: tuple[int, int] = (480, 270)
     map_px: int = 1400
-    film_s: float = 12.0
+    film_s: float = 3.0
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
     seed: int = 0
 
@@ -240,10 +242,11 @@ def preview_world(
     missing = [job for job in jobs if job.file not in record]
     if not missing:
         return PreviewResult(show.folder, [], [job.file for job in jobs])
-    frames = settings.frames if any(job.kind == "film" for job in missing) else 0
-    with progress(f"preview of {world.name}", len(missing) + frames) as bar:
+    work = LIGHT * len({job.sky for job in missing}) + sum(_cost(job, settings) for job in missing)
+    with progress(f"preview of {world.name}", work) as bar:
         for k, of_sky in groupby(missing, key=lambda job: job.sky):
             renderer = _light(show, skies[k])
+            bar.advance(LIGHT)
             views = list(of_sky)
             for _, group in groupby(views, key=lambda job: (job.kind, job.item)):
                 for job, content in _make(show, renderer, list(group), bar.advance):
@@ -251,9 +254,15 @@ def preview_world(
                         write_bytes(show.folder / job.file, content)
                     record[job.file] = (show.hash_inputs(job), sha256_file(show.folder / job.file))
                     _write_record(show, record)
-                    bar.advance()
+                    bar.advance(0 if job.kind == "film" else _cost(job, settings), job.file)
     made = [job.file for job in missing]
     return PreviewResult(show.folder, made, [job.file for job in jobs if job.file not in made])
+
+
+def _cost(job: _Job, settings: PreviewSettings) -> int:
+    if job.kind == "film":
+        return FRAME * settings.frames
+    return MAP_COST if job.kind == "map" else PICTURE if job.weather == CLEAR else IN_WEATHER
 
 
 def preview_request(
@@ -322,13 +331,18 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
     poses = show.flight.poses(show.settings.frames)
     files = [folder / f"{key[:12]}-{k:05d}.jpg" for k in range(len(poses))]
     todo = [k for k, file in enumerate(files) if not file.is_file()]
-    advance(len(files) - len(todo))
+    advance((len(files) - len(todo)) * (FRAME - 1))
     for k, light in zip(todo, renderer.render_many((camera, poses[k]) for k in todo), strict=True):
         write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))
-        advance()
+        advance(FRAME - 1)
     for old in show.folder.glob(".*.partial.mp4"):
         old.unlink(missing_ok=True)
-    write_film(show.folder / FILM, map(read_image, files), show.settings.film_size, len(files))
+
+    def read(file: Path) -> np.ndarray:
+        advance()
+        return read_image(file)
+
+    write_film(show.folder / FILM, map(read, files), show.settings.film_size, len(files))
     for file in folder.glob("*.jpg"):
         file.unlink(missing_ok=True)
     if not any(folder.iterdir()):

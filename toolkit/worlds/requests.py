@@ -60,6 +60,6 @@ class PreviewRequest(Config):
         description="Weather of further pictures, under the first sky: fog:1, dust, rain:3-5, snow; repeat for more.",
     )
     resolution: Annotated[tuple[int, int], Flag(metavar="WIDTH HEIGHT")] = Field(
-        (1280, 720), description="Size of the pictures, pixels."
+        (960, 540), description="Size of the pictures, pixels."
     )
-    film_s: Annotated[float, Flag(metavar="X")] = Field(4.0, description="Length of the film, seconds; 0 makes none.")
+    film_s: Annotated[float, Flag(metavar="X")] = Field(3.0, description="Length of the film, seconds; 0 makes none.")

@@ -2,6 +2,10 @@
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
+import time
 from itertools import product
 
 import numpy as np
@@ -10,9 +14,11 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file
+from toolkit.core.files import sha256_bytes, sha256_file, write_bytes
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import make_workspace
+from toolkit.engine.local import LocalPool
+from toolkit.experiments.challenge import entry as entries
 from toolkit.experiments.challenge import score as scoring
 from toolkit.experiments.challenge.board import rank_entries, write_board
 from toolkit.experiments.challenge.entry import check_entry, init_entry, open_space, read_entry
@@ -20,6 +26,7 @@ from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, POSES, EntryConf
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
     OUTCOMES,
+    PICTURES,
     SCORE,
     SCORE_FILE,
     Judge,
@@ -28,10 +35,24 @@ from toolkit.experiments.challenge.score import (
     count_score,
     read_judged,
     rescore,
+    run_entry,
 )
+from toolkit.models.load import load_classifier
+from toolkit.objects.records import encode_png
 from toolkit.rig.plan import read_plan
 
-UNSEEN_SHA, SEEN_SHA = "a" * 64, "b" * 64
+UNSEEN_SHA = "a" * 64
+PICTURE = encode_png(np.full((24, 32, 3), 90, np.uint8))
+DRIVER = """
+import sys
+from toolkit.experiments.challenge import entry
+entry.POSES = 1
+from toolkit.cli import app
+space, *folders = sys.argv[1:]
+for one in folders:
+    app(["challenge", "run", one, "--judge", "rig18", "--workspace", space, "-q"], standalone_mode=False)
+app(["challenge", "board", *folders, "--out", space + "/board", "-q"], standalone_mode=False)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -59,21 +80,19 @@ def write_score(folder, boosted, *, bare=0.25, name=None):
         edit(folder, name=name)
     read = read_entry(folder)
     trained = read.record.networks[0].sha256
-    judges = [
-        Judge(name=sha[:4], sha256=sha, preprocessing="", seen=sha == trained, official=False)
-        for sha in (UNSEEN_SHA, trained)
-    ]
+    judges = [Judge(name=sha[:4], sha256=sha, preprocessing="", seen=sha == trained) for sha in (UNSEEN_SHA, trained)]
+    place = folder / SCORE
+    for item in CLOSED_OBJECTS:
+        write_bytes(place / PICTURES / f"{item}.png", PICTURE)
     outcomes = [
         JudgedPicture(
             judge_sha256=judge.sha256, object=item, pose=pose, variant=variant, condition=condition, corruption="",
-            severity=0, picture_sha256="c" * 64, correct=pose <= share[item] * 4,
+            severity=0, picture_sha256=sha256_bytes(PICTURE), correct=pose <= share[item] * 4,
             delta_e=10.0 if (variant, condition) == ("patched", "clear") else None,
         )
         for judge, condition, item, pose in product(judges, CONDITIONS, CLOSED_OBJECTS, range(1, 5))
         for variant, share in (("unpatched", dict.fromkeys(CLOSED_OBJECTS, bare)), ("patched", boosted))
     ]  # fmt: skip
-    place = folder / SCORE
-    place.mkdir(exist_ok=True)
     rows = (scoring._as_cells(one) for one in outcomes)
     (place / OUTCOMES).write_bytes(encode_csv(list(JudgedPicture.model_fields), rows).encode())
     found = count_score(read, judges, outcomes, sha256_file(place / OUTCOMES))
@@ -157,7 +176,7 @@ def test_a_network_that_the_entry_names_is_no_judge(entry):
     assert {row.n for row in found.pooled} == {16}  # of one judge
 
 
-@pytest.mark.parametrize("tamper", ["rank", "row", "outcome", "seen"])
+@pytest.mark.parametrize("tamper", ["rank", "row", "outcome", "seen", "official", "picture"])
 def test_a_tampered_score_is_found(entry, tamper):
     write_score(entry, EVEN | {"racer": 0.25})
     assert rescore(entry) == []
@@ -169,6 +188,10 @@ def test_a_tampered_score_is_found(entry, tamper):
         content["rows"][0]["boosted"] += 1
     elif tamper == "seen":
         content["judges"][1]["seen"] = False
+    elif tamper == "official":
+        content["is_official"] = True
+    elif tamper == "picture":
+        write_bytes(entry / SCORE / PICTURES / "racer.png", encode_png(np.zeros((8, 8, 3), np.uint8)))
     else:
         lines = (entry / SCORE / OUTCOMES).read_text().splitlines()
         changed = lines[1].replace(",0,", ",1,", 1) if ",0," in lines[1] else lines[1].replace(",1,", ",0,", 1)
@@ -211,3 +234,66 @@ def test_commands(entry, tmp_path, monkeypatch):
     bad = runner.invoke(app, ["challenge", "check", str(entry)])
     assert bad.exit_code == 1
     assert "add it to networks" in bad.stderr
+
+
+def read_folder(folder):
+    """Content by path."""
+    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
+
+
+@pytest.mark.slow
+def test_a_second_run_and_two_workers_give_the_same_bytes(entry, tmp_path, monkeypatch):
+    monkeypatch.setattr(entries, "POSES", 1)
+    judge, spaces = load_classifier("rig18"), [make_workspace(tmp_path / name) for name in ("one", "two")]
+    found = []
+    with LocalPool(2) as pool:
+        for space, engine in ((spaces[0], None), (spaces[0], None), (spaces[1], pool)):
+            shutil.rmtree(entry / SCORE, ignore_errors=True)
+            judged = run_entry(read_entry(entry), [judge], space, engine)
+            found.append(read_folder(entry / SCORE))
+    assert found[0] == found[1] == found[2]
+    assert sorted(found[0]) == [OUTCOMES, *(f"{PICTURES}/{name}.png" for name in CLOSED_OBJECTS), SCORE_FILE]
+    assert {row.variant for row in judged.score.rows} == {
+        "patched", "wrong-patch", "random-patch", "grey-patch", "patch-alone"
+    }  # fmt: skip
+    assert rescore(entry) == []
+
+
+@pytest.mark.slow
+def test_entries_whose_runs_are_killed_end_with_the_same_bytes(tmp_path):
+    """Killed while shooting, while judging and between entries, of which each has another budget or set of patches."""
+    source = make_workspace(tmp_path / "source")
+    configs = {"ours": EntryConfig(), "small": EntryConfig(), "whole": EntryConfig(budget="texture")}
+
+    def start(name):
+        space = make_workspace(tmp_path / name)
+        folders = [space.root / one for one in configs]
+        for folder, config in zip(folders, configs.values(), strict=True):
+            if not folder.exists():
+                chosen = source.with_patches("rig18" if folder.name == "small" else None)
+                init_entry(chosen, folder, config)
+        words = [sys.executable, "-c", DRIVER, str(space.root), *map(str, folders)]
+        return space, subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+    def count_done(space):
+        home = space.eval_dir / "challenge"
+        answers = home / "answers.jsonl"
+        said = len(answers.read_bytes().splitlines()) if answers.exists() else 0
+        return said + len(list(home.glob("*/captures/sim/*/*/*.png")))
+
+    space, straight = start("straight")
+    assert straight.wait() == 0, straight.stderr.read()
+    wanted, most = read_folder(space.root), count_done(space)
+    for share in (0.05, 0.3, 0.5, 0.8):
+        space, run = start("killed")
+        while count_done(space) < share * most and run.poll() is None:
+            time.sleep(0.02)
+        run.send_signal(signal.SIGKILL)
+        assert run.wait() == -signal.SIGKILL, run.stderr.read()
+    space, run = start("killed")
+    assert run.wait() == 0, run.stderr.read()
+    found = read_folder(space.root)
+    for kept in ("ours/", "small/", "whole/", "board/"):
+        assert {name: found[name] for name in found if name.startswith(kept)} == {
+            name: wanted[name] for name in wanted if name.startswith(kept)
+        }

@@ -1,6 +1,5 @@
 """The leaderboard: one page that opens from disk, one CSV, and a JSON file of each entry."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,22 +9,25 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from toolkit.captures.read import UNPATCHED
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
-from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, embed_picture, write_page
-from toolkit.experiments.challenge.entry import ChallengeEntry
+from toolkit.evaluation.contact_sheet import encode_jpeg
+from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, write_page
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
+    FOG,
     Judged,
     Score,
     describe_rank,
     read_judged,
+    read_picture,
     rescore,
 )
 
-PICTURE_PX = 160
+PICTURE_PX = 240
 TIE = 1e-9
 
 
@@ -109,7 +111,7 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
             refused.append((str(folder), faults[0]))
         else:
             entries.append(read_judged(folder))
-    names = [one.score.entry.name for one in entries]
+    names = [one.score.entry.name.lower() for one in entries]
     for name in {name for name in names if names.count(name) > 1}:
         raise ToolkitError(f"two entries are called '{name}': give one another name in its entry.json")
     if not entries:
@@ -125,7 +127,8 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
     write_text(out / "board.csv", encode_csv(list(rows[0]), (row.values() for row in rows)), out)
     context = {
         "title": "Challenge", "boards": [(_name_class(board[0].score), board[0].score, board) for board in boards],
-        "pictures": {one.score.entry.name: _embed_boosters(one.entry) for one in entries},
+        "pictures": {one.score.entry.name: _embed_pictures(one) for one in entries},
+        "curves": {one.score.entry.name: _count_curve(one) for one in entries},
         "conditions": CONDITIONS, "colour": COLOURS[0], "bare_colour": UNPATCHED_COLOUR,
     }  # fmt: skip
     write_page(out / "index.html", "toolkit.experiments.challenge", "board.html.j2", context)
@@ -137,13 +140,24 @@ def _name_class(score: Score) -> str:
     return f"{score.entry.division} division, {score.entry.budget}, version {score.challenge_version}, {judges}"
 
 
-def _embed_boosters(entry: ChallengeEntry) -> list[tuple[str, str]]:
-    """(object, data URI) of each booster."""
+def _embed_pictures(judged: Judged) -> list[tuple[str, list[str]]]:
+    """(object, data URIs) of each object with its booster on it, and of the booster."""
     found = []
-    for name in entry.objects:
-        buffer = io.BytesIO()
-        image = Image.fromarray(entry.read_booster(name).pixels)
-        how = Image.Resampling.NEAREST if image.width < PICTURE_PX else Image.Resampling.BOX
-        image.resize((PICTURE_PX, PICTURE_PX), how).save(buffer, "PNG")
-        found.append((name, embed_picture(buffer.getvalue())))
+    for name in judged.entry.objects:
+        shown = read_picture(judged, name), judged.entry.read_booster(name).pixels
+        found.append((name, [encode_jpeg(Image.fromarray(pixels), PICTURE_PX) for pixels in shown]))
     return found
+
+
+def _count_curve(judged: Judged) -> list[tuple[int, float, float]]:
+    """(severity, share right bare, with the booster): clear air is 0; by judges that never saw the entry."""
+    judges = {one.sha256 for one in judged.score.judges if not one.seen}
+    right: dict[int, dict[str, list[bool]]] = {}
+    for one in judged.outcomes:
+        if one.condition != FOG and one.judge_sha256 in judges:
+            right.setdefault(one.severity, {}).setdefault(one.variant, []).append(one.correct)
+    variant = judged.entry.record.variant
+    return [
+        (severity, float(np.mean(own[UNPATCHED])), float(np.mean(own[variant])))
+        for severity, own in sorted(right.items())
+    ]

@@ -14,8 +14,11 @@ Division = Literal["closed", "open"]
 Budget = Literal["patch", "wrap", "texture"]
 VARIANT: Mapping[Budget, str] = {"patch": "patched", "wrap": "wrapped", "texture": "textured"}
 CLOSED_OBJECTS = ("coffeepot", "eggnog", "racer", "warplane")
-JUDGES = ("resnet50", "mobilenet_v2", "efficientnet_b0", "convnext_tiny", "vgg16", "swin_t")
-"""Of the closed division: torchvision's first published ImageNet weights of each, known by their hash."""
+JUDGES: Mapping[str, str] = {
+    "resnet50": "0676ba61", "mobilenet_v2": "b0353104", "efficientnet_b0": "7f5810bc", "convnext_tiny": "983f1562",
+    "regnet_y_800mf": "1b27b58c", "swin_t": "704ceda3",
+}  # fmt: skip
+"""Of the closed division, with the first digits of their hash: torchvision's first published ImageNet weights."""
 LARGEST_PATCH = 1 / 3
 """Side of a patch as a share of the object's longest side."""
 POSES = 18

@@ -18,10 +18,12 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import (
     explain_validation,
+    inside,
     read_bytes,
     read_json,
     sha256_bytes,
     sha256_file,
+    write_bytes,
     write_json,
     write_text,
 )
@@ -39,7 +41,7 @@ from toolkit.experiments.challenge.entry import ChallengeEntry, EntryRecord, che
 from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
-from toolkit.imaging.read import read_image
+from toolkit.imaging.read import decode_image, read_image
 from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import cast_rays, make_ray_scene
@@ -50,17 +52,19 @@ from toolkit.rig.variants import CONTROLS_OF
 if TYPE_CHECKING:
     from rich.table import Table
 
-SCORE, SCORE_FILE, OUTCOMES = "score", "score.json", "outcomes.csv"
+SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
 CONDITIONS = (CLEAR, FOG, CORRUPTED)
 """Clean air; ImageNet-C's fog of severity 3; one of its 75 corruptions for each picture, in turn."""
 FOG_SEVERITY = 3
 UNSEEN, SEEN = "unseen", "seen"
-MOST_OUTCOMES_BYTES = 256 << 20
+MOST_OUTCOMES_BYTES, MOST_PICTURE_BYTES = 256 << 20, 16 << 20
 Answered = tuple[bool, bool, str, str]
 """Right bare, right boosted, the object, and the picture."""
-LOOK_STRIDE = 2
-"""Each other pixel each way says enough of how much the looks change."""
+SHOWN_POSE = 1
+"""Of the plan: from there each booster is shown on its object."""
+LOOK_STRIDE = 4
+"""Each fourth pixel each way says enough of how much the looks change."""
 
 
 class Judge(BaseModel):
@@ -70,7 +74,6 @@ class Judge(BaseModel):
         name, sha256: of the network, and of its weights' file.
         preprocessing: in words.
         seen: whether the entry was trained on it, by its record's hashes.
-        official: whether it is one of the closed division's.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -78,7 +81,6 @@ class Judge(BaseModel):
     sha256: str
     preprocessing: str
     seen: bool
-    official: bool
 
 
 class JudgedPicture(BaseModel):
@@ -163,15 +165,19 @@ class Score(BaseModel):
     toolkit_version: str = __version__
 
     @property
+    def unseen(self) -> list[ScoreRow]:
+        """What judges that the entry never saw say of all objects: of its booster by condition, of the controls."""
+        return [row for row in self.rows if (row.judge, row.object) == (UNSEEN, POOLED)]
+
+    @property
     def pooled(self) -> list[ScoreRow]:
-        """What judges that the entry never saw say of all objects, by condition."""
-        wanted = (UNSEEN, POOLED, self.entry.variant)
-        return [row for row in self.rows if (row.judge, row.object, row.variant) == wanted]
+        """Of `unseen`, the booster's own."""
+        return [row for row in self.unseen if row.variant == self.entry.variant]
 
     @property
     def class_of(self) -> tuple[object, ...]:
         """What must agree for two scores to be compared."""
-        judged = tuple(sorted(one.sha256 for one in self.judges))
+        judged = tuple(sorted((one.sha256, one.preprocessing) for one in self.judges))
         return self.challenge_version, self.entry.division, self.entry.budget, judged
 
 
@@ -210,6 +216,9 @@ def run_entry(
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     folder = entry.folder / SCORE
+    for one in captures:
+        if (one.variant, one.pose_id) == (entry.record.variant, SHOWN_POSE):
+            write_bytes(folder / PICTURES / f"{one.object}.png", one.file.read_bytes(), entry.folder)
     text = encode_csv(list(JudgedPicture.model_fields), (_as_cells(one) for one in outcomes))
     write_text(folder / OUTCOMES, text, entry.folder)
     score = count_score(
@@ -220,20 +229,18 @@ def run_entry(
 
 
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
-    """The pictures of an entry: bare ones are copied from those of any entry before."""
+    """The pictures of an entry; those that any entry before has alike are copied: bare, and with noise or grey."""
     space = open_space(entry, home / entry.record.name)
     controls = CONTROLS_OF.get(entry.record.variant, ()) if with_controls else ()
     if "wrong-patch" in controls and len(entry.objects) < 2:
         controls = tuple(name for name in controls if name != "wrong-patch")
-    bare = home / "bare"
-    settings, plan = ShootSettings(image_format="png"), read_plan(space.plan_file)
-    first = shoot_plan(space, plan, entry.objects, (UNPATCHED,), settings, captures_dir=bare, engine=engine)
-    stored = index_images(first.source_dir)
     variants = (UNPATCHED, entry.record.variant, *controls)
+    sources = sorted(home.glob(f"*/{space.captures_dir.name}/sim"))
+    stored = {key: image for source in sources for key, image in index_images(source).items()}
+    settings, plan = ShootSettings(image_format="png"), read_plan(space.plan_file)
     done = shoot_plan(space, plan, entry.objects, variants, settings, stored=stored, engine=engine)
-    failed = [*first.failed, *done.failed]
-    if failed:
-        raise ToolkitError(f"{failed[0][0]}: {failed[0][1]}: a score needs all pictures: run it again")
+    if done.failed:
+        raise ToolkitError(f"{done.failed[0][0]}: {done.failed[0][1]}: a score needs all pictures: run it again")
     wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
     found = read_captures(done.source_dir).captures
     return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
@@ -303,18 +310,8 @@ def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
     sha256 = judge.weights.sha256
     return Judge(
         name=judge.name, sha256=sha256, preprocessing=judge.preprocessing.describe(),
-        seen=sha256 in {one.sha256 for one in record.networks}, official=_is_official(judge.arch, sha256),
+        seen=sha256 in {one.sha256 for one in record.networks},
     )  # fmt: skip
-
-
-def _is_official(arch: str, sha256: str) -> bool:
-    """Whether these are the weights that torchvision published first; their files bear the hash's first digits."""
-    from torchvision.models import get_model_weights
-
-    if arch not in JUDGES:
-        return False
-    stem = Path(next(iter(get_model_weights(arch))).url).stem
-    return sha256.startswith(stem.rpartition("-")[2])
 
 
 def count_score(
@@ -344,9 +341,9 @@ def count_score(
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
     changes = {(one.object, one.pose): one.delta_e for one in outcomes if one.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
-    official = {one.name for one in judges if one.official}
+    known = {one.name: one.sha256[: len(JUDGES.get(one.name, ""))] for one in judges}
     return Score(
-        entry=entry.record, is_official=official == set(JUDGES) and len(judges) == len(JUDGES), judges=tuple(judges),
+        entry=entry.record, is_official=known == JUDGES, judges=tuple(judges),
         outcomes_sha256=sha256, rank_gain=gain, rank_ci95=ci95, rows=tuple(rows),
         delta_e=round(float(np.mean(list(changes.values()))), 3) if changes else None,
         non_printability=round(float(np.mean(inks)), 5),
@@ -449,6 +446,21 @@ def _read_outcomes(file: Path) -> list[JudgedPicture]:
         raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): run the entry again") from None
 
 
+def read_picture(judged: Judged, name: str) -> np.ndarray:
+    """(h, w, 3) uint8 sRGB: the booster on an object, as it was judged.
+
+    Raises:
+        ToolkitError: the picture is missing, another than `outcomes.csv` names, or no picture.
+    """
+    file = inside(judged.entry.folder, f"{SCORE}/{PICTURES}/{name}.png")
+    content = read_bytes(file, MOST_PICTURE_BYTES)
+    wanted = (name, SHOWN_POSE, judged.entry.record.variant)
+    hashes = {one.picture_sha256 for one in judged.outcomes if (one.object, one.pose, one.variant) == wanted}
+    if hashes != {sha256_bytes(content)}:
+        raise ToolkitError(f"{file}: is not the picture that was judged: run the entry again")
+    return decode_image(content, file)
+
+
 def rescore(folder: Path) -> list[str]:
     """What of an entry's score does not follow from its files, a line each; none where all does."""
     try:
@@ -457,6 +469,8 @@ def rescore(folder: Path) -> list[str]:
         named = {one.sha256 for one in judged.entry.record.networks}
         judges = [one.model_copy(update={"seen": one.sha256 in named}) for one in judged.score.judges]
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
+        for name in judged.entry.objects:
+            read_picture(judged, name)
     except ToolkitError as error:
         return [str(error)]
     said, found = (one.model_dump(mode="json", exclude={"toolkit_version"}) for one in (judged.score, again))

@@ -11,7 +11,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
 from toolkit.rig.studio import BACKDROPS, LIGHTS
-from toolkit.rig.variants import Print, apply_booster, find_booster
+from toolkit.rig.variants import Print, Sheets, apply_booster, find_booster
 
 if TYPE_CHECKING:
     from toolkit.captures.shoot import ShootSettings
@@ -151,6 +151,13 @@ _AXES = (
         is_ordered=True,
     ),
     Axis(
+        "coverage", "share of what cameras see that the wrap's best pieces cover (asked, and reached)", "pct",
+        (5.0, 10.0, 20.0, 33.0, 50.0, 75.0, 100.0),
+        parse=_number("a share of what cameras see, in per cent", "20", False, 0.1, 100),
+        change=lambda setup, value: replace(setup, settings=replace(setup.settings, coverage=float(value) / 100)),
+        is_ordered=True,
+    ),
+    Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
         parse=_number("a seed", "3", True, 0, 2**32 - 1),
         change=_change_setting("seed"),
@@ -168,6 +175,7 @@ class SweepPoint:
         object: which one.
         setup: how it is shot.
         patch_mm: printed side of its patch, None where no variant has one.
+        covered: share of what cameras see that its wrap covers, None where it is not varied.
         longest_mm: the object's longest side.
         refused: why it cannot be shot in every variant; None when it can.
         patch_set: whose patches it wears; None: the workspace's.
@@ -181,6 +189,7 @@ class SweepPoint:
     longest_mm: float
     refused: str | None = None
     patch_set: str | None = None
+    covered: float | None = None
 
 
 def plan_units(
@@ -215,6 +224,8 @@ def plan_units(
         for value, setup in setups.items()
         for item in items.values()
     ]
+    if axis.name == "coverage" and all(unit.covered is None and unit.refused is None for unit in units):
+        raise FieldError("the axis 'coverage' varies the wrap: name the variant 'wrapped'", {"variants": variants})
     if axis.name == "size" and all(unit.patch_mm is None for unit in units):
         raise FieldError(
             "the axis 'size' varies the patch: name a variant that has one, such as 'patched'", {"variants": variants}
@@ -239,7 +250,8 @@ def _plan_unit(
     workspace: Workspace, item: TableObject, setup: ShootSetup, variants: Sequence[str], *, value: Value, label: str
 ) -> SweepPoint:
     longest_mm = float(item.mesh.size_mm.max())
-    boosters = [find_booster(workspace, item, name) for name in variants]
+    boosters = [setup.settings.find_booster(workspace, item, name) for name in variants]
+    shown = [one.wrap.record.covered for one in boosters if isinstance(one, Sheets) and one.coverage is not None]
     own_mm = [size_mm for booster in boosters if isinstance(booster, Print) for size_mm in booster.sizes_mm]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
     if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):
@@ -254,4 +266,5 @@ def _plan_unit(
                 apply_booster(sized, booster)
     except ToolkitError as error:
         refused = str(error)
-    return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)
+    return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused,
+                      covered=shown[0] if shown else None)  # fmt: skip

@@ -71,7 +71,7 @@ def run_sweep(
     base = base or ShootSetup(open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed))
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
-    variants = tuple(dict.fromkeys(config.variants))
+    variants = config.shown()
     units = plan_units(
         workspace, axis, values, base, objects=list(specs), variants=variants, trained=config.trained
     )  # fmt: skip

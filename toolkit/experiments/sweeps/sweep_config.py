@@ -17,12 +17,13 @@ class SweepConfig(Config):
     """One sweep; see `run_sweep`."""
 
     axis: Annotated[str, Flag(metavar="AXIS", positional=True)] = Field(
-        description="light, backdrop, distance, resolution, size or seed."
+        description="light, backdrop, distance, resolution, size, coverage or seed."
     )
     values: Annotated[tuple[str | int | float, ...], Flag(metavar="VALUES", typed=tuple[str, ...])] = Field(
         (),
         description="Values to try; repeat, or separate by commas. Names of lights or backdrops, factors of the plan's "
-        "distance, widths of the picture in px, sides of the printed patch in mm, or seeds.",
+        "distance, widths of the picture in px, sides of the printed patch in mm, per cent "
+        "of what cameras see that the best pieces of a wrap cover, or seeds.",
     )
     objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
         (), description="Object to shoot; repeat for more. Default: all in the plan."
@@ -46,6 +47,11 @@ class SweepConfig(Config):
         if self.trained and axis.name != "size":
             raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
         return self
+
+    def shown(self) -> tuple[str, ...]:
+        """Each variant once; where the wrap is varied, it takes the patch's place unless others are asked for."""
+        varied = ("unpatched", "wrapped") if self.axis == "coverage" and self.variants == PAIR else self.variants
+        return tuple(dict.fromkeys(varied))
 
     def parse(self) -> "tuple[Axis, list[Value]]":
         """The axis, and its values in order.

@@ -17,7 +17,7 @@ from toolkit.evaluation.results import Findings
 from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
 from toolkit.experiments.sweeps.axes import Axis, SweepPoint, Value
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
-from toolkit.rig.variants import ON_PAPER
+from toolkit.rig.variants import ON_PAPER, WRAPPED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,14 +72,20 @@ class Sweep:
 
     @cached_property
     def sizes(self) -> dict[tuple[str, str], PatchSize]:
-        """(label, object) -> size of its patch; pooled where all objects agree, nothing where there is no patch."""
+        """(label, object) -> size of its patch; pooled where all objects agree, nothing where there is no patch.
+
+        Where a wrap's coverage is varied, the share is what its pieces reach of what cameras see; pooled their mean.
+        """
         sizes: dict[tuple[str, str], PatchSize] = {}
         for one in self.points:
-            if one.refused is None and one.patch_mm is not None:
+            if one.refused is None and one.covered is not None:
+                sizes[one.label, one.object] = (None, one.covered)
+            elif one.refused is None and one.patch_mm is not None:
                 sizes[one.label, one.object] = (one.patch_mm, round(one.patch_mm / one.longest_mm, 4))
         for label in {label for label, _ in sizes}:
             sides, shares = zip(*(size for (of, _), size in sizes.items() if of == label), strict=True)
-            sizes[label, POOLED] = (_agreed(sides), _agreed(shares))
+            mean = round(sum(shares) / len(shares), 4)
+            sizes[label, POOLED] = (_agreed(sides), mean if self.axis.name == "coverage" else _agreed(shares))
         return sizes
 
     @cached_property
@@ -100,11 +106,16 @@ class Sweep:
     def _row(self, group: Group) -> dict[str, Any]:
         found = group.as_json()
         label = found.pop("source")
-        size = self.sizes.get((label, group.object), (None, None)) if group.variant in ON_PAPER else (None, None)
+        size = self.sizes.get((label, group.object), (None, None)) if group.variant in self._sized else (None, None)
         found["ci95"] = found.pop("top1_ci95")
         order = ("object", "variant", "n", "failed", "top1", "top5", "ci95", "mean_true_prob")
         row = {"value": self.values[label], "label": label} | {name: found[name] for name in order}
         return row | {"patch_mm": size[0], "patch_share": size[1]}
+
+    @property
+    def _sized(self) -> tuple[str, ...]:
+        """Variants that have a size, or a share that they cover."""
+        return (WRAPPED,) if self.axis.name == "coverage" else ON_PAPER
 
     @property
     def pair_rows(self) -> list[dict[str, Any]]:
@@ -166,7 +177,7 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     rows = []
     for label in sweep.values:
         share = sweep.sizes.get((label, name), (None, None))[1]
-        shown = f"{label} ({format_percent(share)} %)" if sweep.axis.name == "size" and share else label
+        shown = f"{label} ({format_percent(share)} %)" if sweep.axis.name in ("size", "coverage") and share else label
         for variant in sweep.variants:
             group, pair = groups.get((label, name, variant)), pairs.get((label, name, variant))
             if group is None or group.top1 is None:
@@ -255,5 +266,5 @@ def _format_tick(sweep: Sweep, name: str, label: str) -> str:
     missing = {skipped for own, skipped, _ in sweep.skipped if own == label}
     if name in missing or (name == POOLED and missing):
         text += "*" if name == POOLED else "\n–"
-    share = sweep.sizes.get((label, name), (None, None))[1] if sweep.axis.name == "size" else None
+    share = sweep.sizes.get((label, name), (None, None))[1] if sweep.axis.name in ("size", "coverage") else None
     return text if share is None else f"{text}\n{100 * share:.0f} %"

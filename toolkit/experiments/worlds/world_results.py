@@ -201,7 +201,7 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
 def _judge_half(row: Row) -> Verdict:
     what = f"In {row['weather']}, {_name(row['variant'])}: "
     if not row["clear_top5"]:
-        return Verdict("open", f"{what}nothing was recognised in clear air, so that nothing can be lost.")
+        return Verdict("open", f"{what}nothing was recognised in clear air, so nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
     if row["visibility_m"] is None:
         half = f"even at {row['densest_m']:.3g} m, the thickest {row['weather']} tested, more than half remain"

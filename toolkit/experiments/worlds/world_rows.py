@@ -218,15 +218,15 @@ def list_notes(results: WorldResults) -> list[str]:
     """What a reader of the tables must know, a sentence each."""
     count = len(results.places)
     notes = [
-        "The tests of pairs take the cameras as independent draws. Those of one place share light and background, so "
-        "that their p values are too small; the p over places and the intervals count places alone."
+        "The tests of pairs count cameras as independent. Cameras of one place share light and background, so these p "
+        "values are too small; the p over places and the intervals count each place once."
     ]
     if count == 1:
         notes.append("One place says nothing about others: there are no intervals.")
     else:
         notes.append(
-            f"Intervals are percentiles of a cluster bootstrap over {count} places. With so few they are too narrow, "
-            f"and no p over places can be smaller than {2 / 2**count:.2g}."
+            f"Intervals are percentiles of a cluster bootstrap over {count} places. With so few places they are "
+            f"too narrow, and p over places cannot be smaller than {2 / 2**count:.2g}."
         )  # fmt: skip
     lost = sum(place.reasons.count(FAILED) for place in results.places)
     gone = len(results.stage.places) - count

@@ -20,9 +20,8 @@ from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
+from toolkit.photos.gates.check_photo import Expectation, ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, SetFinding, check_set
-from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.board_file import board_file

@@ -10,8 +10,7 @@ from pydantic import BaseModel, ConfigDict
 from toolkit.photos.gates.patch import CELLS, cell_middles
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting
-from toolkit.photos.prints.size import SIZE_TOLERANCE
+from toolkit.photos.prints.find import CELL_SHOWS, SIZE_TOLERANCE, PatchSighting
 from toolkit.rig.requests import PAIR
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")

@@ -16,12 +16,12 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
+from toolkit.photos.gates.objects import KnownObjects
 from toolkit.photos.gates.patch import place_cells
-from toolkit.photos.gates.which_object import KnownObjects
 from toolkit.photos.importing.evidence import NOT_FOLLOWED, Evidence, Group
-from toolkit.photos.importing.index import CaptureKey, SourceIndex
+from toolkit.photos.importing.gather import CaptureKey, SourceIndex
 from toolkit.photos.importing.match import RenderMatcher
-from toolkit.photos.match_pose import match_pose
+from toolkit.photos.locate import match_pose
 from toolkit.photos.match_render import LEAST_SCORE
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.prints.find import SearchedPhoto, find_patch, search_photo

@@ -24,15 +24,21 @@ from toolkit.objects.load import load_object
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.align import Clues, place_with_gaps
 from toolkit.photos.importing.evidence import collect_evidence
-from toolkit.photos.importing.gather import Gathered, gather_photos
-from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
+from toolkit.photos.importing.gather import (
+    Gathered,
+    SourceIndex,
+    describe_imported,
+    gather_photos,
+    index_source,
+    is_whole,
+    list_poses,
+)
 from toolkit.photos.importing.match import MatchRender, RenderMatcher
-from toolkit.photos.importing.pairs import match_pairs, read_pairs
-from toolkit.photos.importing.resolve import Ask, Resolved, resolve_occupied, resolve_photos
-from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.importing.resolve import Ask, Resolved, match_pairs, read_pairs, resolve_occupied, resolve_photos
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.photos.photo import load_pixels
+from toolkit.photos.settings import ImportSettings
 from toolkit.rig.plan import CapturePlan, open_plan
 from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots

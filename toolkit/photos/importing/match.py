@@ -9,8 +9,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.importing.evidence import Evidence, Group, possible_poses
-from toolkit.photos.importing.index import CaptureKey
-from toolkit.photos.match_pose import PoseMatch, match_pose
+from toolkit.photos.importing.gather import CaptureKey
+from toolkit.photos.locate import PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS, apply_booster, find_booster

@@ -14,7 +14,7 @@ from toolkit.imaging.read import show_path
 from toolkit.photos.exif import ExifFacts, read_preview, write_exif
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
-from toolkit.photos.importing.index import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
+from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
 from toolkit.photos.importing.match import Decision
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels
 

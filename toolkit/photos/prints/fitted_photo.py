@@ -5,18 +5,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from toolkit.boosters.data_config import count_held_out
+from toolkit.boosters.mounted import MountedViews, stack_views
+from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.read import read_image
 from toolkit.objects.records import encode_png
 from toolkit.photos.photo import Photo, list_photos, load_pixels, read_photo
-from toolkit.photos.prints.features import Features
-from toolkit.photos.prints.find import PatchSighting, SearchedPhoto, find_patch, search_photo
-from toolkit.photos.prints.look import PrintedLook, Scene, fit_look
+from toolkit.photos.prints.align import PatchWarp
+from toolkit.photos.prints.features import Features, to_cv
+from toolkit.photos.prints.find import PatchSighting, SearchedPhoto, find_patch, search_photo, shrink_image
+from toolkit.photos.prints.look import KERNEL_PX, PrintedLook, Scene, fit_look
+from toolkit.rig.linear_view import LinearView
+from toolkit.rig.mount import size_on_paper
+from toolkit.rig.shading import SHOULDER
 
 LEAST_SHOWN = 0.5
 MOST_TEXELS = 1024
@@ -136,3 +145,124 @@ def list_files(paths: Sequence[Path]) -> list[Path]:
     if not files:
         raise ToolkitError(f"{', '.join(map(str, paths))}: no photographs there")
     return files
+
+
+WINDOW = (0.7, 1.0)
+"""Side of the square that a view shows, as a share of the photograph's shorter side."""
+BRIGHTEST = 0.98
+"""Of the light that is told from a photograph: what is blown out has no more."""
+
+
+def view_photos(
+    workspace: Workspace, photos: Sequence[Path], found: Sequence[str], *, size_px: int, size_mm: float, count: int,
+    image_px: int, seed: int, device: str,
+) -> tuple[MountedViews, list[tuple[str, str]]]:  # fmt: skip
+    """Views of photographs, linear in the colours of the patch that takes the printed one's place.
+
+    Each shows a random square of a photograph in which the patch's middle lies. A fifth of the photographs, whole, is
+    held out: the last ones by name.
+
+    Args:
+        workspace: where patches are known.
+        photos: photographs, or folders of them.
+        found: the printed patches' names or PNG files.
+        size_px, size_mm: of the patch that is trained.
+        count: how many views, about.
+        image_px: their side.
+        seed: of the squares.
+        device: where the views go.
+
+    Returns:
+        The views, and (path, reason) of photographs that show none of the patches.
+
+    Raises:
+        ToolkitError: fewer than two photographs show one of them.
+    """
+    patches, fitted, skipped = [read_known(workspace, name) for name in found], [], []
+    files = list_files(photos)
+    with progress("finding the patch", len(files)) as bar:
+        for file in files:
+            try:
+                fitted.append(fit_photo(file, patches))
+            except ToolkitError as error:
+                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
+            bar.advance(note=file.name)
+    if len(fitted) < 2:
+        why = f"; {skipped[0][0]}: {skipped[0][1]}" if skipped else ""
+        raise ToolkitError(f"the patch was found in {len(fitted)} of {len(files)} photographs, 2 are needed{why}")
+    each, views = max(1, -(-count // len(fitted))), []
+    for number, one in enumerate(fitted):
+        with_hidden = _add_hidden(one)
+        for k in range(each):
+            rng = Draws(seed, number * each + k, "found views").of("window")
+            views.append(_view(one, with_hidden, image_px, (size_px, size_mm), rng))
+    stacked = stack_views(views, (size_mm,), device)
+    return replace(stacked, held_out=each * count_held_out(len(fitted))), skipped
+
+
+def _add_hidden(one: FittedPhoto) -> np.ndarray:
+    """(h, w, 4) uint8: the photograph, and how far something hides the patch, from 0 to 255."""
+    scene, hidden = Scene(one.image, one.look, one.patch.pixels), np.zeros(one.image.shape[:2], np.uint8)
+    h, w = scene.hidden.shape
+    hidden[scene.top : scene.top + h, scene.left : scene.left + w] = np.rint(255 * scene.hidden)
+    return np.dstack([one.image, hidden])
+
+
+def _view(
+    one: FittedPhoto, with_hidden: np.ndarray, image_px: int, sheet: tuple[int, float], rng: np.random.Generator
+) -> LinearView:
+    """A random square of a photograph, of the patch's middle, with paper of `sheet` texels and mm in its place."""
+    (h, w), middle = one.image.shape[:2], one.look.warp.corners.mean(axis=0)
+    side = rng.uniform(*WINDOW) * min(h, w)
+    low = np.clip(middle - side, 0, [w - side, h - side])
+    high = np.clip(middle, 0, [w - side, h - side])
+    left, top = rng.uniform(low, np.maximum(low, high))
+    scale = min(1.0, image_px / side)
+    small = shrink_image(with_hidden, scale)
+    zoom = image_px / side
+    T = np.array([[zoom / scale, 0, -left * zoom], [0, zoom / scale, -top * zoom], [0, 0, 1.0]])
+    picture = cv2.warpAffine(
+        small, to_cv(T)[:2], (image_px, image_px),
+        flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
+    there = one.look.warp.scaled(scale)
+    warp = PatchWarp(T @ there.homography, there.bend * T[0, 0])
+    crisp = np.zeros((3, KERNEL_PX, KERNEL_PX))
+    crisp[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
+    picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
+    scene = Scene(picture, replace(one.look, warp=warp, kernels=crisp), one.patch.pixels)
+    return _make_linear(picture, scene, hidden, sheet)
+
+
+def _make_linear(picture: np.ndarray, scene: Scene, hidden: np.ndarray, sheet: tuple[int, float]) -> LinearView:
+    """The picture's light without the patch, and the light that white paper in its place would have."""
+    (h, w), (n, size_mm) = scene.cover.shape, sheet
+    repeat, margin = size_on_paper(n, size_mm)
+    light = srgb_to_linear(picture.astype(np.float32) / 255)
+    cut = light[scene.top : scene.top + h, scene.left : scene.left + w]
+    hidden = hidden[scene.top : scene.top + h, scene.left : scene.left + w, None]
+    share = (scene.cover * (1 - hidden[..., 0])).astype(np.float32)
+    behind = hidden * cut + (1 - hidden) * scene.around
+    dark, coverage = _before_shoulder(light), np.zeros(light.shape[:2], np.float32)
+    there = np.where(share[..., None] > 0, (1 - share[..., None]) * _before_shoulder(behind), _before_shoulder(cut))
+    dark[scene.top : scene.top + h, scene.left : scene.left + w] = there
+    coverage[scene.top : scene.top + h, scene.left : scene.left + w] = share
+    rows, columns = np.nonzero(share > 0)
+    white = srgb_to_linear(scene.look.colours(np.full((1, 1, 3), 255, np.uint8))[0, 0]) * scene.gain[rows, columns]
+    uv, paper = scene.uv[rows, columns], n * repeat + 2 * margin
+    place = (margin + np.clip(uv, 0, 1) * n * repeat) / paper
+    texels = np.maximum(scene.step[rows, columns].max(axis=1) * n * repeat, 1e-6)
+    return LinearView(
+        behind=np.zeros_like(dark), dark=dark.astype(np.float32), coverage=coverage,
+        pixel=((rows + scene.top) * picture.shape[1] + columns + scene.left).astype(np.int32),
+        uv=np.stack([place[:, 0], 1 - place[:, 1]], axis=1).astype(np.float32),
+        lod=np.log2(texels).astype(np.float32),
+        gain=(_before_shoulder(white) * share[rows, columns, None]).astype(np.float32),
+    )  # fmt: skip
+
+
+def _before_shoulder(light: np.ndarray) -> np.ndarray:
+    """Light that the rig's tone curve develops to this: its highlights, which it compresses, are stretched."""
+    light = np.clip(light, 0, BRIGHTEST)
+    over = np.clip((light - SHOULDER) / (1 - SHOULDER), 0, None)
+    return np.where(light > SHOULDER, SHOULDER - (1 - SHOULDER) * np.log1p(-over), light)

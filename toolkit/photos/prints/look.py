@@ -21,7 +21,7 @@ from scipy import sparse
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.photos.prints.align import Drawn, PatchWarp, fit_warp, follow, place_cut, sample_image
-from toolkit.photos.prints.colour_cube import cube_weights, solve_cube
+from toolkit.photos.prints.colours import cube_weights, solve_cube
 from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
 
 YCC = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])

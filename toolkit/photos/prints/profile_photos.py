@@ -19,11 +19,10 @@ from toolkit.photos.prints.colours import (
     compare_texels,
     read_colours,
 )
-from toolkit.photos.prints.find import find_patch
+from toolkit.photos.prints.find import SIZE_TOLERANCE, find_patch, measure_on_page
 from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, fit_texels, read_strip
 from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files
 from toolkit.photos.prints.look import even_texels
-from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
 from toolkit.printing.page import Paper
 from toolkit.printing.print_patches import choose_wearer, say_sizes, select_patches
 

@@ -29,11 +29,12 @@ from toolkit.printing.shot_list.tour import (
     name_change,
     survey,
 )
+from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep, hash_poses
-from toolkit.rig.variants import Print, Worn
+from toolkit.rig.variants import Print, Sheets, Worn
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class ObjectSession:
         around: what its drawings share.
         views: JPEGs by (variant, pose id).
         poses_sha256: `hash_poses` of the plan.
+        sides: where the pieces of its wrap go; none where it wears no wrap.
     """
 
     item: TableObject
@@ -75,6 +77,7 @@ class ObjectSession:
     around: Surroundings
     views: dict[tuple[str, int], bytes]
     poses_sha256: str
+    sides: tuple[SideView, ...] = ()
 
     @property
     def sheets(self) -> int:
@@ -99,13 +102,14 @@ def prepare_session(
     poses = plan.objects[item.name]
     stops = find_stops(poses, steps)
     views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
+    wraps = [b.wrap for b in boosters.values() if isinstance(b, Sheets)]
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
     return ObjectSession(
         item, plan.camera, tuple(stops), stuck[0] if stuck else None, tuple(mountings), papers,
         around=survey(item.mesh, [stop.place for stop in stops]), views=views,
-        poses_sha256=hash_poses(plan, item.name),
+        poses_sha256=hash_poses(plan, item.name), sides=tuple(draw_sides(item.mesh, wraps[0]) if wraps else ()),
     )  # fmt: skip
 
 
@@ -219,7 +223,11 @@ def draw_first_page(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     drawing = session.mountings[0] if session.mountings else None
     frame = drawing.frame_mm if drawing else (0.0, 0.0, 2.0, 1.0)
     mount, steps, walk, rounds, camera, stage = split_page(area, (frame[2] - frame[0]) / (frame[3] - frame[1]))
-    if drawing is None or session.booster is None:
+    if session.sides and drawing is None:
+        room = Rect(area.x, mount.y, area.width, mount.height)
+        below = pdf.heading(room, "Where the wrap's pieces go: cut and order are on the first page of its print")
+        place_sides(pdf, Rect(room.x, room.y, room.width, below - room.y - 1), session.sides)
+    elif drawing is None or session.booster is None:
         _draw_missing(pdf, Rect(area.x, mount.y, area.width, mount.height), session.papers.missing)
     else:
         draw_mounting_plan(pdf, mount, drawing)

@@ -1,4 +1,4 @@
-"""What `toolkit import` is asked to do."""
+"""What `toolkit import` and `toolkit retexture` can be told."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,6 +8,25 @@ from pydantic import Field, model_validator
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.names import FOLDER
+
+
+class RetextureConfig(Config):
+    """What is put into which photographs."""
+
+    found: Annotated[tuple[str, ...], Field(min_length=1), Flag("--found", metavar="PATCH")] = Field(
+        description="The patch that is printed there: its name, or a PNG of its texels. Several are told apart."
+    )
+    given: Annotated[tuple[str, ...], Flag("--as", metavar="PATCH")] = Field(
+        (), description="What takes its place, by name or PNG: first 'patched', then 'other-patch', then by name."
+    )
+    object: Annotated[str | None, Flag("--object", metavar="NAME")] = Field(
+        None, description="Name of what is photographed. Default: the folder's."
+    )
+    bare: Annotated[tuple[Path, ...], Flag("--bare", metavar="PHOTO")] = Field(
+        (), description="True photographs without a patch; as many as with one are paired in order of name."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of the noise and of the random patch.")
+
 
 Source = Annotated[
     str,

@@ -1,0 +1,174 @@
+"""What is measured on photographs by others, into docs/records/photographs: python docs/scripts/photographs.py PART.
+
+The photographs lie in a folder beside the repository (`TOOLKIT_SHARED`); none of them comes into it.
+"""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from toolkit.core.draws import Draws
+from toolkit.core.workspace import make_workspace
+from toolkit.imaging.colour import LINEAR_OF_CODE
+from toolkit.imaging.read import read_image
+from toolkit.photos.gates.framing import NETWORK_SIDE_PX, measure_edge_blur, middle_of
+from toolkit.photos.prints.find import find_patch, search_photo, shrink_image
+from toolkit.photos.prints.fitted_photo import fit_photo, read_known
+from toolkit.photos.retexture import encode_like
+
+RECORDS = Path(__file__).parents[1] / "records" / "photographs"
+SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
+STICKERS = SHARED / "photos" / "stickers-keyboard"
+PATCHES = sorted((STICKERS / "originals").glob("*.png"))
+LEVELS = (0, 64, 160, 250)
+"""Grey levels between which noise is told: ink and shadow, middle, paper."""
+
+
+def find_stickers() -> dict[str, object]:
+    """Stickers of known size in their photographs, and false finds in photographs of ImageNet's classes."""
+    pixels = {file.stem: read_image(file) for file in PATCHES}
+    sizes: dict[str, list[int]] = {}
+    for file in sorted(STICKERS.glob("*.jpg")):
+        name = file.stem.split("_")[0]
+        if name not in pixels:
+            continue
+        photo = read_image(file)
+        whole = find_patch(photo, pixels[name])
+        sizes.setdefault("as taken", []).append(whole is not None)
+        if whole is None:
+            continue
+        for side in (100, 75, 50, 45, 40, 35, 30):
+            small = shrink_image(photo, side / whole.warp.side_px)
+            seen = find_patch(small, pixels[name])
+            right = (
+                seen is not None and np.abs(seen.corners_px - whole.corners_px * side / whole.warp.side_px).max() < 4
+            )
+            sizes.setdefault(str(side), []).append(right)
+    others = sorted((SHARED / "images" / "imagenet_one_each").rglob("*.*"))
+    false, looks = [], 0
+    for file in others:
+        photo = search_photo(read_image(file))
+        for name, patch in pixels.items():
+            looks += 1
+            seen = find_patch(photo, patch)
+            if seen is not None:
+                false.append([file.name, name, round(seen.confidence, 3)])
+    found = {side: [sum(map(bool, hits)), len(hits)] for side, hits in sizes.items()}
+    return {"found": found, "photographs": len(others), "looks": looks, "false": false}
+
+
+def time_large() -> dict[str, object]:
+    """Seconds of one core and memory to find, fit and retexture a photograph of 12 megapixels, alone in a process."""
+    if os.environ.get("PHOTOGRAPHS_TIMED") != "1":
+        rows = []
+        for name in ("bear1_3in_over", "bear1_6in_over", "basketball2_3in_side", "basketball2_6in_side"):
+            done = subprocess.run(
+                [sys.executable, __file__, "time", name], check=True, capture_output=True, text=True,
+                env=os.environ | {"PHOTOGRAPHS_TIMED": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            )  # fmt: skip
+            rows.append(json.loads(done.stdout.splitlines()[-1]))
+        return {"megapixels": 12.2, "photographs": rows}
+    cv2.setNumThreads(1)
+    name = sys.argv[2]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "large.jpg"
+        Image.open(STICKERS / f"{name}.jpg").resize((4032, 3024), Image.Resampling.BICUBIC).save(file, quality=95)
+        space = make_workspace(Path(folder) / "ws")
+        given = [read_known(space, str(PATCHES[0])), read_known(space, str(PATCHES[3]))]
+        known = read_known(space, str(STICKERS / "originals" / f"{name.split('_')[0]}.png"))
+        small = Path(folder) / "warm.jpg"
+        Image.open(STICKERS / f"{name}.jpg").save(small)
+        fit_photo(small, [known])  # what is loaded and compiled once is no photograph's
+        begin = time.process_time()
+        fitted = fit_photo(file, [known])
+        fit_s = time.process_time() - begin
+        for picture in fitted.with_patches(given[:1], Draws(0, 0, "time")):
+            encode_like(fitted.photo, picture)
+        row = {
+            "name": name, "fit_s": round(fit_s, 2), "whole_s": round(time.process_time() - begin, 2),
+            "memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        }  # fmt: skip
+    print(json.dumps(row))  # noqa: T201
+    sys.exit()
+
+
+def describe_picture(image: np.ndarray) -> dict[str, float]:
+    """Noise by level, spectrum's slope, contrast, blur and white balance of (h, w, 3) uint8 sRGB."""
+    luma = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    mean = cv2.blur(luma, (5, 5))
+    spread = np.sqrt(np.maximum(cv2.blur(luma * luma, (5, 5)) - mean * mean, 0) * 25 / 24)
+    row: dict[str, float] = {}
+    for name, low, high in zip(("dark", "middle", "bright"), LEVELS, LEVELS[1:], strict=False):
+        inside = (mean >= low) & (mean < high)
+        if inside.sum() > 2000:  # the quietest tenth lies on even ground, at 0.8 of what even ground has
+            row[f"noise {name}"] = float(np.percentile(spread[inside], 10) / 0.8)
+    side = 512
+    scale = side / min(luma.shape)
+    small = cv2.resize(luma, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    top, left = (small.shape[0] - side) // 2, (small.shape[1] - side) // 2
+    cut = small[top : top + side, left : left + side]
+    window = np.hanning(side)[:, None] * np.hanning(side)
+    power = np.abs(np.fft.fftshift(np.fft.fft2((cut - cut.mean()) * window))) ** 2
+    y, x = np.mgrid[:side, :side] - side // 2
+    radius = np.hypot(x, y).astype(int)
+    mean_power = np.bincount(radius.ravel(), power.ravel()) / np.bincount(radius.ravel())
+    steps = np.arange(8, 128)  # cycles over the square: below are shapes, above what shrinking and JPEG leave
+    row["spectrum slope"] = float(np.polyfit(np.log(steps), np.log(mean_power[steps] + 1e-9), 1)[0])
+    row["contrast"] = float(luma.std() / 255)
+    row["clipped %"] = float(100 * (np.sort(image, axis=2)[..., 1] >= 252).mean())
+    blur = measure_edge_blur(luma.astype(np.uint8), middle_of(image))
+    if blur is not None:
+        row["blur px"] = blur * NETWORK_SIDE_PX / min(luma.shape)
+    open_pixels = image[(image < 250).all(axis=2)]
+    grey = open_pixels.sum(axis=1)
+    light = LINEAR_OF_CODE[open_pixels[grey >= np.percentile(grey, 90)]].mean(axis=0)
+    row["red / green"], row["blue / green"] = float(light[0] / light[1]), float(light[2] / light[1])
+    return row
+
+
+def compare_rig(folders: dict[str, list[Path]]) -> dict[str, object]:
+    """Median and the middle 80 % of each number, for each set of pictures."""
+    told: dict[str, object] = {}
+    for name, files in folders.items():
+        rows = [describe_picture(read_image(file)) for file in files]
+        keys = dict.fromkeys(key for row in rows for key in row)
+        told[name] = {"n": len(rows)} | {
+            key: [round(float(x), 3) for x in np.percentile([r[key] for r in rows if key in r], [10, 50, 90])]
+            for key in keys
+        }
+    return told
+
+
+def real_and_rehearsed() -> dict[str, object]:
+    """Photographs by others, and the pictures in the folders that are named after the part, as NAME=FOLDER."""
+    photos = SHARED / "photos"
+    folders = {
+        "phone, stickers on a keyboard": sorted(STICKERS.glob("*.jpg")),
+        "camera, ChArUco board": sorted((photos / "charuco").glob("*.jpg")),
+        "camera, sheet of markers": sorted((photos / "aruco-sheet").glob("*.jpg")),
+    }
+    for said in sys.argv[2:]:
+        name, _, folder = said.partition("=")
+        folders[name] = sorted(Path(folder).rglob("*.jpg")) or sorted(Path(folder).rglob("*.png"))
+    return compare_rig(folders)
+
+
+PARTS: dict[str, Callable[[], dict[str, object]]] = {
+    "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed,
+}  # fmt: skip
+
+if __name__ == "__main__":
+    part = sys.argv[1]
+    found = PARTS[part]()
+    RECORDS.mkdir(parents=True, exist_ok=True)
+    (RECORDS / f"{part}.json").write_text(json.dumps(found, indent=1) + "\n")

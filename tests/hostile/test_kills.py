@@ -1,0 +1,82 @@
+"""Every command that works for long, killed at one write after the other and run again: the bytes of a whole run."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from colour_folder import write_colours
+from killed_runs import end_in_spite_of_kills, read_folder, run
+from PIL import Image
+
+torch = pytest.importorskip("torch")
+
+from safetensors.torch import save_file  # noqa: E402
+
+from toolkit.models.architectures import build_network  # noqa: E402
+
+COMMANDS = {
+    "plan": "plan --object crate",
+    "print": "print --class crate",
+    "capture-sim": "capture-sim --object crate --source new",
+    "corrupt": "corrupt photos out --corrupt fog:1-3",
+    "eval": "eval captures/sim --model own",
+    "wrap": "wrap --object crate --views 8 --pieces 3",
+    "retexture": "retexture photos --found old.png --as new.png --object desk",
+    "refine-network": "refine-network new --model own --data colours --steps 3 --batch 6",
+    "train-classifier": "train-classifier --name new --data colours --arch cifar_resnet8 --epochs 1 --image-px 16",
+    "landing collect": "landing collect --frames 4 --places 2 --time overcast --image-px 48 --weather clear",
+    "landing fly": "landing fly apriltag --pad apriltag --places 1 --ground bare --time overcast --weather clear "
+                   "--weather fog:3 --episodes 2 --batch 1 --start-height-m 2.2 2.6 --time-limit-s 0.5 --size-m 1",
+}  # fmt: skip
+KILLS = {"capture-sim": 5, "corrupt": 5, "landing fly": 4}
+CHANGING = ()
+
+
+def photograph(pixels: np.ndarray) -> np.ndarray:
+    """(480, 640, 3) uint8: a patch on a grey table, a little aslant."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32) * 960
+    corners = np.array([[150, 110], [385, 128], [372, 366], [140, 340]], np.float32)
+    H, big = cv2.getPerspectiveTransform(square, corners), cv2.resize(pixels, (960, 960), interpolation=cv2.INTER_AREA)
+    drawn = cv2.warpPerspective(big, H, (640, 480), borderValue=(90, 90, 90)).astype(float)
+    return np.clip(cv2.GaussianBlur(drawn, (0, 0), 0.7), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def furnished(make_crate_space, tmp_path_factory):
+    """A workspace with an object, rendered images of it, photographs of a patch, pictures of colours and a network."""
+    space = make_crate_space(tmp_path_factory.mktemp("kills") / "space")
+    write_colours(space.root / "colours", 5)
+    for seed, name in enumerate(("old", "new")):
+        rng = np.random.default_rng(seed)
+        pixels = rng.integers(0, 2, (24, 24, 3)) * 255 + 2 * rng.integers(0, 256, (6, 6, 3)).repeat(4, 0).repeat(4, 1)
+        Image.fromarray((pixels // 3).astype(np.uint8)).save(space.root / f"{name}.png")
+    (space.root / "photos").mkdir()
+    old = np.asarray(Image.open(space.root / "old.png"))
+    for k in range(2):
+        Image.fromarray(photograph(old)[:, 20 * k :]).save(space.root / "photos" / f"{k}.jpg", quality=92)
+    torch.manual_seed(3)
+    space.classifiers_dir.mkdir(parents=True, exist_ok=True)
+    save_file(build_network("cifar_resnet8", 4).state_dict(), space.classifiers_dir / "own.safetensors")
+    about = {"arch": "cifar_resnet8", "labels": ["red", "green", "blue", "crate"], "size": 16, "name": "own"}
+    (space.classifiers_dir / "own.json").write_text(json.dumps(about))
+    done = run(["capture-sim", "--object", "crate"], space.root)
+    assert done.returncode == 0, done.stderr
+    return space.root
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_killed_command_ends_with_the_bytes_of_a_whole_run(furnished, name, tmp_path):
+    # both in turn at one place: some results name files by their whole path
+    space, kept = tmp_path / "space", tmp_path / "kept"
+    shutil.copytree(furnished, space)
+    done = run(COMMANDS[name].split(), space)
+    assert done.returncode == 0, done.stderr.decode()[-2000:]
+    space.rename(kept)
+    shutil.copytree(furnished, space)
+    assert end_in_spite_of_kills(COMMANDS[name].split(), space, KILLS.get(name, 3)) > 0
+    expected, found = read_folder(kept, CHANGING), read_folder(space, CHANGING)
+    assert sorted(found) == sorted(expected)
+    assert [one for one in expected if found[one] != expected[one]] == []
