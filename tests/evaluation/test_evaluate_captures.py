@@ -178,7 +178,7 @@ def test_read_only_workspace(shot, colour_classifier, monkeypatch):
     real_open = os.open
 
     def refuse(path, flags, *args, **kwargs):
-        if flags & os.O_WRONLY:
+        if flags & (os.O_WRONLY | os.O_RDWR):
             raise OSError(30, "Read-only file system")
         return real_open(path, flags, *args, **kwargs)
 

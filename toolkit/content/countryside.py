@@ -52,6 +52,7 @@ def bark(looks: Looks) -> Skin:
     if found := looks.known("bark"):
         return found
     rng, shape = looks.rng("bark"), (256, 256)
+    # the fold of noise at 0 is a groove; many cells across and few down draw it out along the trunk
     furrow = np.abs(noise(rng, shape, (6, 34))) + 0.5 * np.abs(noise(rng, shape, (14, 60)))
     wood = flat(shape, (104, 90, 76)) * (0.62 + 0.6 * furrow)[..., None] + grain(rng, shape, 6)
     return looks.add(Material("bark", finish(wood), 0.95), (1.0, 1.0))
@@ -64,6 +65,7 @@ def leaf_sheet(looks: Looks, tone: int) -> Skin:
         return found
     rng, side = looks.rng(name), 32
     shape = (CELLS * side, CELLS * side)
+    # one shade for each cell, spread over its texels
     shade = np.kron(rng.uniform(0.62, 1.25, (CELLS, CELLS)), np.ones((side, side)))
     warm = np.kron(rng.normal(0, 8, (CELLS, CELLS)), np.ones((side, side)))
     speckle = 1 + 0.35 * fractal(rng, shape, 24, 3)
@@ -85,12 +87,14 @@ def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: 
         [at - 0.6 * size * along, at + 0.4 * size * across, at + 0.7 * size * along, at - 0.4 * size * across], 1
     )
     cell = rng.integers(0, CELLS, (n, 2)) / CELLS
+    # well inside of the cell: blurred look-ups mix in no neighbour
     uv = cell[:, None] + np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]) / CELLS
     piece = quads(corners, skin, TREE, uv)
     # foliage is lit as a soft whole: normals lean out of the crown
     soft = np.repeat(outward * 1.4 + normal, 4, axis=0)
     soft /= np.maximum(np.linalg.norm(soft, axis=1, keepdims=True), 1e-6)
     flipped = np.einsum("ij,ij->i", soft, piece.normals) < 0
+    # a normal on the far side of its face would light the leaf from behind
     soft[flipped] = piece.normals[flipped]
     return Piece(piece.vertices, soft.astype(np.float32), piece.uv, piece.faces, piece.material, piece.label)
 
@@ -107,6 +111,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
     parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
     tips = [np.array([*(lean * 1.6), height * 0.84])]
     for k in range(8):
+        # 2.4 rad is the golden angle: no limb grows straight above another
         turn = 2.4 * k + rng.uniform(-0.3, 0.3)
         start = np.array([*lean, fork + (0.05 + 0.045 * k) * height])
         reach = height * rng.uniform(0.2, 0.32) * (1 - 0.05 * k)
@@ -125,6 +130,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
         ball = rng.normal(size=(each, 3))
         ball /= np.linalg.norm(ball, axis=1, keepdims=True)
         radius = height * rng.uniform(0.14, 0.2)
+        # towards the clump's surface: what is inside is hardly seen
         spread = radius * rng.uniform(0.45, 1.0, (each, 1)) ** 0.6
         at.append(tip + ball * spread * [1, 1, 0.8])
         out = at[-1] - centre
@@ -137,6 +143,7 @@ def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) 
     """A spruce: tiers of drooping boughs."""
     rng = looks.rng(f"conifer-{variant}")
     trunk = tube(np.array([(0, 0, 0), (0, 0, height * 0.5), (0, 0, height)]), [0.18, 0.1, 0.02], 7)
+    # more boughs low down, where they are longer
     z = height * (0.12 + 0.88 * rng.random(count) ** 1.25)
     reach = (1 - z / height) * height * 0.24 + 0.1
     turn = rng.uniform(0, 2 * np.pi, count)
@@ -163,6 +170,7 @@ def painted_facade(looks: Looks, style: int) -> Skin:
         return found
     ground, trim, (share_w, share_h) = STYLES[style]
     rng, width, height = looks.rng(name), BAYS * BAY_M, FLOORS * FLOOR_M
+    # light needs a quarter of the texels
     day, night = Canvas(width, height, 28, ground), Canvas(width, height, 7, (0, 0, 0))
     for row in range(FLOORS):
         z = row * FLOOR_M
@@ -197,6 +205,7 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             continue
         skin = painted_facade(looks, k)
         size = b - a
+        # whole floors and bays, whatever the size of the block: no window is cut
         floors = np.maximum(np.round(size[:, 2] / FLOOR_M), 1) / FLOORS
         for side in range(4):
             x0, x1 = (a[:, 0], b[:, 0]) if side % 2 == 0 else (a[:, 1], b[:, 1])
@@ -273,6 +282,7 @@ def build_grass(seed: int = 0) -> World:
 def _outside(piece: Piece, spot: Spot) -> Piece:
     """A piece without its faces that stand up from the ground near a spot."""
     centre = piece.vertices[piece.faces].mean(axis=1)
+    # by the middles of faces: what lies flat on the ground stays
     near = np.hypot(centre[:, 0] - spot.position[0], centre[:, 1] - spot.position[1]) < spot.free_radius_m + 0.5
     keep = ~(near & (centre[:, 2] > spot.position[2] + 0.03))
     return Piece(piece.vertices, piece.normals, piece.uv, piece.faces[keep], piece.material[keep], piece.label[keep])
@@ -304,6 +314,7 @@ def hills(looks: Looks, rng: np.random.Generator) -> Piece:
     height = (
         16 + 9 * np.sin(3 * angle + phase[0]) + 6 * np.sin(7 * angle + phase[1]) + 3 * np.sin(17 * angle + phase[2])
     )
+    # rounded: the last bits of a sine differ between machines
     height = np.round(np.maximum(height, 3), 3)
 
     def ring(radius: float, z: np.ndarray | float) -> np.ndarray:

@@ -81,13 +81,16 @@ def hull(
     """A hull along x, bow to +x, its waterline at z = 0: topsides, boot top, deck."""
     share = np.linspace(0, 1, 15)
     x = -length / 2 + length * share
+    # half the beam along the hull: fullest amidships, rounded to a point at the bow
     half = beam / 2 * np.clip((1 - share) / bow, 0, 1) ** 0.6 * np.minimum(1, 0.82 + share * 1.5)
+    # the deck's edge rises towards the bow, and the stem leans forward
     sheer = side * (1 + 0.35 * np.clip((share - 0.65) / 0.35, 0, 1) ** 2)
     rake = length * 0.03 * np.clip((share - 0.7) / 0.3, 0, 1)
     low, waterline = (xyz(x - rake, half * 0.86, -draught), xyz(x, half * 0.96, 0.4))
     rail = xyz(x + rake, half, sheer)
     flip = np.array([1, -1, 1])
     pieces = []
+    # two bands: the boot top below the waterline's mark, the topsides above
     for a, b, colour in ((low, waterline, colours[1]), (waterline, rail, colours[0])):
         starboard = np.stack([a[:-1] * flip, a[1:] * flip, b[1:] * flip, b[:-1] * flip], 1)
         port = np.stack([a[1:], a[:-1], b[:-1], b[1:]], 1)

@@ -48,9 +48,11 @@ def paint_body(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     x, y, z = np.moveaxis(points, -1, 0)
     colours = np.broadcast_to(np.array(MAIN, float), points.shape).copy()
     top = np.clip((normals[..., 2] - 0.55) / 0.1, 0, 1)
+    # colours are laid by signed distances in millimetres: one over the other, as paint is
     arrow = x + 0.55 * np.abs(y) + 0.35 * (z - 20)  # chevrons: constant along lines swept back from the spine
     _cover(colours, TRIM, -arrow - 16)
     _cover(colours, TAIL, -arrow - 21)
+    # the skirt rises towards the tail
     belt = 13.0 + 6.0 * np.clip((40 - x) / 110, 0, 1)
     _cover(colours, TRIM, belt + 2.6 - z)
     _cover(colours, SKIRT, belt - z)
@@ -61,6 +63,7 @@ def paint_body(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         _cover(colours, BLACK, np.where(top > 0.5, 0.3 - np.abs(x - seam), -1))
     _overlay(colours, draw_top(), HALF_LENGTH_MM + x, HALF_WIDTH_MM - y, top)
     for left in (True, False):
+        # from each side only what faces it: a decal must not come through on the other
         facing = (normals[..., 1] > 0) == left
         across = HALF_LENGTH_MM + (-x if left else x)
         _overlay(colours, draw_side(left), across, HEIGHT_MM - z, (1 - top) * facing * (np.abs(normals[..., 1]) > 0.3))

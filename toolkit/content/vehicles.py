@@ -135,6 +135,7 @@ class Livery:
             places[view] = (GUTTER_PX, top + GUTTER_PX)
             top += self.day[view].size[1] + 2 * GUTTER_PX
         places["rear"] = (3 * GUTTER_PX + self.day["front"].size[0], places["front"][1])
+        # rounded up to whole texels of the coarser picture of lights
         height = -(-top // GLOW_SHARE) * GLOW_SHARE
         width = -(-width // GLOW_SHARE) * GLOW_SHARE
         sheet = np.full((height, width, 3), 90, np.uint8)
@@ -169,6 +170,7 @@ class PaintMap:
 
     def uv(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(m, 3, 2) of corners (m, 3, 3) by the view that each face (normal (m, 3)) is turned to."""
+        # the flanks win by a little: bevels along them get the side's paint, not the roof's
         share = np.abs(normals) * [1.0, 1.05, 1.0]
         axis = share.argmax(axis=1)
         result = np.empty((*points.shape[:2], 2))
@@ -196,6 +198,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     """The lofted skin with its open wheel arches, underside dark."""
     half = body.length / 2
     x = np.linspace(-half, half, stations)
+    # stations lie close where a wheel arch cuts the skin, or its round would be corners
     arch = body.wheel_m * 1.13
     for axle in body.axles:
         x = np.r_[x, axle + arch * np.array([-1.0, -0.96, -0.6, 0, 0.6, 0.96, 1.0])]
@@ -211,11 +214,13 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     vertices = net.reshape(-1, 3)
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # the signed volume, but for a factor: a negative one is inside out
     if np.einsum("ij,ij->", corners[:, 0], normal) < 0:
         faces, corners, normal = faces[:, ::-1], corners[:, ::-1], -normal
     area = np.linalg.norm(normal, axis=1)
     real = area > 1e-7
     faces, corners, normal = faces[real], corners[real], normal[real] / area[real, None]
+    # the underside is no view: it has a plain dark colour
     below = normal[:, 2] < -0.35
     dark = looks.plain((22, 22, 24), "matte")
     uv = sheet.uv(corners, normal)
@@ -236,10 +241,12 @@ def _section(body: Body, x: float, arch: float) -> np.ndarray:
     w = body.width / 2 * (1 - (1 - body.taper) * end**2.2)
     low = body.sill + 0.06 * end
     for axle in body.axles:
+        # the arch is a circle about the axle: there the lower edge is lifted to it
         reach = arch**2 - (x - axle) ** 2
         if reach > 0:
             low = max(low, body.wheel_m + np.sqrt(reach))
     belt = min(body.belt, top - 0.05)
+    # 0 over bonnet and boot, 1 under the roof: between them the section narrows
     cabin = np.clip((top - body.belt) / (0.3 * (body.height - body.belt) + 0.05), 0, 1)
     roof_w = w * (body.roof_share * cabin + 0.93 * (1 - cabin))
     low = min(low, belt - 0.06)
@@ -363,6 +370,7 @@ def ground_coat(paint: Livery) -> None:
     for low, high, factor in bands:
         paint.rect("left right", (-half, low * body.belt), (half, high * body.belt), shade(paint.colour, factor))
     paint.rect("front rear", (-body.width / 2, 0), (body.width / 2, 0.33), (34, 35, 37))
+    # a crease along the flank
     paint.line("left right", [(-half, 0.72 * body.belt), (half, 0.76 * body.belt)], 0.02, shade(paint.colour, 0.6))
     for axle in body.axles:
         angle = np.linspace(0, 2 * np.pi, 33)

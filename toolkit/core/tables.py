@@ -23,6 +23,7 @@ def format_percent(share: float | None) -> str:
     """`61`, or a dash where there is none; a tenth more where rounding would hide that it is not 0 or 100."""
     if share is None:
         return NONE
+    # 0 and 100 % are said only where they are exact
     is_hidden = ROUNDING < share < 0.005 or 0.995 <= share < 1 - ROUNDING
     return f"{min(max(100 * share, 0.1), 99.9):.1f}" if is_hidden else f"{100 * share:.0f}"
 
@@ -103,6 +104,7 @@ NUMBERS = re.compile(r"[+-]?[\d.]+(e[+-]?\d+)?( [+-]?[\d.]+)*")
 def _encode_cell(cell: object) -> object:
     if cell is None:
         return ""
+    # a spreadsheet runs a cell that begins so; a number with a sign is none
     if not isinstance(cell, str) or not FORMULA.match(cell) or NUMBERS.fullmatch(cell):
         return cell
     return f"'{cell}"

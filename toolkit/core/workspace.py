@@ -214,6 +214,7 @@ def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False)
             )
     else:
         here = Path.cwd()
+        # upwards, as git looks for its own folder
         found = next((up for up in (here, *here.parents) if is_workspace(up)), None)
         if found is None and is_needed:
             raise ToolkitError(

@@ -76,6 +76,7 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
     # the third column is where the camera looks; backwards from there lies the camera
     x, y, z = (-T_world_camera[row][2] for row in range(3))
     length = sqrt(x * x + y * y + z * z)
+    # the column of a rotation has length 1: this is none
     if not 0.5 < length < 2:
         return None
     azimuth = degrees(atan2(y, x)) % 360
@@ -97,10 +98,13 @@ def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
 
 
 def _chart(source: str, variant: str, seen: Seen, lowest: float) -> PoseChart:
+    # the rim is the next ring of 30° below the lowest camera
     rim_deg = 30.0 * (lowest // 30)
     by_place: dict[tuple[int, int], Seen] = defaultdict(list)
     for direction, one in seen:
+        # to a degree: objects that share a plan share their dots
         by_place[(round(direction[0]) % 360, round(direction[1]))].append((direction, one))
+    # by the root of their number: dots share the disc's area
     dot_radius = min(LARGEST_DOT, max(SMALLEST_DOT, DOT_SHARE / sqrt(len(by_place))))
     rings = []
     ring_deg = rim_deg
@@ -127,6 +131,7 @@ def _radius(elevation_deg: float, rim_deg: float) -> float:
 def _wedge(x: float, y: float, radius: float, share: float) -> str:
     if share in (0.0, 1.0):
         return ""
+    # a slice of the pie from twelve o'clock, clockwise
     end_x, end_y = x + radius * sin(2 * pi * share), y - radius * cos(2 * pi * share)
     large = int(share > 0.5)
     return f"M{x:.2f} {y:.2f}V{y - radius:.2f}A{radius:.2f} {radius:.2f} 0 {large} 1 {end_x:.2f} {end_y:.2f}Z"
@@ -171,6 +176,7 @@ def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
     """A picture as a JPEG `data:` URI of at most `side_px` and, by its quality, 12 kB."""
     image.thumbnail((side_px, side_px), Image.Resampling.LANCZOS)
     content = b""
+    # the best quality that fits
     for quality in QUALITIES:
         buffer = io.BytesIO()
         image.save(buffer, "JPEG", quality=quality, optimize=True)
@@ -274,4 +280,5 @@ def _gather(sheets: list[ContactSheet]) -> list[ContactSheet]:
 def _thin(items: Sequence[Item], room: int) -> list[Item]:
     if len(items) <= room:
         return list(items)
+    # evenly over the whole, the first among them
     return [items[index * len(items) // room] for index in range(room)]

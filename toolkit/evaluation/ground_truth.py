@@ -31,6 +31,7 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
         source_dir = one.file.parents[one.path_in_source.count("/")]
         if source_dir not in logs:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
+        # files are hashed only where some photograph of that name was judged: most folders have no gates
         judged = {key.rpartition(" ")[0] for key in logs[source_dir]}
         if one.refused is None and one.path_in_source in judged and one.file.is_file():
             line = logs[source_dir].get(f"{one.path_in_source} {sha256_file(one.file)}")
@@ -108,6 +109,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     for source in dict.fromkeys(one.source for one in clean):
         for corruption in corruptions:
             name = name_source(source, corruption)
+            # a folder of that name may be there already, corrupted into files
             while name in taken:
                 name += "+"
             taken.add(name)

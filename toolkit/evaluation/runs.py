@@ -118,6 +118,7 @@ def parse_where(text: str) -> Where:
     found = [one for one in OPERATORS if one in text]
     if not found:
         raise ToolkitError(f"'{text}' is not a condition: expected FIELD=VALUE, such as object=racer or p<0.05")
+    # the first in the text, and of two that begin there the longer: `>=` before `>`
     operator = min(found, key=lambda one: (text.index(one), -len(one)))
     name, _, value = (part.strip() for part in text.partition(operator))
     field = ALIASES.get(name, name)
@@ -130,6 +131,7 @@ def parse_where(text: str) -> Where:
 
 def _is_number(text: str) -> bool:
     try:
+        # NaN is not equal to itself
         return float(text) == float(text)
     except ValueError:
         return False

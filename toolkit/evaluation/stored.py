@@ -61,6 +61,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         missing = [name for name in needed if name not in names]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
+        # most files hold no quote, and need no cell looked at
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
         with without_collector():
             cells = (map(decode_cell, line) if is_escaped else line for line in lines if line)
@@ -108,6 +109,7 @@ def _list_files(folder: Path) -> tuple[set[str], set[str]]:
 
 
 def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
+    # interned: one copy of each text instead of one a line
     for name in REPEATED:
         if name in line:
             line[name] = intern(line[name])

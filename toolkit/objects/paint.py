@@ -76,6 +76,7 @@ def _corner_colours(visual: "Visuals | None", vertices: np.ndarray, faces: np.nd
 
 def _mean_colours(colours: np.ndarray) -> np.ndarray:
     """(m, 1, 3) uint8 mean light of the corners (m, 3, 3)."""
+    # of light: a mean of codes would be too dark
     mean = sum(LINEAR_OF_CODE[colours[:, corner]] for corner in range(3)) / 3
     return np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
 

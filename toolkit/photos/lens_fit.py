@@ -158,6 +158,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
             f"the photos tell the focal length to {focal_sigma_px / fit.lens.fx:.0%} only: add photos that see the "
             "board at a slant, from several sides"
         )
+    # the gradient of fy / fx, to carry the covariance to that ratio
     ratio = np.array([-fit.lens.fy / fit.lens.fx, 1.0]) / fit.lens.fx
     bend_mm, is_bent = fit.measure_bend(spread)
     return Calibration(
@@ -186,6 +187,7 @@ def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str]
 
     Views that keep too few go out of `used`; as `_drop_view`, but empty where only corners went.
     """
+    # the error of a corner has two parts: its root mean square length is √2 standard deviations
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
     good = [
         np.linalg.norm(residuals, axis=1) < max(limit, STRAY * usual)
@@ -275,7 +277,9 @@ class _Fit:
         moved = np.array([
             _solve(normal - a, gradient - b) for a, b in zip(self.normal, self.gradient, strict=True)
         ]) - _solve(normal, gradient)  # fmt: skip
+        # 0.97725 is two deviations of a normal: with few views Student's t is wider
         wider = student.ppf(0.97725, count - 1) / 2
+        # the jackknife's variance (Tukey 1958): (n - 1) / n times the sum of squares
         return wider**2 * (count - 1) / count * moved.T @ moved
 
     def measure_bend(self, spread: np.ndarray) -> tuple[float, bool]:
@@ -284,6 +288,7 @@ class _Fit:
         flat = np.unique(world[:, :2].round(6), axis=0)
         height = _bend_shapes(flat, _half_diagonal(self.views)) @ self.bend
         plane = np.c_[flat, np.ones(len(flat))]
+        # a tilt of the whole board is no bend: the pose holds it
         height = height - plane @ np.linalg.lstsq(plane, height, rcond=None)[0]
         bend_mm = float(np.ptp(height))
         sure = (np.abs(self.bend) > BEND_SIGMAS * np.sqrt(np.diag(spread))[-3:]).any()
@@ -341,6 +346,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
             lift = (jacobian[:, 3:6] @ cv2.Rodrigues(rotation)[0][:, 2]).reshape(-1, 2, 1) * shape[:, None]
             # fx, fy, cx, cy and the distortion follow the pose in OpenCV's Jacobian
             design = np.c_[jacobian[:, 6 : 6 + free], lift.reshape(-1, 3)]
+            # what a view's own pose can explain is taken out: lens and bend are left with the rest
             of_pose, _ = np.linalg.qr(jacobian[:, :6])
             design = design - of_pose @ (of_pose.T @ design)
             normal.append(design.T @ design)

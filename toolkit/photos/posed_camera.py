@@ -152,6 +152,7 @@ class _PlaneFit:
     @property
     def T_world_camera(self) -> np.ndarray:
         T = np.eye(4)
+        # OpenCV maps world to camera: the inverse is R^T and -R^T t
         T[:3, :3] = cv2.Rodrigues(self.rotation)[0].T
         T[:3, 3] = -T[:3, :3] @ self.translation.reshape(3)
         return T
@@ -166,6 +167,7 @@ def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.nd
     """(n,) which points agree with one homography, distortion taken out."""
     if len(pixels) < LEAST_POINTS:
         return np.zeros(len(pixels), bool)
+    # a homography holds only where straight lines are straight; in pixels again, so that the limit is one of pixels
     flat = lens.undistort(pixels) * [lens.fx, lens.fy]
     limit = GROSS_SHARE * float(np.hypot(lens.width, lens.height))
     cv2.setRNGSeed(0)  # RANSAC draws: the same picture gives the same pose
@@ -175,12 +177,14 @@ def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.nd
 
 def _spread(world_mm: np.ndarray) -> float:
     centred = world_mm[:, :2] - world_mm[:, :2].mean(axis=0)
+    # the second singular value measures the spread across the best line
     return float(np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)))
 
 
 def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_PlaneFit]:
     """Every camera above the table that a start leads to, the best first."""
     fits = []
+    # every start of two solvers is refined: they may lead to different cameras
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_SQPNP):
         _, rotations, translations, _ = cv2.solvePnPGeneric(
             world_mm, pixels, lens.matrix, lens.coefficients, flags=method
@@ -207,11 +211,13 @@ def _uncertainty(fit: _PlaneFit, world_mm: np.ndarray, lens: Camera) -> tuple[fl
     """Standard deviations of the camera's direction (degrees) and place (mm): σ² (JᵀJ)⁻¹, carried to the world."""
     _, jacobian = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     jacobian = jacobian[:, :6]  # by rotation vector and translation
+    # two numbers a corner, less the pose's six
     freedom = max(2 * len(world_mm) - 6, 1)
     noise = max(fit.rms_px * np.sqrt(len(world_mm) / freedom), LEAST_NOISE_PX)
     covariance = noise**2 * np.linalg.pinv(jacobian.T @ jacobian)
     base = fit.T_world_camera
     changes = np.zeros((6, 6))
+    # by differences: how place and direction in the world follow from OpenCV's six numbers
     for i, step in enumerate((1e-3, 1e-3, 1e-3, 1e-1, 1e-1, 1e-1)):
         nudge = np.zeros(6)
         nudge[i] = step

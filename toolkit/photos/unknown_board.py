@@ -145,6 +145,7 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
         for family in FAMILIES:
             counted[family] = sum(len(_read(picture, family)) for picture in few)
             bar.advance(note=family)
+        # markers of one dictionary are seldom read in another: the one with most is meant
         family = max(FAMILIES, key=counted.__getitem__)
         views = []
         for picture in pictures if counted[family] >= LEAST_MARKERS else ():

@@ -351,6 +351,7 @@ class Pdf(ReportLabCanvas):
 
     def raster(self, name: str, pixels: np.ndarray, area: Rect) -> None:
         """(h, w, 3) uint8 sRGB pixels as squares over an area, losslessly; stored once under their name."""
+        # stored once, drawn wherever it is named: a patch that stands on many pages takes its bytes once
         key = self._doc.getXObjectName(name)
         if key not in self._doc.idToObject:
             if SRGB_IMAGES not in self._doc.idToObject:

@@ -62,6 +62,7 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     masks = [list(_draw_turns(shape)) for shape in shapes]
     boxes = np.array([np.subtract(shape.bounds[2:], shape.bounds[:2]) for shape in shapes])
     area = np.array([shape.area for shape in shapes])
+    # no order is best for all sets: four usual ones are tried, and the best result is taken
     orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
     found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
     return min(found, key=lambda one: (len(one[0]), one[1]))[0]

@@ -189,6 +189,7 @@ def _list_units(
     """A unit for each variant and condition of a shard; images are decoded once per shard and preprocessing."""
     hows = [variant.classifier.preprocessing for variant in grid.variants]
     for (s, how), in_shard in _group(missing, lambda cell: (cell.shard, hows[cell.variant])).items():
+        # sorted so that images are decoded once, patches laid once, and only then corrupted
         pixels, usable = load_shard(grid.images, shards[s], how)
         for v, in_variant in _group(in_shard, lambda cell: cell.variant).items():
             variant = grid.variants[v]
@@ -225,6 +226,7 @@ def _collect(
     grid: Grid, images: Sequence[LabelledImage], cells: Sequence[CellRanks], notes: Sequence[str], ran: Ran
 ) -> Benchmark:
     """The ranks of the images that could be used in every cell."""
+    # an image that failed in one cell is left out of all: pairs need the same images
     usable = np.all([one.ranks != FAILED for one in cells], axis=0)
     unusable = [one for one, ok in zip(images, usable, strict=True) if not ok]
     refused = [*grid.images.refused, *_explain(grid, unusable)]

@@ -72,6 +72,7 @@ def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarra
     true = torch.from_numpy(classes).to(logits.device)[:, None]
     own = logits.gather(1, true)
     earlier = torch.arange(logits.shape[1], device=logits.device) < true
+    # counting who is ahead costs less than sorting a thousand classes
     ahead = (logits > own) | ((logits == own) & earlier)
     return (ahead.sum(1) + 1).int().cpu().numpy()
 

@@ -136,6 +136,7 @@ def plan_cameras(
             f"no camera of the {len(points)} around '{placed.spot.name}' can stand: {why}: widen the extent, or "
             "draw other places with another seed"
         )
+    # a prefix of one permutation: a larger sample holds a smaller one of the same seed
     chosen = standing if sample is None else np.sort(rng.permutation(standing)[:sample])
     seen = Shape.of(placed.mesh)
     cameras = tuple(_aim(world, placed, seen, camera, int(k), points[k]) for k in chosen)
@@ -150,6 +151,7 @@ def find_reasons(
 
     ground = world.ground_height(points)
     gap = world.shape.rays.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+    # in the object's own frame: its triangles stay where they are
     local = (points - placed.stand.place) @ placed.stand.turn
     to_object = Shape.of(placed.mesh).rays.compute_distance(o3d.core.Tensor(local.astype(np.float32))).numpy()
     near = np.linalg.norm(points - placed.centre, axis=1) < nearest_m
@@ -190,6 +192,7 @@ def measure_sight(
     pixels, depth = project(camera, T_world_camera, placed.stand.to_world(shape.outline))
     frame = np.array([camera.width, camera.height], float)
     ahead = pixels[depth > 0]
+    # rays only over the object's box: a small object gets as many as a large one
     low, high = (np.clip(one, 0, frame) for one in (ahead.min(axis=0), ahead.max(axis=0)))
     if not len(ahead) or (high - low).min() <= 0:
         return 0.0, 0.0

@@ -115,8 +115,10 @@ def shoot_frames(
         standing, colour = actor, None
         if actor:
             simulator.place(actor, pose_of(stage.places[place].stand))
+            # found in clear air, where depth and colours are as they are
             simulator.set_weather({})
             colour = find_object(simulator, stage, places[place], variant, actor)
+        # weather outside, cameras inside: a change of weather costs seconds, a camera does not
         for weather in dict.fromkeys(one for task in group for one in task.weathers):
             simulator.set_weather(to_airsim(*weather))
             for task in group:
@@ -161,6 +163,7 @@ def find_object(simulator: AirSim, stage: Stage, place: PlaceCameras, variant: s
     shot = shoot(simulator, stage, camera.T_world_camera)
     expected_m, around_m = measure_depths(stage, place, variant, camera.T_world_camera)
     outline = np.isfinite(expected_m)
+    # pixels of the object that nothing in our copy of the world hides
     seen = outline & (expected_m < around_m)
     agrees = seen.copy()
     off_m = np.abs(shot.depth_m[seen] - expected_m[seen])
