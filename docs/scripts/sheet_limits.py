@@ -1,8 +1,8 @@
-"""What the best conceivable sheet could do: sheet_limits.py CSV WORKSPACE OBJECT...
+"""What a sheet could do at best: sheet_limits.py CSV WORKSPACE OBJECT...
 
 Before a network, ResNet-18, in random views of each object with its sheet, as `train-patch` draws them, but without
 printer, camera and change of light. *each*: a picture of its own for every view, which no real sheet has; *one*: one
-picture for all of them, judged in the views that it was made for. So both are bounds from above.
+picture for all of them, judged in the views that it was made for. Both after few steps: more would find more.
 """
 
 import sys
@@ -20,7 +20,7 @@ from toolkit.models.load import load_classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.records import printed_size_mm
 
-VIEWS, STEPS, LR, PATCH_PX, BATCH = 12, 40, 0.1, 100, 6
+VIEWS, STEPS, LR, PATCH_PX, BATCH = 8, 15, 0.2, 100, 4
 SEEN = 0.02
 """A pixel belongs to the sheet where black and white differ by more."""
 

@@ -72,7 +72,7 @@ class PixelConfig(Config):
     feature_mixup: Annotated[FeatureMixup | None, Later, Flag("--feature-mixup", group=TRANSFER)] = Field(
         None,
         description="Inside each network, mix features with those of other photographs without the booster; a step "
-        "takes about half as long again.",
+        "asks it once more.",
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
         0.0, description="How much of the earlier steps' direction each step keeps."
