@@ -29,7 +29,7 @@ from toolkit.printing.shot_list.tour import (
     name_change,
     survey,
 )
-from toolkit.printing.wrap_views import draw_sides, place_sides
+from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan
