@@ -16,7 +16,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig.plan import read_plan
-from toolkit.rig.requests import Misfit, ShotListConfig
+from toolkit.rig.requests import Misfit, ShotListConfig, WrapConfig
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 
@@ -127,3 +127,10 @@ def test_the_shot_list_shows_where_the_pieces_go(space):
         words = pdf.pages[0].extract_text()
     assert "Where the wrap's pieces go" in words and "there is no sheet to stick on" not in words
     assert all(side in words for side in ("front", "left", "back", "right", "top", "bottom"))
+
+
+def test_sides_larger_than_the_sheet_are_pieces_in_tiles(crate, capsys):
+    small = plan_wrap(crate, WrapConfig(sheet_mm=(40.0, 50.0), views=8))
+    assert small.record.covered > 0.99
+    assert "printed in tiles" in " ".join(capsys.readouterr().err.split())
+    assert max(max(piece.width_mm, piece.height_mm) for piece in small.pieces) == pytest.approx(100, abs=0.01)
