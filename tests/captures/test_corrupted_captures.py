@@ -140,7 +140,7 @@ def test_what_bends_the_picture_has_no_cameras(space):
 
 def test_other_images_are_not_touched(space):
     shutil.copytree(space.captures_dir / "sim", space.captures_dir / "sim-fog-3")
-    with pytest.raises(ToolkitError, match="holds images that are no corrupted copies of shots"):
+    with pytest.raises(ToolkitError, match="holds images that were not made by corrupting shots"):
         corrupt_source(space.captures_dir / "sim", [FOG])
 
 

@@ -86,7 +86,7 @@ def test_a_transform_is_the_last_step(space):
 def test_an_image_that_cannot_be_read_is_named(space):
     (space.captures_dir / "real" / "cat" / "patched" / "pose_1.png").write_bytes(b"no picture")
     dataset = load_captures(space, tiny_classifier())
-    with pytest.raises(ToolkitError, match=r"real/cat/patched/pose_1.png: .*take it out"):
+    with pytest.raises(ToolkitError, match=r"real/cat/patched/pose_1.png: .*remove it"):
         dataset[0]
     assert dataset[1][1] == 0
 

@@ -36,9 +36,7 @@ def corrupt(
     ] = None,
     image_px: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", help="First resize and crop to N×N pixels; the published sets have 224. Default: as they are."
-        ),
+        typer.Option(metavar="N", help="First resize and crop to N×N pixels (published: 224). Default: as they are."),
     ] = None,
     image_format: Annotated[
         str, typer.Option("--format", metavar="png|jpg", help="jpg: of quality 85, as ImageNet-C was saved.")
