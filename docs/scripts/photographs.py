@@ -3,6 +3,7 @@
 The photographs lie in a folder beside the repository (`TOOLKIT_SHARED`); none of them comes into it.
 """
 
+import csv
 import json
 import os
 import resource
@@ -186,8 +187,30 @@ def real_and_rehearsed() -> dict[str, object]:
     return compare_rig(folders)
 
 
+def gather_retextured() -> dict[str, object]:
+    """By network, variant and place: right, of how many, mean probability; from the runs in `eval` that are named."""
+    places = ("3in_over", "3in_side", "6in_over", "6in_side")  # the photographs' order in each half, by name
+    cells: dict[str, dict[str, list[tuple[int, float]]]] = {}
+    for run in map(Path, sys.argv[2:]):
+        with (run / "predictions.csv").open(encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                number = int(Path(row["path"]).stem.removeprefix("pose_")) - 1
+                network = cells.setdefault(run.name.split("-")[0], {})
+                for key in (row["variant"], f"{row['variant']} {places[number % 4]}"):
+                    network.setdefault(key, []).append((int(row["correct_top1"]), float(row["true_prob"])))
+    return {
+        network: {
+            key: [sum(hit for hit, _ in seen), len(seen), round(float(np.mean([share for _, share in seen])), 2)]
+            for key, seen in found.items()
+            if not key.startswith("unpatched ")
+        }
+        for network, found in cells.items()
+    }
+
+
 PARTS: dict[str, Callable[[], dict[str, object]]] = {
     "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed, "keyboard": answer_real,
+    "retextured": gather_retextured,
 }  # fmt: skip
 
 if __name__ == "__main__":

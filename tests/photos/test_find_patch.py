@@ -313,6 +313,15 @@ def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
     for place, said in (("3in_over", "3 inches, on the keys"), ("6in_over", "6 inches, on the keys")):
         counts = [answers[net][f"{what} {place}"] for net in answers for what in ("sticker", "picture")]
         assert f"| {said} | " + " | ".join(f"{hits} of {n}" for hits, n in counts) + " |" in task
+    put = json.loads((RECORDS / "retextured.json").read_text())
+    for said, key in (("trained patch", "patched"), ("grey paper", "grey-patch"), ("random texels", "random-patch")):
+        cells = [put[network][one] for network in ("resnet18", "mobilenet_v2") for one in (key, f"{key} 6in_over")]
+        assert f"| {said} (put there) | " + " | ".join(f"{h} of {n}, {mean:.2f}" for h, n, mean in cells) + " |" in task
+    finder = json.loads((RECORDS / "finder.json").read_text())
+    small = [finder["found"][side] for side in ("45", "40", "35", "30")]
+    assert f"{sum(h for h, _ in small)} of {sum(n for _, n in small)}" in how
+    assert f"{finder['looks']} looks" in how and f"({len(finder['false'])} false)" in how
+    assert all(finder["found"][side] == [16, 16] for side in ("50", "75", "100", "as taken"))
     rows = json.loads((RECORDS / "time.json").read_text())["photographs"]
     assert f"takes {min(r['whole_s'] for r in rows):.1f} to {max(r['whole_s'] for r in rows):.1f} s of one core" in task
     assert f"{max(r['memory_mb'] for r in rows)} MB" in task
