@@ -3,6 +3,7 @@
 The photographs lie in a folder beside the repository (`TOOLKIT_SHARED`); none of them comes into it.
 """
 
+import csv
 import json
 import os
 import resource
@@ -71,7 +72,7 @@ def time_large() -> dict[str, object]:
     """Seconds of one core and memory to find, fit and retexture a photograph of 12 megapixels, alone in a process."""
     if os.environ.get("PHOTOGRAPHS_TIMED") != "1":
         rows = []
-        for name in ("bear1_3in_over", "bear1_6in_over", "basketball2_3in_side", "basketball2_6in_side"):
+        for name in ("bear1_6in_over", "basketball2_3in_side"):
             done = subprocess.run(
                 [sys.executable, __file__, "time", name], check=True, capture_output=True, text=True,
                 env=os.environ | {"PHOTOGRAPHS_TIMED": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
@@ -138,33 +139,78 @@ def describe_picture(image: np.ndarray) -> dict[str, float]:
 
 def compare_rig(folders: dict[str, list[Path]]) -> dict[str, object]:
     """Median and the middle 80 % of each number, for each set of pictures."""
-    told: dict[str, object] = {}
+    sets: dict[str, object] = {}
     for name, files in folders.items():
         rows = [describe_picture(read_image(file)) for file in files]
         keys = dict.fromkeys(key for row in rows for key in row)
-        told[name] = {"n": len(rows)} | {
+        sets[name] = {"n": len(rows)} | {
             key: [round(float(x), 3) for x in np.percentile([r[key] for r in rows if key in r], [10, 50, 90])]
             for key in keys
         }
+    return {"what": "of each number the 10th, 50th and 90th percentile of the pictures", "sets": sets}
+
+
+def answer_real() -> dict[str, object]:
+    """How many photographs as they were taken each network names rightly, by size, place and what lies there."""
+    from toolkit.models.load import load_classifier
+
+    told: dict[str, object] = {}
+    for arch in ("resnet18", "mobilenet_v2"):
+        network = load_classifier(arch, SHARED / "weights" / f"{arch}-imagenet.pth")
+        keyboard = network.class_index("computer keyboard")
+        counts: dict[str, list[int]] = {}
+        for file in sorted(STICKERS.glob("*.jpg")):
+            name, _, place = file.stem.partition("_")
+            what = "bare" if name == "clean" else ("picture" if name.endswith("control") else "sticker")
+            row = counts.setdefault(f"{what} {place}".strip(), [0, 0])
+            answer = network.logits(network.preprocess(read_image(file, network.preprocessing.resize_px))[None])
+            row[0] += int(answer.argmax() == keyboard)
+            row[1] += 1
+        told[arch] = counts
     return told
+
+
+def some_of(files: list[Path]) -> list[Path]:
+    """Eight of them, evenly."""
+    return [files[round(k)] for k in np.linspace(0, len(files) - 1, 8)]
 
 
 def real_and_rehearsed() -> dict[str, object]:
     """Photographs by others, and the pictures in the folders that are named after the part, as NAME=FOLDER."""
     photos = SHARED / "photos"
-    folders = {
-        "phone, stickers on a keyboard": sorted(STICKERS.glob("*.jpg")),
-        "camera, ChArUco board": sorted((photos / "charuco").glob("*.jpg")),
-        "camera, sheet of markers": sorted((photos / "aruco-sheet").glob("*.jpg")),
-    }
+    real = {"phone, stickers on a keyboard": STICKERS, "camera, ChArUco board": photos / "charuco"}
+    real["webcam, sheet of markers"] = photos / "aruco-sheet"
+    folders = {name: some_of(sorted(folder.glob("*.jpg"))) for name, folder in real.items()}
     for said in sys.argv[2:]:
         name, _, folder = said.partition("=")
         folders[name] = sorted(Path(folder).rglob("*.jpg")) or sorted(Path(folder).rglob("*.png"))
     return compare_rig(folders)
 
 
+def gather_retextured() -> dict[str, object]:
+    """By network, variant and place: right, of how many, mean probability; from the runs in `eval` that are named."""
+    places = ("3in_over", "3in_side", "6in_over", "6in_side")  # the photographs' order in each half, by name
+    cells: dict[str, dict[str, list[tuple[int, float]]]] = {}
+    for run in map(Path, sys.argv[2:]):
+        with (run / "predictions.csv").open(encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                number = int(Path(row["path"]).stem.removeprefix("pose_")) - 1
+                network = cells.setdefault(run.name.split("-")[0], {})
+                for key in (row["variant"], f"{row['variant']} {places[number % 4]}"):
+                    network.setdefault(key, []).append((int(row["correct_top1"]), float(row["true_prob"])))
+    return {
+        network: {
+            key: [sum(hit for hit, _ in seen), len(seen), round(float(np.mean([share for _, share in seen])), 2)]
+            for key, seen in found.items()
+            if not key.startswith("unpatched ")
+        }
+        for network, found in cells.items()
+    }
+
+
 PARTS: dict[str, Callable[[], dict[str, object]]] = {
-    "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed,
+    "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed, "keyboard": answer_real,
+    "retextured": gather_retextured,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
 """The patch in rendered and pasted photographs, against where the renderer or the paste put it."""
 
+import json
+import os
 from io import BytesIO
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +13,7 @@ from PIL import Image
 from printed_photos import shipped_patch
 
 from toolkit.core.workspace import PACKAGE_DATA
+from toolkit.imaging.read import read_image
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_set import SIZE, CheckedPhoto, PatchLines, find_wrong_sizes, measure_side, trace_patch
 from toolkit.photos.gates.patch import ExpectedPatch, look_for_patches
@@ -280,3 +284,53 @@ def test_shrinking_keeps_places(size):
     inner = slice(5, -5)
     np.testing.assert_allclose(small[20, inner, 0] * 4, (columns / 0.37)[inner], atol=0.1)
     assert shrink_image(picture, 1.0) is picture
+
+
+RECORDS = Path(__file__).parents[2] / "docs" / "records" / "photographs"
+
+
+@pytest.mark.slow
+def test_real_stickers_lie_where_a_hand_marked_their_corners() -> None:
+    """A percent of the side is asked; the marks are sure to half a pixel."""
+    shared = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared")) / "photos" / "stickers-keyboard"
+    if not shared.is_dir():
+        pytest.skip(f"the photographs of printed stickers are not in {shared}")
+    marked = json.loads((RECORDS / "corners.json").read_text())["marked_px"]
+    order = ["upper left", "upper right", "lower right", "lower left"]
+    for name in ("basketball2_6in_over", "bear2_3in_side"):
+        patch = read_image(shared / "originals" / f"{name.split('_')[0]}.png")
+        sighting = find_patch(read_image(shared / f"{name}.jpg"), patch)
+        assert sighting is not None
+        for corner, place in marked[name].items():
+            off = np.linalg.norm(sighting.corners_px[order.index(corner)] - place)
+            assert off < 0.01 * sighting.warp.side_px, (name, corner)
+
+
+def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
+    docs = RECORDS.parents[1]
+    task, how = ((docs / page).read_text() for page in ("tasks/photograph.md", "how/photographs.md"))
+    answers = json.loads((RECORDS / "keyboard.json").read_text())
+    for place, said in (("3in_over", "3 inches, on the keys"), ("6in_over", "6 inches, on the keys")):
+        counts = [answers[net][f"{what} {place}"] for net in answers for what in ("sticker", "picture")]
+        assert f"| {said} | " + " | ".join(f"{hits} of {n}" for hits, n in counts) + " |" in task
+    put = json.loads((RECORDS / "retextured.json").read_text())
+    for said, key in (("trained patch", "patched"), ("grey paper", "grey-patch"), ("random texels", "random-patch")):
+        cells = [put[network][one] for network in ("resnet18", "mobilenet_v2") for one in (key, f"{key} 6in_over")]
+        assert f"| {said} (put there) | " + " | ".join(f"{h} of {n}, {mean:.2f}" for h, n, mean in cells) + " |" in task
+    finder = json.loads((RECORDS / "finder.json").read_text())
+    small = [finder["found"][side] for side in ("45", "40", "35", "30")]
+    assert f"{sum(h for h, _ in small)} of {sum(n for _, n in small)}" in how
+    assert f"{finder['looks']} looks" in how and f"({len(finder['false'])} false)" in how
+    assert all(finder["found"][side] == [16, 16] for side in ("50", "75", "100", "as taken"))
+    rows = json.loads((RECORDS / "time.json").read_text())["photographs"]
+    assert f"takes {min(r['whole_s'] for r in rows):.1f} to {max(r['whole_s'] for r in rows):.1f} s of one core" in task
+    assert f"{max(r['memory_mb'] for r in rows)} MB" in task
+    corners = json.loads((RECORDS / "corners.json").read_text())
+    assert f"{corners['n']} corners" in how and f"{corners['error_percent_of_side']['largest']} % at most" in how
+    sets = json.loads((RECORDS / "rehearsal.json").read_text())["sets"]
+    rehearsed = sets["rehearsed, white table"]
+    cameras = [one for name, one in sets.items() if name.startswith(("phone", "camera", "webcam"))]
+    for key, (low, median, high) in ((k, v) for k, v in rehearsed.items() if k not in ("n", "clipped %")):
+        assert f"{median:.2f} ({low:.2f} to {high:.2f})" in how, key
+        within = min(one[key][0] for one in cameras) <= median <= max(one[key][2] for one in cameras)
+        assert within == (key != "contrast"), "the page says of which numbers the rehearsal is like the cameras"

@@ -1,6 +1,7 @@
 """Another patch put into a photograph of a printed one: renders whose truth is known, and real photographs."""
 
 import os
+import subprocess
 import sys
 from itertools import product
 from pathlib import Path
@@ -290,6 +291,12 @@ def test_a_patch_is_trained_in_photographs_alone(workspace: Workspace, desk, mon
         save(file.parent / "bare" / "bare.png", photograph(make_patch(3)))
         code, _, told = run(*more, *asked)
         assert code == 2 and words in told and "Traceback" not in told
+
+
+def test_retexturing_loads_no_torch() -> None:
+    """It took half of the memory of a photograph of 12 megapixels."""
+    asked = "import sys, toolkit.photos.retexture; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", asked], check=False).returncode == 0
 
 
 def test_what_is_no_patch_is_said(workspace: Workspace, tmp_path: Path) -> None:

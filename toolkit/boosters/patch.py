@@ -186,17 +186,8 @@ def train_patch(
     if views is not None:
         if detectors is not None or config.weather is not None or config.world is not None:
             raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
-    elif config.mounted_share:
-        if rig_source is None:
-            raise FieldError(
-                "needs the object in the rig: add {sources} rig, or set it to 0",
-                {"mounted_share": config.mounted_share},
-            )
-        views, seen_world = _render_views(
-            config, workspace, choose_object(workspace, rig_source, class_names), first, data
-        )
-    elif config.weather is not None or config.world is not None:
-        raise FieldError("{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0", {})
+    else:
+        views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data)
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     kind = PatchTask if detectors is None else DetectorPatchTask
@@ -221,9 +212,19 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
 
 
 def _render_views(
-    config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
-) -> tuple[MountedViews, dict[str, Any] | None]:
-    """Views of the object with its sheets, and where in a world they were taken."""
+    config: PatchConfig, workspace: Workspace, rig_source: str | None, class_names: frozenset[str], network: Network,
+    data: TrainingData,
+) -> tuple[MountedViews | None, dict[str, Any] | None]:  # fmt: skip
+    """Views of the object with its sheets, where any are wanted, and where in a world they were taken."""
+    if not config.mounted_share:
+        if config.weather is not None or config.world is not None:
+            needs = "{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0"
+            raise FieldError(needs, {})
+        return None, None
+    if rig_source is None:
+        found = {"mounted_share": config.mounted_share}
+        raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
+    object_name = choose_object(workspace, rig_source, class_names)
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
     item = load_object(workspace.object_spec(object_name))
     spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)

@@ -47,14 +47,14 @@ class Rehearsal:
     exposure: Exposure = field(default_factory=lambda: Exposure(factor=(0.75, 1.33), tint=0.12))
     noise: float = 0.017
     blur: CameraBlur = field(
-        default_factory=lambda: CameraBlur(defocus_px=(0.1, 0.3), motion_px=(0.0, 0.5), probability=1.0)
+        default_factory=lambda: CameraBlur(defocus_px=(0.05, 0.2), motion_px=(0.0, 0.3), probability=1.0)
     )
-    jpeg_quality: int = 80
+    jpeg_quality: int = 90
 
     def describe(self) -> dict[str, Any]:
         """All that it does, and the version of how: what a picture's hash is made of."""
         settings = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {"version": 2} | {
+        return {"version": 3} | {
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
 

@@ -37,7 +37,7 @@ class SimulateConfig(Config):
     rehearse: Annotated[bool, Flag("--rehearse")] = Field(
         False,
         description="Simulate print, tape, hand and phone: inks, shine, slightly wrong poses, blur, noise, wrong white "
-        "balance, JPEG 80.",
+        "balance, JPEG 90.",
     )
     print_profile: Annotated[Path | None, Flag(metavar="FILE")] = Field(
         None,

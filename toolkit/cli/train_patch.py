@@ -29,6 +29,15 @@ class AskedData(DataConfig):
     )
 
 
+Found = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATCH",
+        help="The patch that is printed in the photographs of --data, by name or PNG: the new one takes its place.",
+    ),
+]
+
+
 @from_config(data=AskedData, overrides=RECIPES)
 def train_patch(
     *,
@@ -45,13 +54,7 @@ def train_patch(
         typer.Option("--class", metavar="NAME", help="What it should be recognised as: a label, index or WordNet id."),
     ] = None,
     data: AskedData,
-    found: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATCH",
-            help="The patch that is printed in the photographs of --data, by name or PNG: the new one takes its place.",
-        ),
-    ] = None,
+    found: Found = None,
     overrides: Overrides,
     recipe: str,
     model: options.Models = None,
@@ -87,8 +90,7 @@ def train_patch(
     from toolkit.core.workspace import open_workspace
 
     space = open_workspace(workspace)
-    if found and overrides.get("mounted_share") is None:
-        overrides = {**overrides, "mounted_share": RECIPES["default"].mounted_share}
+    overrides = _mount(overrides) if found else overrides
     asked = prepare_patch(
         space, recipe, overrides, data, object_name=object_name, class_name=class_name, print_profile=print_profile,
         seed=seed,
@@ -96,12 +98,17 @@ def train_patch(
     if asked.misfit:
         warn(asked.misfit)
     networks = load_networks(model, weights, device, space.classifiers_dir)
-    views = _view_photos(space, asked, found, networks[0]) if found else None
     trained = run(
-        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, views=views, out=out,
-        restart=restart,
+        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, out=out,
+        restart=restart, views=_view_photos(space, asked, found, networks[0]) if found else None,
     )  # fmt: skip
     show_result(trained, as_json, trained.lines(object_name))
+
+
+def _mount(overrides: Overrides) -> Overrides:
+    """As in renders of an object, unless it is said."""
+    share = overrides.get("mounted_share")
+    return {**overrides, "mounted_share": RECIPES["default"].mounted_share if share is None else share}
 
 
 def _view_photos(

@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from toolkit.boosters.data_config import count_held_out
-from toolkit.boosters.mounted import MountedViews, stack_views
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -26,6 +25,9 @@ from toolkit.photos.prints.look import KERNEL_PX, PrintedLook, Scene, fit_look
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import size_on_paper
 from toolkit.rig.shading import SHOULDER
+
+if TYPE_CHECKING:
+    from toolkit.boosters.mounted import MountedViews
 
 LEAST_SHOWN = 0.5
 MOST_TEXELS = 1024
@@ -156,7 +158,7 @@ BRIGHTEST = 0.98
 def view_photos(
     workspace: Workspace, photos: Sequence[Path], found: Sequence[str], *, size_px: int, size_mm: float, count: int,
     image_px: int, seed: int, device: str,
-) -> tuple[MountedViews, list[tuple[str, str]]]:  # fmt: skip
+) -> tuple["MountedViews", list[tuple[str, str]]]:  # fmt: skip
     """Views of photographs, linear in the colours of the patch that takes the printed one's place.
 
     Each shows a random square of a photograph in which the patch's middle lies. A fifth of the photographs, whole, is
@@ -196,6 +198,8 @@ def view_photos(
         for k in range(each):
             rng = Draws(seed, number * each + k, "found views").of("window")
             views.append(_view(one, with_hidden, image_px, (size_px, size_mm), rng))
+    from toolkit.boosters.mounted import stack_views  # torch, which only training needs
+
     stacked = stack_views(views, (size_mm,), device)
     return replace(stacked, held_out=each * count_held_out(len(fitted))), skipped
 
