@@ -6,6 +6,7 @@ PHOTOGRAPHS: ImageNet's, a folder for each class, of which the best image of eac
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tables import DOCS
@@ -74,7 +75,7 @@ def make_plain(space: Workspace) -> None:
         index = load_classifier("resnet18").class_index(spec.class_name)
         noise = Draws(0, index, "challenge noise").of("pixels").integers(0, 256, (N_PX, N_PX, 3), dtype=np.uint8)
         for what, pixels in (("grey", np.full_like(noise, 128)), ("noise", noise)):
-            record = {
+            record: dict[str, Any] = {
                 "name": name, "class_name": spec.class_name, "class_index": index, "networks": [], "data": {},
                 "seed": 0, "settings": {"method": what}, "final": {}, "toolkit_version": __version__,
             }  # fmt: skip

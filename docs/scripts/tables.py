@@ -1,13 +1,15 @@
 """The tables in docs/results as CSV: from a workspace's evaluations and from docs/records, no number typed by hand."""
 
+import csv
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolkit.core.files import write_text
+from toolkit.core.files import read_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
+from toolkit.experiments.challenge.score import Score, describe_rank
 from toolkit.experiments.corruptions.benchmark_config import CLEAN
 from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
 from toolkit.experiments.sweeps.axes import AXES
@@ -65,8 +67,25 @@ def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
         summary = read_summary(RECORDS / "benchmark" / f"{name}.json")
         write_table(folder / f"benchmark-{name}.csv", list(list_variants(summary)))
         write_table(folder / f"benchmark-{name}-cells.csv", list(list_cells(summary)))
+    write_table(folder / "challenge.csv", list(list_scores(RECORDS / "challenge")))
     networks = json.loads((RECORDS / "benchmark" / "robust-networks.json").read_text(encoding="utf-8"))
     write_table(folder / "robust-networks.csv", [describe_network(one) for one in networks])
+
+
+def list_scores(folder: Path) -> Iterator[Row]:
+    """Our own entries of the challenge in the order of their board, whose `board.csv` and scores lie in a folder."""
+    with (folder / "board.csv").open(encoding="utf-8", newline="") as stream:
+        placed = {row["entry"]: row for row in csv.DictReader(stream)}
+    for name, place in placed.items():
+        score = read_json(folder / f"{name}.json", Score)
+        counted = describe_rank(score)
+        left_out = ("authors", "link", "is_official", "networks", "unseen_judges")
+        yield {"rank": place["rank"], **{key: counted[key] for key in counted if key not in left_out}} | {
+            "p_next": float(place["p_next"]) if place["p_next"] else None,
+            "trained_on": "; ".join(one.arch for one in score.entry.networks),
+            "unseen": "; ".join(one.name for one in score.judges if not one.seen),
+            "pictures": score.pooled[0].n // sum(not one.seen for one in score.judges) if score.pooled else None,
+        }
 
 
 def write_table(file: Path, rows: Sequence[Row]) -> None:

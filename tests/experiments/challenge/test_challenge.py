@@ -3,9 +3,11 @@
 import json
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from itertools import product
 
 import numpy as np
@@ -74,6 +76,16 @@ def edit(folder, **changes):
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
 
 
+def claim_pixels(file, side_px):
+    """A picture whose head tells of a huge one, with a record that says the same."""
+    head = struct.pack(">4sIIBBBBB", b"IHDR", side_px, side_px, 8, 2, 0, 0, 0)
+    content = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
+    file.write_bytes(content + file.read_bytes()[33:])
+    record = file.with_suffix(".json")
+    changes = {"n_px": side_px, "png_sha256": sha256_file(file)}
+    record.write_text(json.dumps(json.loads(record.read_text()) | changes))
+
+
 def write_score(folder, boosted, *, bare=0.25, name=None):
     """A score of made-up answers: `boosted` of the pictures of each object are right with the patch."""
     if name is not None:
@@ -112,6 +124,10 @@ def test_the_kits_own_patches_keep_the_rules(entered):
     [
         (lambda e: edit(e, link="javascript:alert(1)"), "link"),
         (lambda e: edit(e, name="../away"), "name"),
+        (lambda e: edit(e, name="<script>alert(1)</script>"), "name"),
+        (lambda e: edit(e, boosters={"../../etc/passwd": "0" * 64}), "boosters"),
+        (lambda e: edit(e, boosters=read_entry(e).record.boosters | {"racer": "0" * 64}), "is not what entry.json"),
+        (lambda e: claim_pixels(e / "boosters/racer.png", 30_000), "decompression bomb"),
         (lambda e: edit(e, networks=[]), "add it to networks"),
         (lambda e: edit(e, method="\x1b[2J"), "method"),
         (lambda e: edit(e, challenge_version=99), "challenge_version 99"),
@@ -227,8 +243,8 @@ def test_commands(entry, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
     write_score(entry, EVEN)
-    assert runner.invoke(app, ["challenge", "check", str(entry), "--rescore"]).exit_code == 0
-    done = runner.invoke(app, ["challenge", "board", str(entry), "--json"])
+    assert runner.invoke(app, ["challenge", "check", entry.name, "--rescore"]).exit_code == 0
+    done = runner.invoke(app, ["challenge", "board", entry.name, "--json"])
     assert json.loads(done.stdout)[0]["rank_gain"] == 0.5
     edit(entry, networks=[])
     bad = runner.invoke(app, ["challenge", "check", str(entry)])

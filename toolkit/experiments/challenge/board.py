@@ -156,8 +156,7 @@ def _count_curve(judged: Judged) -> list[tuple[int, float, float]]:
     for one in judged.outcomes:
         if one.condition != FOG and one.judge_sha256 in judges:
             right.setdefault(one.severity, {}).setdefault(one.variant, []).append(one.correct)
-    variant = judged.entry.record.variant
+    bare, boosted = UNPATCHED, judged.entry.record.variant
     return [
-        (severity, float(np.mean(own[UNPATCHED])), float(np.mean(own[variant])))
-        for severity, own in sorted(right.items())
+        (severity, float(np.mean(own[bare])), float(np.mean(own[boosted]))) for severity, own in sorted(right.items())
     ]
