@@ -37,6 +37,15 @@ Found = Annotated[
     ),
 ]
 
+Profile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        rich_help_panel=AUGMENTATION,
+        help="In place of --print-process: your own printer, as 'toolkit print-profile' measured it.",
+    ),
+]
+
 
 @from_config(data=AskedData, overrides=RECIPES)
 def train_patch(
@@ -59,14 +68,7 @@ def train_patch(
     recipe: str,
     model: options.Models = None,
     weights: options.WeightFiles = None,
-    print_profile: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            rich_help_panel=AUGMENTATION,
-            help="In place of --print-process: your own printer, as 'toolkit print-profile' measured it.",
-        ),
-    ] = None,
+    print_profile: Profile = None,
     name: Annotated[
         str | None,
         typer.Option(
