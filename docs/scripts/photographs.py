@@ -58,10 +58,10 @@ def find_stickers() -> dict[str, object]:
     others = sorted((SHARED / "images" / "imagenet_one_each").rglob("*.*"))
     false, looks = [], 0
     for file in others:
-        photo = search_photo(read_image(file))
+        searched = search_photo(read_image(file))
         for name, patch in pixels.items():
             looks += 1
-            seen = find_patch(photo, patch)
+            seen = find_patch(searched, patch)
             if seen is not None:
                 false.append([file.name, name, round(seen.confidence, 3)])
     found = {side: [sum(map(bool, hits)), len(hits)] for side, hits in sizes.items()}
