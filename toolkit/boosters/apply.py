@@ -55,12 +55,14 @@ def apply_patch(
     ranges = AffineRanges() if placement is None else placement
     (height, width), n = images.shape[-2:], patch.shape[-1]
     T_image_patch = _draw_placements(ranges, seed, len(images), n, min(height, width))
+    # moves x and y by a multiple of w: right for projective placements as well
     T_image_patch[:, 0] += (width - min(height, width)) / 2 * T_image_patch[:, 2]
     T_image_patch[:, 1] += (height - min(height, width)) / 2 * T_image_patch[:, 2]
     precise = torch.float64 if images.dtype == torch.float64 else torch.float32  # no FFT of half precision on a CPU
     texels = patch.to(images.device, precise)
     opaque = None if mask is None else mask.detach().to(texels)[None]
     scales = _find_scales(ranges, n, min(height, width))
+    # drawn in the square around the image, and cut: the warp knows squares alone
     paper, covered = warp_patch(texels, T_image_patch, max(height, width), scales, opaque)
     paper, covered = paper[..., :height, :width], covered[..., :height, :width]
     return (images * (1 - covered) + paper).clamp(0, 1).to(images.dtype)
@@ -70,6 +72,7 @@ def _draw_placements(
     placement: Placer, seed: int | Sequence[int], count: int, patch_px: int, image_px: int
 ) -> np.ndarray:
     """(count, 3, 3) `T_image_patch`, each with a generator of its own."""
+    # a generator for each image, so that it depends on neither order nor size of the batch
     streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(one,) for one in seed]
     return np.concatenate([placement.place(np.random.default_rng(s), 1, patch_px, image_px) for s in streams])
 
@@ -79,6 +82,7 @@ def _find_scales(placement: Placer, patch_px: int, image_px: int) -> tuple[float
     if not isinstance(placement, AffineRanges):
         return None
     low, high = (share * image_px / patch_px for share in placement.share)
+    # least where both are least; never larger than without foreshortening
     return low * placement.foreshortening[0], high * placement.foreshortening[1]
 
 

@@ -153,6 +153,7 @@ def train_class_patches(
     with opened as workers:
         units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
         ran = run_resumable(f"Training {len(orders)} patches", orders, orders, units, keep, workers)
+    # nothing was trained: the first reason is the command's own
     if source.refused and not done:
         raise next(iter(source.refused.values()))
     lost = [(name, str(error)) for name, error in source.refused.items()]
@@ -190,9 +191,11 @@ def _list_units(
         key = hash_patch(order.config, order.class_index, [network], data, order.name)
         files = choose_files(workspace, order.out, order.name)
         if not order.restart and read_finished(read_patch, files, key):
+            # what a kill after the patch and before its own clean-up has left
             Checkpoint(files.training, key, shared=RENDERS).remove()
             yield Unit((name,), give, ((None, {}),), name)
             continue
+        # shared once for all patches of the same images, which come one after the other
         if held is None or held[0] is not data:
             held = data, engine.share(data)
         yield Unit((name,), train_unit, (shared, held[1], order, workspace, is_here), name)
@@ -227,6 +230,7 @@ class _Source:
         self._images, self._config, self._how = images, config, how
         self.skipped = list(images.refused)
         self.refused: dict[str, ToolkitError] = {}
+        # memory holds the images of one class at a time, or those of all classes once
         self._load = lru_cache(maxsize=1)(self._decode)
 
     def load(self, class_index: int) -> TrainingData:
@@ -241,6 +245,7 @@ class _Source:
 
     def _decode(self, class_index: int | None) -> TrainingData:
         found = [one for one in self._images.images if class_index in (None, one.class_index)]
+        # whole squares at `resize_px`, so that training can cut at random
         square = replace(self._how, crop_px=self._how.resize_px)
         pixels: list[np.ndarray] = []
         skipped: list[tuple[str, str]] = []

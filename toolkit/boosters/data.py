@@ -211,6 +211,7 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     see the images that it began with.
     """
     inputs = _hash_inputs(workspace.object_spec(name), count, seed, how)
+    # named by its inputs, so that a changed object or seed is rendered anew
     file = keep / f"renders-{inputs[:16]}.npy"
     record = {"source": f"{RIG}:{name}", "use": "class", "found": count, "used": count}
     kept = _read_kept(file, (count, how.resize_px, how.resize_px, 3))
@@ -241,6 +242,7 @@ def _hash_inputs(spec_file: Path, count: int, seed: int, how: Preprocessing) -> 
     mesh = spec.mesh
     if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
         mesh = sha256_file(path)
+    # renders of another version differ: they are not gone on with
     versions = __version__, RENDERS_VERSION
     inputs = [spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, *versions]
     return sha256_bytes(json.dumps(inputs).encode())
@@ -292,6 +294,7 @@ def load_data(
     Raises:
         ToolkitError: a source has no images that can be used.
     """
+    # as equal as whole images can be, the first sources one more
     shares = [len(part) for part in np.array_split(np.arange(config.images), len(config.sources))]
     loaded: list[Loaded] = []
     for k, (source, count) in enumerate(zip(config.sources, shares, strict=True)):
@@ -315,6 +318,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
         held_out.append(source.images[:count])
         train.append(source.images[count:])
     images, rest = np.concatenate(train), np.concatenate(held_out)
+    # pixels, not files: the same folder decoded otherwise is another run
     sha256 = sha256_bytes(np.concatenate([images, rest]).tobytes())
     record: dict[str, Any] = {
         "sources": [source.record for source in loaded],

@@ -77,7 +77,9 @@ class DetectorNetwork:
         """(b, classes) the logarithm of each class's best score; for judging alone, no gradient leads back."""
         import torch
 
+        # whole levels, as a file has them
         pixels = batch.detach().mul(255).round().clamp(0, 255).byte().permute(0, 2, 3, 1).cpu().numpy()
+        # a class that is seen nowhere has a small score, whose logarithm is finite
         best = torch.full((len(batch), len(self.labels)), 1e-6)
         for k, seen in enumerate(self.detector.detect(list(pixels))):
             for index, score in zip(seen.classes, seen.scores, strict=True):
@@ -196,12 +198,14 @@ def judge_detectors(
 
     photos, boxes = current().share(photos), current().share(boxes)
     loss, seen, side = photos.new_zeros(()), 0.0, photos.shape[-1]
+    # a box may reach out of the cut that the detector is shown
     places = torch.from_numpy(np.asarray(boxes, np.float32)).clamp(0, side).to(photos.device)
     for target in targets:
         network = target.classifier
         assert isinstance(network, DetectorNetwork)
         wanted = network.preprocessing.crop_px
         scaled = resize_photos(photos, wanted)
+        # boxes scale with the photograph
         loss = loss + network.detector.losses(scaled, places * (wanted / side), target.class_index).mean()
         seen += target.count_hits(photos.detach()) / len(photos)
     return loss, seen / len(targets)
@@ -212,4 +216,5 @@ def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
     rows, columns = (np.flatnonzero((coverage > 0.5).any(axis)) for axis in (1, 0))
     if not len(rows):
         return 0, 0, 0, 0
+    # the far edge of the last pixel: a box counts in edges, a pixel in its index
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

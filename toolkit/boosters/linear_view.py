@@ -31,6 +31,7 @@ def build_levels(linear: "torch.Tensor") -> list["torch.Tensor"]:
 def _halve(level: "torch.Tensor") -> "torch.Tensor":
     import torch
 
+    # even sides need no matrix: the mean of two by two is the area average
     if level.shape[-1] % 2 == 0:
         rows = 0.5 * level[:, 0::2] + 0.5 * level[:, 1::2]
         return 0.5 * rows[..., 0::2] + 0.5 * rows[..., 1::2]
@@ -57,6 +58,7 @@ def look_up(levels: list["torch.Tensor"], uv: "torch.Tensor", lod: "torch.Tensor
     if not len(uv):
         return found
     for number in range(int(lod.min()), int(lod.max().ceil()) + 1):
+        # a hat over the level of detail: the two nearest levels share a sample, which is trilinear's third axis
         weight = (1 - (lod - number).abs()).clamp_min(0)
         chosen = weight.nonzero()[:, 0]
         if len(chosen):
@@ -69,10 +71,12 @@ def _look_up_level(level: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
     from torch.nn.functional import grid_sample, pad
 
     side = level.shape[-1]
+    # a ring of texels from the other side, as grid_sample cannot repeat a texture
     wrapped = pad(level[None], (1, 1, 1, 1), mode="circular")
     u, v = uv[:, 0] - uv[:, 0].floor(), uv[:, 1] - uv[:, 1].floor()
     inner = side / (side + 2)  # the ring of repeated texels makes the picture a little larger
     grid = uv.new_empty((1, 1, len(uv), 2))
+    # v counts up, rows count down
     grid[0, 0, :, 0], grid[0, 0, :, 1] = (u * 2 - 1) * inner, (1 - v * 2) * inner
     return grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
 
@@ -88,9 +92,11 @@ def tone_map(light: "torch.Tensor") -> "torch.Tensor":
     """`toolkit.rig.shading.tone_map` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
     import torch
 
+    # straight up to the shoulder, then an exponential that begins with slope 1 and ends at white
     over = (light - SHOULDER).clamp_min(0)
     light = light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER)))
     light = light.clamp(0, 1)
+    # clamped in the branch that is not taken as well: the power's slope at 0 is infinite, and 0 · ∞ is no number
     return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
@@ -138,6 +144,7 @@ class ViewBatch:
         device = self.pixel.device
         factor, offset, counts = factor.to(device), offset.to(device), torch.tensor(self.counts, device=device)
         view = torch.arange(len(counts), device=device).repeat_interleave(counts)
+        # light of the texture passes the same weather as all else in its pixel
         passed = factor.flatten(1, 2)[view, self.pixel].to(self.gain.dtype)
         still = (self.still * factor + offset).to(self.still.dtype)
         return replace(self, still=still, gain=self.gain * passed, share=self.share * passed.mean(1))
@@ -162,6 +169,7 @@ class ViewBatch:
             row, column = self.pixel[span] // width - top, self.pixel[span] % width - left
             inside = ((row >= 0) & (row < side) & (column >= 0) & (column < side)).nonzero()[:, 0]
             pixels.append((row * side + column)[inside])
+            # a slice copies nothing where the whole view is inside
             chosen.append(span if len(inside) == len(row) else inside + span.start)
         samples = {
             name: torch.cat([getattr(self, name)[some] for some in chosen]).to(dtype)
@@ -187,6 +195,7 @@ def batch_views(
     precision = np.float16 if half else np.float32
     still = np.stack(
         [
+            # what lies behind shows through where the object covers a pixel in part
             (view.dark + (1 - view.coverage[..., None]) * (view.behind if back is None else back).astype(np.float32))
             .astype(precision)
             for view, back in zip(views, behind or [None] * len(views), strict=True)
@@ -231,6 +240,7 @@ def show_texture(
         rendered = show_linear(linear, batch, light)
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(texture), batch.uv, batch.lod) * batch.share[:, None]
+    # adds 0 forward: the picture stays the rig's, and the gradient is that of the texture's own colour
     flat = colour.new_zeros((len(shown), 3)).index_add(0, slot, colour)
     count, _, height, width = rendered.shape
     photos = rendered.permute(0, 2, 3, 1).reshape(-1, 3).index_add(0, shown, flat - flat.detach())
@@ -263,4 +273,5 @@ def _find_shown(batch: ViewBatch) -> tuple["torch.Tensor", "torch.Tensor"]:
     pixel = batch.pixel + start.repeat_interleave(counts)
     seen = torch.zeros(count * height * width, dtype=torch.bool, device=pixel.device)
     seen[pixel] = True
+    # counting the seen pixels up to each gives its place among them
     return (seen.cumsum(0) - 1)[pixel], seen.nonzero()[:, 0]

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 """Drawn for each training image: factor on the light, each channel's deviation from it, sensor noise (sRGB)."""
+# middle of the range: as large as a patch, and shows nothing
 PAPER_GREY = 0.5
 BATCH = 24
 Through = tuple["torch.Tensor", "torch.Tensor"]
@@ -87,6 +88,7 @@ class MountedViews:
         self, weather: Weathered, which: np.ndarray, corners: np.ndarray, side: int, rng: np.random.Generator
     ) -> "Through":
         """Weather over squares of some views, see `ViewBatch.cut` and `Weathered.draw`."""
+        # cut as the pictures are, so that weather lies over the same pixels
         cuts = [
             self.depths[k].cropped(int(left), int(top), side) for k, (top, left) in zip(which, corners, strict=True)
         ]
@@ -118,6 +120,7 @@ def render_mounted_views(
     subject = make_sheet_subject(item, sizes_mm, patch_px, at_real_size=setting is not None)
     views: list[LinearView] = []
     with progress(f"rendering {item.name} with its sheet", count) as bar:
+        # a studio for each block: its light is baked once for all views in it
         for block, start in enumerate(range(0, count, PER_STUDIO)):
             settings = ViewSettings(ranges, image_px, per_studio=min(PER_STUDIO, count - start))
             taken = render_block(
@@ -138,6 +141,7 @@ def make_sheet_subject(
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
+    # the sheets share one material, whose texture is the paper
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
     if at_real_size:
         mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
@@ -151,6 +155,7 @@ def stack_views(
 
     Their depths, where they have any, are in units that are `metres_per_unit` long at real size.
     """
+    # of the views themselves: a renderer that changes makes another run
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
     depths = find_depths(views, [metres_per_unit] * len(views))
     boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
@@ -163,6 +168,7 @@ def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
     from torch.nn.functional import interpolate
 
     repeat, margin = size_on_paper(linear.shape[-1], size_mm)
+    # nearest by default: texels on paper have sharp edges
     crisp = interpolate(linear[None], scale_factor=repeat)[0]
     white = srgb_to_linear(torch.tensor(PAPER, dtype=linear.dtype, device=linear.device) / 255)[:, None, None]
     side = crisp.shape[-1]
@@ -200,6 +206,7 @@ def show_mounted(
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
     if through is not None:
         batch = batch.through(*through)
+    # in linear light, in which views are linear in the paper's colours
     paper = print_on_paper(srgb_to_linear(patch), min(views.sizes_mm))
     if rng is None:
         return show_linear(paper, batch)
@@ -239,6 +246,7 @@ def recognise_mounted(
     import torch
 
     weather = None if weather is None else weather.with_overrides(probability=1.0)
+    # the middle: validation draws no cut, so that two patches are seen alike
     start = (views.batch.still.shape[1] - image_px) // 2
     hits = np.zeros((len(patches), len(targets)), int)
     with torch.inference_mode():
@@ -247,6 +255,7 @@ def recognise_mounted(
             corners = np.full((len(which), 2), start)
             through = None
             if weather is not None:
+                # once for all patches: with the booster and without, the same weather
                 rng = weather.rng(Draws(seed, first, "validate"))
                 through = views.draw_weather(weather, which, corners, image_px, rng)
             for row, patch in enumerate(patches):

@@ -70,6 +70,7 @@ UNKNOWN = (
     "note: without a patch the object is never recognised, and a sheet is then often too small; "
     "'toolkit train-texture' paints the whole object"
 )
+# renders are named by their own inputs, so that runs with other settings share them
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
 

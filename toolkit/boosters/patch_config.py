@@ -187,6 +187,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
     lengths = {name: fitted[name] for name in ("steps", "epochs") if fitted.get(name) is not None}
     if len(lengths) == 2:
         raise FieldError("expected one of the two", lengths)
+    # one of the two was asked for: the recipe's own must not stand beside it
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
     if fitted.get("world") is not None:
@@ -194,6 +195,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
+    # the spec's sizes are hints, not settings: what was asked for goes before them
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
     stated_mm = fitted.get("size_mm") or spec_mm
     size_mm = stated_mm or printed_size_mm(fitted.get("size_px", base.size_px))
@@ -208,6 +210,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
 
 
 LEAST_RENDERS = 32
+# a fifth of the renders is held out, and the rest has to serve all steps
 SPARE = 1 / (1 - HELD_OUT)
 
 
@@ -272,6 +275,7 @@ def check_size(size_px: int, image_px: int, field: str = "size_px") -> None:
 
 def total_variation(patch: "torch.Tensor") -> "torch.Tensor":
     """Mean absolute difference of neighbouring texels of (3, n, n), right and below; a scalar, differentiable."""
+    # the anisotropic kind: differences right and below are added, not joined by a root
     down, right = patch.diff(dim=1).abs(), patch.diff(dim=2).abs()
     return (down.sum() + right.sum()) / (down.numel() + right.numel())
 

@@ -91,6 +91,7 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
     for file in workspace.with_patches(name).patches().values():
         patch = read_patch(file)
         record = patch.record
+        # the same index is another class for another network
         if labels and (record.class_index >= len(labels) or labels[record.class_index] != record.class_name):
             other = f"'{labels[record.class_index]}'" if record.class_index < len(labels) else "no class"
             raise ToolkitError(

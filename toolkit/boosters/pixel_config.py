@@ -136,6 +136,7 @@ class PixelConfig(Config):
 
     def transform_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
         """(name, value) of the transforms that act, in the order in which they do; those of some stages do not."""
+        # a stable sort: within a stage the fields' order decides, as it does in a step
         held = sorted(self.held_transforms(), key=lambda one: STAGES.index(one[1].stage))
         rows = [
             (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
@@ -161,6 +162,7 @@ class PixelConfig(Config):
 
     def for_networks(self: "Settings", count: int) -> "Settings":
         """The same for so many networks: of one there is no ensemble, and of several one of the ways acts."""
+        # part of the settings that are hashed: with one network every way gives the same pixels
         wanted = None if count == 1 else self.ensemble or DEFAULT_ENSEMBLE
         return self.model_copy(update={"ensemble": wanted})
 
@@ -229,4 +231,5 @@ def name_files(name: str | None, label: str, index: int) -> str:
         if not is_file_name(name):
             raise FieldError(f"{{name}} '{name}': expected letters, digits, '-' and '_', without a suffix", {})
         return name
+    # a label may hold what no file's name can, such as a slash; a label of nothing else falls back to its index
     return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"

@@ -117,11 +117,13 @@ class PixelTask(TrainingTask[Made]):
         """Smooth them, add what was before, and divide by their size where the rule depends on it."""
         assert self.pixels.grad is not None
         left = 1 - step / self._steps
+        # large shapes first, which survive blur and distance; detail as the smoothing fades
         sigma_px = self._smoothing_px * left + self._last_smoothing_px * (1 - left)
         gradient = smooth_gradient(self.pixels.grad, sigma_px)
         if self._velocity is not None:  # Dong et al. 2018, equation 6
             gradient = self._velocity.mul_(self._momentum).add_(gradient / gradient.abs().mean().clamp_min(1e-30))
         if not self._is_signed:
+            # texels that no view shows have no gradient, and would make the mean smaller
             seen = (gradient != 0).any(dim=0, keepdim=True).sum().clamp_min(1) * len(gradient)
             gradient = gradient / (gradient.square().sum() / seen).sqrt().clamp_min(1e-12)
         self.pixels.grad = gradient
@@ -136,6 +138,7 @@ def draw_first_pixels(size_px: int, seed: int, contrast: float = 1.0) -> "torch.
     import torch
 
     rng = Draws(seed, 0).of("first patch")
+    # drawn by NumPy, whose stream does not depend on the device
     return torch.from_numpy(rng.random((3, size_px, size_px), np.float32) - 0.5) * contrast + 0.5
 
 
@@ -166,6 +169,7 @@ def judge_photos(
         with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
             logits = target.logits(photos)
         wanted = torch.full((len(photos),), target.class_index, device=logits.device)
+        # networks may run in half precision; the loss may not
         precise = logits.to(photos.dtype)
         loss = loss + (
             cross_entropy(precise, wanted) if objective == "cross-entropy" else -precise[:, target.class_index].mean()
@@ -198,6 +202,7 @@ def judge_ensemble(
 
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
         target = targets[number]
+        # drawn for each network by its number: they do not look at the same cut
         for one in config.transforms("network"):
             seen = one.change(seen, one.rng(draws, f" {number}"))
         with ExitStack() as acting:
@@ -219,6 +224,7 @@ def judge_ensemble(
 
 def choose_turn(seed: int, step: int, count: int) -> int:
     """Number of the network that a step asks: each of `count` once a round, in an order of the round's own."""
+    # every network comes once before any comes again; a new order each round favours none
     turn, inside = divmod(step, count)
     return int(Draws(seed, turn).of("turns").permutation(count)[inside])
 
@@ -229,6 +235,7 @@ def _normalise(
     """One network after the other, each graph freed before the next; one way back through the render for all."""
     import torch
 
+    # a leaf of its own: the render's graph is walked once, with the joined gradient
     seen = photos.detach().requires_grad_(True)
     value, recognised = photos.new_zeros(()), []
     gradients: list[torch.Tensor] = []
@@ -237,9 +244,11 @@ def _normalise(
         gradients += torch.autograd.grad(loss, seen)
         value = value + loss.detach()
         recognised.append(hits)
+    # of the whole batch, of which each process holds a part
     lengths = current().add(torch.stack([one.square().sum() for one in gradients])).sqrt()
     scales = lengths.mean() / lengths.clamp_min(1e-30)
     joined = sum((one * scale for one, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos))
+    # a scalar whose gradient by the photographs is `joined`, and whose value is the sum of the losses
     along = (photos * joined).sum()
     return along - along.detach() + value, _mean(recognised)
 

@@ -80,6 +80,7 @@ def _draw_photos(
 def _shorten(label: str, percent: str, width_px: int) -> str:
     pen, font = ImageDraw.Draw(Image.new("RGB", (1, 1))), _font(17)
     text = label
+    # the percentage stays whole; the label is what may be cut
     while pen.textlength(text + percent, font) > width_px and len(text) > 4:
         text = text.removesuffix("...")[:-1].rstrip() + "..."
     return text + percent
@@ -91,6 +92,7 @@ def _font(size: int) -> ImageFont.ImageFont | ImageFont.FreeTypeFont:
 
 def _draw_header(sheet: Image.Image, patch: Image.Image, title: str, lines: list[str]) -> None:
     side = HEADER_PX - 2 * GAP_PX
+    # nearest: texels are shown as they are printed, with sharp edges
     sheet.paste(patch.resize((side, side), Image.Resampling.NEAREST), (GAP_PX, GAP_PX))
     pen = ImageDraw.Draw(sheet)
     left = side + 2 * GAP_PX + 6

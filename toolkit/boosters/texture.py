@@ -188,6 +188,7 @@ class SurfaceTask(BoosterTask[Trained]):
         import torch
 
         start, paint = self.inputs.start, self.inputs.paint
+        # a texture that stays near its paint cannot begin at noise: it would be clamped to the range's ends
         start = paint if start is None and self._range is not None else start
         if start is not None:
             with torch.no_grad():
@@ -364,6 +365,7 @@ def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig
 
 def choose_views(group: list[RenderedView], config: TextureConfig, number: int, inside: int) -> list[RenderedView]:
     """The views of the step `inside` a group: each comes `reuse` times before the group is left, in random order."""
+    # 0x0DE5 tells these draws from others of the same seed and group
     rng = np.random.default_rng([config.seed, number, 0x0DE5])
     order = np.concatenate([rng.permutation(len(group)) for _ in range(config.reuse)])
     start = inside * config.batch
@@ -390,6 +392,7 @@ def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> View
     """Eight views around an object in studio light, of `image_px` a side."""
     mesh = subject.mesh
     studio = make_studio(0, float(mesh.size_mm.max()), TURNTABLE_BACKDROP)
+    # baked once: the turntable is shown again at every checkpoint, and only the texture differs
     renderer = RaycastRenderer(mesh, studio, DETAIL)
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])

@@ -164,11 +164,13 @@ class TextureConfig(PixelConfig):
     @property
     def steps_per_group(self) -> int:
         """How many steps a group of views serves."""
+        # a batch larger than a group still makes a step of it
         return max(1, self.studios * self.per_studio * self.reuse // self.batch)
 
     @property
     def groups(self) -> int:
         """How many groups of views the run needs."""
+        # rounded up: a last group that is used in part is rendered as well
         return -(-self.step_count // self.steps_per_group)
 
     def views(self, image_px: int) -> "ViewSettings":

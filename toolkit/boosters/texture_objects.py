@@ -92,6 +92,7 @@ def read_start(file: Path, objects: Sequence[TexturedObject], size_px: int) -> n
     for one in objects:
         check_fit(one.item, texture)
         stored = texture.corner_uv.get(one.name)
+        # the same texels would lie elsewhere on the object
         if one.atlas.unwrapped != (stored is not None) or (
             stored is not None and not np.array_equal(stored, one.atlas.corner_uv)
         ):
@@ -104,6 +105,7 @@ def find_source(objects: Sequence[TexturedObject]) -> np.ndarray:
     atlases = [one.atlas for one in objects]
     if len(atlases) == 1:
         return atlases[0].source
+    # several objects show different texels of the one texture: what any of them shows is trained
     return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in atlases]))
 
 
@@ -151,6 +153,7 @@ def load_backgrounds(config: TextureConfig, network: Network) -> Loaded:
     found = choose_images(config.backgrounds, frozenset(), "all", "backgrounds")
     count = min(MAX_BACKGROUNDS, len(found.files))
     with progress("Reading backgrounds", count) as bar:
+        # 0xBAC tells these draws from others of the same seed
         rng = np.random.default_rng([config.seed, 0xBAC])
         return load_files(found, count, rng, network.preprocessing, bar.advance)
 
@@ -185,6 +188,7 @@ class TextureInputs:
         parts = hash_objects(self.objects) + sha256_bytes(self.backgrounds.images.tobytes())
         if needs_size:
             parts += "".join(f" {one.metres_per_mm!r}" for one in self.objects)
+        # the start decides the pixels as the paint does, and without a start it is the paint
         given = (self.paint if self.start is None else self.start, self.paint)
         parts += "".join(sha256_bytes(one.tobytes()) for one in given if one is not None)
         if self.setting is not None:

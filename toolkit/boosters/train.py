@@ -225,6 +225,7 @@ def prepare_patch(
     if object_name is not None:
         spec = read_spec(workspace.object_spec(object_name))
         class_name = spec.class_name if class_name is None else class_name
+        # a patch that is trained for an object is seen on it, beside whatever folders were named
         sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
         overrides = patch_config.size_by_spec(overrides, spec)
         misfit = _describe_misfit(object_name, spec, overrides.get("size_mm"))
@@ -272,6 +273,7 @@ def try_place(
 
     In as many places as there are mounts, one for each sheet. Nothing of it is kept.
     """
+    # a copy of the objects: a trial writes its mounts into no file of the user's
     with TemporaryDirectory() as folder:
         space = copy_objects(workspace, Path(folder))
         write_mounts(workspace.object_spec(name), space.objects_dir / f"{name}.toml", mounts)

@@ -19,8 +19,10 @@ from toolkit.rig.views import RenderedView
 if TYPE_CHECKING:
     import torch
 
+# a share of so many has a 95 % interval of about 17 points at most
 DRAWS = 128
 BATCH, TEXTURE_BATCH = 32, 16
+# the middle one of ImageNet-C's five
 FOG_SEVERITY = 3
 
 
@@ -93,12 +95,14 @@ def validate_patch(
 
     count = count_placements(len(images), draws)
     bare, patched = [0] * len(targets), [0] * len(targets)
+    # the middle, as the network's own preprocessing cuts it: bare images are judged as in an evaluation
     centres = cut_centres(images, targets[0].classifier.preprocessing.crop_px)
     with torch.inference_mode():
         for start in range(0, count, BATCH):
             which = torch.arange(start, min(start + BATCH, count), device=images.device)
             batch = centres[which % len(images)]
             photos = show_patch(patch, batch, appearance, Draws(seed, start, "validate"))
+            # images that come again in other placements are asked bare once: the answer would be the same
             fresh = which < len(images)
             if corrupted is not None:
                 photos, batch = (
@@ -120,6 +124,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
     final: dict[str, float] = {}
     names = [answer.network for answer in validations]
     for k, answer in enumerate(validations):
+        # networks of one name get a number, so that none overwrites the other's figures
         network = answer.network if names.index(answer.network) == k else f"{answer.network}_{k + 1}"
         for what, share in (("patched", answer.patched), ("bare", answer.bare)):
             low, high = share.ci95
@@ -216,9 +221,11 @@ def _show_both(
     bare = torch.from_numpy(np.stack([one.bare for one in views if one.bare is not None])).to(device)
     clear = bare.permute(0, 3, 1, 2).float() / 255, show_texture(texture, batch_views([v.view for v in views], device))
     yield "clear", clear
+    # the same clouds for both paints
     seeds = [int(n) for n in draws.of("fog").integers(1 << 62, size=len(views))]
     yield "fog", (corrupt(clear[0], "fog", FOG_SEVERITY, seeds), corrupt(clear[1], "fog", FOG_SEVERITY, seeds))
     if corrupted is not None:
+        # both from the same draw, so that bare and boosted differ in the paint alone
         always = corrupted.with_overrides(probability=1.0)
         yield "corrupted", (
             always.change(clear[0], draws.of("corrupted")), always.change(clear[1], draws.of("corrupted")),
@@ -233,6 +240,7 @@ def _show_in_weather(
     import torch
 
     device, always = str(texture.device), weather.with_overrides(probability=1.0)
+    # once for both paints: what differs is the paint
     drawn = draw_weather(views, metres_per_unit, always, weather.rng(draws))
     factor, offset = (part.to(device) for part in drawn)
     lights = np.stack([one.bare_light for one in views if one.bare_light is not None])

@@ -96,12 +96,14 @@ class WrappedObject(TexturedObject):
 
 def wear_grey(item: TableObject, wrap: Wrap, misfit: Misfit | None, draws: Draws) -> Mesh:
     """An object with a grey wrap on it, whose canvas is the texture of the material after the object's own."""
+    # grey: the light that it throws back is that of a mean colour, whatever is trained
     canvas = np.full((wrap.record.n_px, wrap.record.n_px, 3), GROUND, np.uint8)
     return wear_wrap(item.mesh, wrap, canvas, draw_places(wrap, misfit, draws))
 
 
 def wrap_object(item: TableObject, wrap: Wrap, misfit: Misfit | None) -> WrappedObject:
     """An object made ready for training what is on its wrap."""
+    # exactly in its places: the atlas is what the pieces show without a hand's misfit
     mesh = wear_grey(item, wrap, None, Draws(0, 0))
     trained = mesh.face_material == len(item.mesh.materials)
     covered, source = find_canvas(wrap, len(item.mesh.faces))
@@ -117,6 +119,7 @@ def open_plan(workspace: Workspace, item: TableObject, whole: bool = False) -> W
         ToolkitError: the plan is broken or of another mesh, or no piece lies flat.
     """
     known = workspace.wraps()
+    # the wrap of the object's own name first: others may be planned for it as well
     for name in sorted(known, key=lambda name: (name != item.name, name)):
         if read_json(known[name] / RECORD_FILE, WrapRecord).object == item.name:
             # pictures may be half written by a run that was killed
@@ -177,6 +180,7 @@ def paint_pieces(record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, numb
     canvas = paint.copy()
     for number in numbers:
         left, low, right, high = record.box_px(record.pieces[number - 1])
+        # boxes count from the bottom, rows from the top
         box = slice(record.n_px - high, record.n_px - low), slice(left, right)
         canvas[box] = pixels[box]
     return canvas
@@ -206,6 +210,7 @@ def rank_pieces(
                 sure, known = _judge(canvas, batches, targets)
                 tried.append(RankedPiece(number=number, recognised=known, mean_log_prob=sure))
                 bar.advance()
+            # of equally good ones the first by number, so that a ranking can be repeated
             best = max(tried, key=lambda one: (one.mean_log_prob, -one.number))
             ranked.append(best)
             left.remove(best.number)
@@ -225,6 +230,7 @@ def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence
                 logits = target.logits(photos)
                 sure.append(logits.log_softmax(1)[:, target.class_index])
                 right.append(logits.argmax(1) == target.class_index)
+    # rounded, so that float noise does not decide between equal pieces
     return round(float(torch.cat(sure).mean()), 6), round(float(torch.cat(right).float().mean()), 6)
 
 
@@ -313,6 +319,7 @@ class WrapTask(SurfaceTask[TrainedWrap]):
         self._ranking = rank_pieces(worn.wrap.record, pixels, paint, views, self.targets)
         low, high = (min(count, len(self._ranking)) for count in self.config.pieces)
         shares = [one.recognised for one in self._ranking[:high]]
+        # the fewest pieces that reach the best share: more would add nothing
         enough = max(low, shares.index(max(shares)) + 1)
         self._kept = [one.number for one in self._ranking[:enough]]
         return paint_pieces(worn.wrap.record, pixels, paint, self._kept)

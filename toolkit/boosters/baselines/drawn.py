@@ -137,6 +137,7 @@ PAPER_BORDER = 1
 """White modules around a QR code in the paper's release; the standard, ISO/IEC 18004, asks for four."""
 DICTIONARIES = {"36h11": "DICT_APRILTAG_36h11", "36h10": "DICT_APRILTAG_36h10"}
 """AprilTag's families in OpenCV: 587 tags and 2320, the fewer the farther apart."""
+# the highest of QR's four levels, which costs nothing here: see `QrCodes`
 ERROR_CORRECTION = "H"
 
 
@@ -181,12 +182,14 @@ class QrCodes(_Codes):
     method = "QR code of the class's index"
 
     def __init__(self, classes: int, border: int = PAPER_BORDER) -> None:
+        # the largest index has the most digits: its version holds all others
         super().__init__(len(_draw_qr(classes - 1)), border)
         self.settings = {"border_modules": border, "error_correction": ERROR_CORRECTION}
 
     def choose(self, index: int, advance: Advance) -> Choice:
         """The code of one class."""
         black = _draw_qr(index)
+        # a side has 17 + 4 · version modules (ISO/IEC 18004)
         version = (len(black) - 17) // 4
         about = {"kind": QR, "text": str(index), "version": version, "error_correction": ERROR_CORRECTION}
         advance(1)
@@ -200,6 +203,7 @@ class AprilTags(_Codes):
 
     def __init__(self, classes: int, border: int = 1) -> None:
         self.dictionary = choose_dictionary(classes)
+        # the bits, and a black frame of one module at each side
         super().__init__(tag_dictionary(self.dictionary).markerSize + 2, border)
         self.settings = {"border_modules": border, "dictionary": self.dictionary}
 
@@ -217,5 +221,6 @@ class AprilTags(_Codes):
 def _draw_qr(index: int) -> np.ndarray:
     import segno
 
+    # not raised beyond the level that the record says
     code = segno.make_qr(str(index), error=ERROR_CORRECTION, boost_error=False)
     return np.array(code.matrix, bool)

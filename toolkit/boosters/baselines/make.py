@@ -126,9 +126,11 @@ def _make_pictures(
     skipped: list[tuple[str, str]] = []
     for index in classes:
         name, key = name_class(labels, index), _hash_inputs(baseline, labels[index], index)
+        # all sizes of a class together: choosing is the work, drawing another size is not
         finished = {place: _find_finished(place, name, key, baseline) for place in places}
         records = [record for record in finished.values() if record is not None]
         made += [(place, False) for place, record in finished.items() if record is not None]
+        # nothing is chosen anew; what a run before passed over is still said
         if len(records) == len(places):
             skipped += [(one["path"], one["reason"]) for one in records[0].data.get("passed_over", [])]
             bar.advance(baseline.count_work(index))
@@ -167,9 +169,11 @@ def _check_same_way(place: _Place, baseline: Baseline) -> None:
             record = read_json(file, PatchRecord)
         except ToolkitError:
             continue  # it is written anew, or the set's reader names it
+        # what is the picture's own is left out: the rest is what a set has in common
         settings = {key: value for key, value in record.settings.items() if key not in ("code", "inputs_sha256")}
         there = settings | {"seed": record.seed, "network": _name_weights(record.networks)}
         wanted = _describe_way(baseline)
+        # the method first: where it differs, what else does follows from it
         for key in sorted(there | wanted, key=lambda key: key != "method"):
             if there.get(key) != wanted.get(key):
                 raise FieldError(

@@ -98,6 +98,7 @@ class BestImages(_Photos):
         for images, pixels in self._read(self.by_class[index], skipped, advance):
             losses = measure_losses(self.classifier, pixels, index)
             compared += len(losses)
+            # strictly less: of equally good images the first stays
             if losses.min() < least:
                 best, least = images[int(losses.argmin())], float(losses.min())
         return self._choose(best, index, skipped, compared=compared, loss=least)
@@ -116,6 +117,7 @@ class BestImages(_Photos):
         with ThreadPoolExecutor(min(MAX_DECODERS, os.cpu_count() or 1), thread_name_prefix="decode") as pool:
             for first in range(0, len(images), BATCH):
                 part = images[first : first + BATCH]
+                # in the order of the images, whichever thread is first
                 loaded = list(pool.map(load, part))
                 skipped += [(one.id, what) for one, what in zip(part, loaded, strict=True) if isinstance(what, str)]
                 usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]
@@ -137,6 +139,7 @@ class RandomImages(_Photos):
         """One of a class."""
         images, skipped = self.by_class[index], Skipped()
         chosen = None
+        # an order of all, so that the next one takes the place of an image that cannot be read
         for k in Draws(self.seed, index, "random image").of("order").permutation(len(images)):
             try:
                 self.images.load(images[k], self.classifier.preprocessing)
@@ -167,6 +170,7 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
 
     batch = torch.from_numpy(pixels).to(classifier.device).permute(0, 3, 1, 2).float().div_(255)
     with torch.inference_mode():
+        # double precision: the best of many images may differ from the next by little
         losses = -classifier.logits(batch).double().log_softmax(dim=1)[:, index].cpu().numpy()
     if not np.isfinite(losses).all():
         raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")

@@ -37,6 +37,7 @@ class Transform(Config):
 
     def rng(self, draws: Draws, of: str = "") -> "np.random.Generator":
         """Its own generator of a step; `of` tells uses of one step apart."""
+        # a generator for each transform: one that is switched on or off leaves the draws of the others as they were
         return draws.of((self.drawn_as or type(self).__name__) + of)
 
     def draw_acting(self, rng: "np.random.Generator", count: int) -> "np.ndarray":
@@ -59,11 +60,13 @@ class ImageTransform(Transform):
 
         batch = pixels[None] if pixels.ndim == 3 else pixels
         acting = self.draw_acting(rng, len(batch))
+        # drawn for all images, acting or not, so that another probability changes no other draw
         drawn = self.draw(rng, len(batch))
         which = np.flatnonzero(acting)
         if len(which) == 0:
             return pixels
         chosen = tuple(one[which] for one in drawn)
+        # no gather and scatter where nothing is left out
         if len(which) == len(batch):
             return self.apply(batch, chosen).reshape(pixels.shape)
         index = torch.as_tensor(which, device=batch.device)

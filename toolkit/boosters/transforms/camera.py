@@ -32,6 +32,7 @@ class Exposure(Transform):
         import numpy as np
         import torch
 
+        # half the light and twice the light are as likely: exposure counts in stops
         low, high = np.log(self.factor)
         factor = np.exp(rng.uniform(low, high, (count, 1, 1, 1)))
         tint = rng.uniform(1 - self.tint, 1 + self.tint, (count, 3, 1, 1))
@@ -81,12 +82,15 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
     import numpy as np
     from scipy.special import ndtr
 
+    # three standard deviations beyond either end of the line; one size for the batch, as kernels are stacked
     reach = int(np.ceil((3 * sigma_px + length_px / 2).max()))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, None].astype(float)
     sigma, half = sigma_px[:, None, None], length_px[:, None, None] / 2
     cosine, sine = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
     along, across = x * cosine + y * sine, y * cosine - x * sine
+    # along its own direction the line smears the Gaussian into a difference of two of its integrals
     line = ndtr((along + half) / sigma) - ndtr((along - half) / sigma)
+    # for a line without length that difference is 0 everywhere, and the Gaussian itself takes its place
     kernels = np.exp(-((across / sigma) ** 2) / 2) * np.where(half < 1e-3, np.exp(-((along / sigma) ** 2) / 2), line)
     return kernels / kernels.sum(axis=(1, 2), keepdims=True)
 
@@ -98,6 +102,7 @@ def blur(pixels: "torch.Tensor", kernels: "np.ndarray") -> "torch.Tensor":
 
     b, c, h, w = pixels.shape
     reach = kernels.shape[-1] // 2
+    # conv2d correlates: the kernels are turned, so that it convolves
     weight = torch.as_tensor(kernels[:, ::-1, ::-1].copy(), dtype=pixels.dtype, device=pixels.device)
     weight = weight[:, None].repeat_interleave(c, 0)
     padded = pad(pixels, (reach, reach, reach, reach), mode="replicate").reshape(1, b * c, h + 2 * reach, w + 2 * reach)
@@ -130,6 +135,7 @@ class SensorNoise(ImageTransform):
         import numpy as np
 
         shot, read = rng.uniform(*self.shot, count), rng.uniform(*self.read, count)
+        # one generator draws the grain of all photographs at once: its seed stands in each row
         return shot, read, np.full(count, rng.integers(1 << 62))
 
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
@@ -139,11 +145,13 @@ class SensorNoise(ImageTransform):
         shot, read, seeds = drawn
         generator = torch.Generator(some.device).manual_seed(int(seeds[0]))
         grain = torch.randn(some.shape, generator=generator, dtype=some.dtype, device=some.device)
+        # ½ √(read² / v² + shot²), in place: grain is as large as the batch
         deviation = some.detach().clamp_min(DARKEST).reciprocal_().mul_(as_factors(read / 2, some)).square_()
         deviation.add_(as_factors(shot**2 / 4, some)).sqrt_()
         return (some + grain.mul_(deviation)).clamp(0, 1)
 
 
+# ITU-T T.81, tables K.1 (luma) and K.2 (chroma)
 LUMA = (
     [16, 11, 10, 16, 24, 40, 51, 61], [12, 12, 14, 19, 26, 58, 60, 55], [14, 13, 16, 24, 40, 57, 69, 56],
     [14, 17, 22, 29, 51, 87, 80, 62], [18, 22, 37, 56, 68, 109, 103, 77], [24, 35, 55, 64, 81, 104, 113, 92],
@@ -153,6 +161,7 @@ CHROMA = (
     [17, 18, 24, 47, 99, 99, 99, 99], [18, 21, 26, 66, 99, 99, 99, 99], [24, 26, 56, 99, 99, 99, 99, 99],
     [47, 66, 99, 99, 99, 99, 99, 99], *[[99] * 8] * 4,
 )  # fmt: skip
+# JFIF's matrix, of full-range ITU-R BT.601
 YCC_FROM_RGB = ((0.299, 0.587, 0.114), (-0.168736, -0.331264, 0.5), (0.5, -0.418688, -0.081312))
 MIDDLE = 128.0
 """Taken off luma before it is transformed; chroma is about 0 already."""
@@ -209,6 +218,7 @@ def compress(
     from torch.nn.functional import avg_pool2d, interpolate, pad
 
     h, w = pixels.shape[-2:]
+    # chroma is halved before it is cut into blocks of 8: both sides have to be multiples of 16
     full = pad(pixels, (0, -w % 16, 0, -h % 16), mode="replicate")
     ycc_from_rgb = np.array(YCC_FROM_RGB)
     to_ycc, from_ycc = (
@@ -228,6 +238,7 @@ def quantise_tables(table: Sequence[Sequence[int]], quality: "np.ndarray") -> "n
     import numpy as np
 
     quality = np.asarray(quality)
+    # IJG's jpeg_quality_scaling: 50 leaves the table as it is, 100 divides by one
     percent = np.where(quality < 50, 5000 // quality.clip(1), 200 - 2 * quality)
     return ((np.reshape(table, (1, 64)) * percent[:, None] + 50) // 100).clip(1, 255).astype(float)
 
@@ -239,6 +250,7 @@ def _cosines() -> "np.ndarray":
 
     frequency, place = np.mgrid[:8, :8]
     rows = np.cos((2 * place + 1) * frequency * np.pi / 16) / 2
+    # the mean's row is longer than the others by √2: orthonormal after this, so that the inverse is the transpose
     rows[0] /= np.sqrt(2)
     return np.kron(rows, rows)
 
@@ -252,6 +264,7 @@ def _code_blocks(planes: "torch.Tensor", steps: "np.ndarray", middle: float, rou
         return torch.as_tensor(matrix, dtype=planes.dtype, device=planes.device)
 
     b, c, h, w = planes.shape
+    # dividing and multiplying by the steps of the table is part of the matrices
     forward, back = _cosines().T[None] / steps[:, None, :], _cosines()[None] * steps[:, :, None]
     shift = np.full((b, 1, 64), -middle) @ forward
     blocks = planes.reshape(b, c, h // 8, 8, w // 8, 8).transpose(3, 4).reshape(b, -1, 64)
@@ -293,6 +306,7 @@ def _zoom(photos: "torch.Tensor", scale: "np.ndarray", shift: "np.ndarray") -> "
     from torch.nn.functional import affine_grid, grid_sample
 
     T_from_to = np.zeros((len(photos), 2, 3))
+    # affine_grid asks where each pixel comes from: the inverse of scale and shift, in units of half a side
     T_from_to[:, 0, 0] = T_from_to[:, 1, 1] = 1 / scale
     T_from_to[:, :, 2] = -2 * shift / scale[:, None]
     matrices = torch.as_tensor(T_from_to, dtype=photos.dtype, device=photos.device)

@@ -36,9 +36,11 @@ class LightRanges(PaperTransform):
         gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
         contrast = rng.uniform(*self.contrast, (count, 1))
         acting = self.draw_acting(rng, count)[:, None]
+        # contrast about middle grey, then gain: g (c (x - 1/2) + 1/2) = (g c) x + g (1 - c) / 2
         slope = np.where(acting, gain * contrast, 1)
         offset = np.where(acting, gain * (1 - contrast) / 2, 0)
         slope_offset = torch.as_tensor(np.stack([slope, offset]), dtype=paper.dtype, device=paper.device)
+        # the paper is premultiplied by its mask, so that the offset has to be as well
         return paper * slope_offset[0, :, :, None, None] + mask * slope_offset[1, :, :, None, None]
 
 
@@ -68,6 +70,7 @@ class TapeGlare(PaperTransform):
         import numpy as np
 
         count = len(paper)
+        # all is drawn for every image, shine or none, so that each number keeps its place in the stream
         shines, hides = self.draw_acting(rng, count), rng.random(count) < self.strip_probability
         width, length = rng.uniform(*self.width, count), rng.uniform(*self.length, count)
         strength, colour = rng.uniform(*self.strength, count), rng.uniform(0.94, 1.0, (count, 3))
@@ -99,8 +102,10 @@ def _measure(
     m = mask.shape[-1]
     places = torch.arange(m, dtype=mask.dtype, device=mask.device) + 0.5
     x, y = places.view(1, 1, 1, m), places.view(1, 1, m, 1)
+    # a patch that is out of the frame covers nothing: its area must not divide by 0
     area = mask.sum(dim=(1, 2, 3), keepdim=True).clamp_min(1)
     middle_x, middle_y = ((mask * v).sum(dim=(1, 2, 3), keepdim=True) / area for v in (x, y))
+    # a pixel against the patch's side, which is the root of its area
     pixel = area.rsqrt()
     x, y = (x - middle_x) * pixel, (y - middle_y) * pixel
     cosine, sine = as_factors(np.cos(angle), mask), as_factors(np.sin(angle), mask)

@@ -54,7 +54,9 @@ class AffineRanges(Transform):
         rotation = np.radians(rng.uniform(*self.rotation_deg, count))
         scale = rng.uniform(*self.share, count) * image_px / patch_px
         compression = rng.uniform(*self.foreshortening, count)
+        # a half turn is enough: narrowing along a direction and along its opposite is the same
         direction = rng.uniform(0, np.pi, count)
+        # turned first, then narrowed: the camera's slant does not turn with the sheet
         linear = _compress(direction, compression) @ _rotate(rotation) * scale[:, None, None]
         centre = _draw_centres(rng, linear, patch_px, image_px, self.overhang)
         return affine_matrices(linear, centre, patch_px)
@@ -91,6 +93,7 @@ def _draw_centres(
 ) -> "np.ndarray":
     import numpy as np
 
+    # a linear map's box reaches the sum of its absolute entries to either side
     half_box = np.abs(linear).sum(axis=2) * patch_px / 2
     reach = np.maximum(image_px / 2 - half_box * (1 - 2 * overhang), 0)  # a square too large for the frame is centred
     return image_px / 2 + rng.uniform(-1, 1, reach.shape) * reach
@@ -114,6 +117,7 @@ class Placement(Transform):
 
     def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
+        # by seeds, so that a set of patches of several sizes can be laid alike
         return self.place_seeded(rng.integers(2**63, size=count).tolist(), patch_px, image_px)
 
     def place_seeded(self, seeds: Sequence[int], patch_px: int, image_px: int) -> "np.ndarray":
@@ -182,6 +186,7 @@ class PoseRanges(Transform):
         import numpy as np
 
         placed = [self._place_one(rng, patch_px, image_px) for _ in range(count)]
+        # np.stack refuses an empty list
         return np.stack(placed) if placed else np.zeros((0, 3, 3))
 
     def _place_one(self, rng: "np.random.Generator", patch_px: int, image_px: int) -> "np.ndarray":
@@ -204,12 +209,15 @@ class PoseRanges(Transform):
         box = self.length_mm * np.array([1, rng.uniform(*self.width), rng.uniform(*self.height)])
         sheet = draw_sheet(rng, box, self.size_mm, self.offset, rng.uniform(*self.tilt_deg))
         middle = np.array([0, 0, box[2] / 2])
+        # the sheet may reach over the box: both have to be in the frame
         points = np.concatenate([box_corners(box), sheet.corners])
         distance = distance_to_fill(camera, points, middle, azimuth, elevation, fill, roll)
         T_world_camera = orbit_pose(middle, azimuth, elevation, distance, roll)
+        # known only after the distance: the angle is that at the sheet's middle
         if angle_above(sheet, T_world_camera[:3, 3]) < GRAZING_DEG:
             return None
         T_image_patch = project_sheet(camera, T_world_camera, sheet, patch_px)
+        # as far as the frame has room beside the object
         return shift_image(T_image_patch, rng.uniform(-1, 1, 2) * (1 - fill) * image_px / 2)
 
 
@@ -245,6 +253,7 @@ def draw_sheet(
     import numpy as np
 
     axis = rng.uniform(0, 2 * np.pi)
+    # about an axis that lies in the top: it slopes in any direction and does not turn the sheet
     tilt = cv2.Rodrigues(np.radians(tilt_deg) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
     place = rng.uniform(-offset, offset, 2) * box_mm[:2]
     return Sheet(np.array([*place, box_mm[2]]), tilt @ [0.0, -1.0, 0.0], tilt @ [1.0, 0.0, 0.0], size_mm)
@@ -271,7 +280,9 @@ def project_sheet(camera: "Camera", T_world_camera: "np.ndarray", sheet: Sheet, 
     import numpy as np
 
     texel_mm = sheet.size_mm / patch_px
+    # texel (0, 0) is at the top left of the sheet as one sees it
     corner = sheet.middle + sheet.size_mm / 2 * (sheet.up - sheet.right)
+    # columns: a step of one texel right and down, and where texel (0, 0) lies, all seen from the camera
     plane = np.stack([sheet.right * texel_mm, -sheet.up * texel_mm, corner - T_world_camera[:3, 3]], axis=1)
     T_image_patch = camera.matrix @ T_world_camera[:3, :3].T @ plane
     return T_image_patch / (T_image_patch[2] @ [patch_px / 2, patch_px / 2, 1])

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from toolkit.imaging.printer import PrintProfile
 
+# ITU-R BT.709's weights of red, green and blue in brightness
 LUMA = (0.2126, 0.7152, 0.0722)
 BLEED_MM = (0.03, 0.2)
 Bleed = Annotated[Range, Rising(0.001, 2)]
@@ -81,12 +82,15 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
     from torch.nn.functional import conv2d, pad
 
     b, c, h, w = pixels.shape
+    # three standard deviations hold 99.7 % of a Gaussian; one texel more for the box that it blurs
     reach = int(np.ceil(3 * sigma_texels.max())) + 1
     x = np.arange(-reach - 1, reach + 2) / sigma_texels[:, None]
+    # the Gaussian integrated twice, in texels: once for the blurred texel's box, once for its neighbour's
     integral = sigma_texels[:, None] * (x * ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
     kernels = np.diff(integral, 2, axis=1)
     weight = torch.as_tensor(kernels / kernels.sum(axis=1, keepdims=True), dtype=pixels.dtype, device=pixels.device)
     weight = weight.repeat_interleave(c, 0)[:, None]
+    # a Gaussian is separable: rows and then columns; groups give each print its own width
     flat = pixels.reshape(1, b * c, h, w)
     flat = conv2d(pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
     flat = conv2d(pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
@@ -95,6 +99,7 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
 
 def gain_dots(pixels: "torch.Tensor", gain: "np.ndarray") -> "torch.Tensor":
     """Let dots grow: coverage a = 1 - x becomes a + 4 g a (1 - a); paper and solids stay, tones between darken."""
+    # largest at a half, where it is g
     return pixels - 4 * as_factors(gain, pixels) * pixels * (1 - pixels)
 
 
@@ -104,6 +109,7 @@ def mix_solids(pixels: "torch.Tensor") -> "torch.Tensor":
 
     from toolkit.imaging.printer import SOLIDS
 
+    # dots that lie at random overlap by the product of their coverages: the share of each of the eight solids
     off_on = torch.stack([1 - pixels, pixels], dim=2)
     areas = torch.einsum("bihw,bjhw,bkhw->bijkhw", off_on[:, 0], off_on[:, 1], off_on[:, 2])
     solids = torch.as_tensor(SOLIDS, dtype=pixels.dtype, device=pixels.device)
@@ -172,6 +178,7 @@ class ProfiledPrint(ImageTransform):
             powers.append(powers[-1] * powers[1])
         terms = torch.stack([powers[r][:, 0] * powers[g][:, 1] * powers[b][:, 2] for r, g, b in self.exponents], dim=1)
         mixed = torch.einsum("bkhw,kc->bchw", terms, pixels.new_tensor(self.coefficients))
+        # the terms give shares of the light that bare paper sends back
         return encode(mixed * pixels.new_tensor(self.paper_linear).view(1, 3, 1, 1))
 
     def describe(self) -> str:

@@ -28,7 +28,9 @@ def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "
     points = np.stack([x / w, y / w], axis=1)
     low = np.clip(np.floor(points.min(axis=2)) - RIM_PX, 0, image_px)
     high = np.clip(np.ceil(points.max(axis=2)) + RIM_PX, 0, image_px)
+    # one side for the batch, the largest box's: windows of one size stack into a tensor
     side = max(1, int((high - low).max()))
+    # moved back into the image, where a window of the common side would leave it
     return np.minimum(low, image_px - side).astype(int), side
 
 
@@ -68,6 +70,7 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
             (gradient,) = gradients
             side = windows.shape[-1]
             above = cut_windows(gradient, corners, side)
+            # backgrounds are data: nobody asks for their gradient while a patch is trained
             if not ctx.needs_input_grad[0]:
                 return None, above
             below = gradient.clone()
@@ -102,7 +105,9 @@ def plan_warp(T_image_patch: "np.ndarray", patch_px: int, scales: tuple[float, f
 
     jacobian = _jacobian(T_image_patch, patch_px)
     largest = np.linalg.norm(jacobian, 2, axis=(1, 2)).max() if scales is None else scales[1]
+    # less a little, so that float noise above a whole number does not repeat once more
     repeat = max(1, int(np.ceil(largest - 1e-6)))
+    # inverse Jacobian: a pixel's edges as seen from the patch, counted in repeated texels
     footprints = np.linalg.inv(jacobian) * repeat
     reach = np.abs(footprints).sum(axis=2).max() if scales is None else np.sqrt(2) * repeat / scales[0]
     margin = int(np.ceil(reach)) + 2
@@ -116,6 +121,7 @@ def _jacobian(T_image_patch: "np.ndarray", patch_px: int) -> "np.ndarray":
 
     centre = np.array([patch_px / 2, patch_px / 2, 1])
     x, y, w = np.moveaxis(T_image_patch @ centre, -1, 0)
+    # quotient rule of (x / w, y / w): (∂x - x/w ∂w) / w
     rows, last = T_image_patch[:, :2, :2], T_image_patch[:, 2:, :2]
     return (rows - np.stack([x / w, y / w], -1)[:, :, None] * last) / w[:, None, None]
 
@@ -153,7 +159,9 @@ def warp_patch(
     spectrum = torch.fft.rfft2(padded) * window[:, None]
     filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
     grid = _sampling_grid(T_image_patch, plan, image_px, patch)
+    # zeros outside: the patch has no neighbours, so that its rim fades by the share that is covered
     drawn = grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
+    # the filter rings a little beyond [0, 1]; the mask is geometry, and has no gradient
     return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
 
 
@@ -176,6 +184,7 @@ def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, l
     import numpy as np
     import torch
 
+    # texels to [-1, 1] of the padded square: 2 (repeat · t + start) / side - 1
     to_unit = np.array(
         [[2 * plan.repeat, 0, 2 * plan.start - plan.side], [0, 2 * plan.repeat, 2 * plan.start - plan.side]]
     )
@@ -184,6 +193,7 @@ def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, l
     centres = torch.arange(image_px, dtype=like.dtype, device=like.device) + 0.5
     x, y, one = (T_unit_image[:, :, k, None, None] for k in range(3))
     points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + one
+    # w is 1 everywhere for affine placements: the division is spared
     if np.allclose(T_image_patch[:, 2], [0, 0, 1]):
         return points[:, :2].permute(0, 2, 3, 1)
     return (points[:, :2] / points[:, 2:]).permute(0, 2, 3, 1)
@@ -228,6 +238,7 @@ def show_patch(
     import torch
 
     printed = print_patch(patch, appearance, draws)
+    # one print for flat placements and views of the object alike
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))

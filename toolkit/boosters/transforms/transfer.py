@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
 
+# the cutout's colour in T-SEA's release; also what a surface without its booster has in clean photographs
 GREY = 0.5
 OVERHANG = 0.05
 """How far outside the patch the middle of a hidden square may lie, share of its side."""
@@ -77,6 +78,7 @@ class BlockShuffle(ImageTransform):
         sizes = rng.uniform(size=(count, 1 + n, n))
         orders = rng.permuted(np.tile(np.arange(n), (count, 1 + n, 1)), axis=2)
         angles = rng.uniform(-self.max_angle_deg, self.max_angle_deg, (count, n, n))
+        # row 0 of sizes and orders is the strips', row 1 + k that of the blocks in strip k
         return rng.integers(2, size=count), sizes, orders, angles
 
     def apply(self, some: "torch.Tensor", drawn: tuple["np.ndarray", ...]) -> "torch.Tensor":
@@ -93,12 +95,14 @@ def _shuffle(
     import torch
     from torchvision.transforms.functional import InterpolationMode, rotate
 
+    # axes of a (3, h, w) photograph: 1 is down, 2 is right
     along, across = 1 + int(axis), 2 - int(axis)
     strips = photo.split(divide(photo.shape[along], sizes[0]), along)
     joined = []
     for k in orders[0]:
         blocks = strips[k].split(divide(photo.shape[across], sizes[1 + k]), across)
         turned = [
+            # a block that was rounded to nothing has no middle to turn about
             rotate(block, float(angle), InterpolationMode.BILINEAR) if block.numel() else block
             for block, angle in zip(blocks, angles[k], strict=True)
         ]
@@ -111,6 +115,7 @@ def divide(length: int, sizes: "np.ndarray") -> list[int]:
     import numpy as np
 
     parts = np.round(sizes / sizes.sum() * length).astype(int)
+    # rounding misses the length by a few pixels, which the largest part feels least
     parts[parts.argmax()] += length - parts.sum()
     return parts.tolist()
 
@@ -151,6 +156,7 @@ class FeatureMixup(Transform):
         is_clean = True
 
         def act(layer: "torch.nn.Module", _: object, output: "torch.Tensor") -> "torch.Tensor | None":
+            # skipped in the clean pass as well, so that each layer takes back what it has stored
             if output.ndim == 4 and output.shape[-1] > largest_px:
                 return None
             if is_clean:
@@ -172,6 +178,7 @@ class FeatureMixup(Transform):
         """Mix this process's part of (b, c, …) features with (b, c, …) clean ones of all photographs."""
         import torch
 
+        # drawn for the whole batch and then shared, so that the number of processes changes nothing
         order = current().share(rng.permutation(len(clean)))
         shares = current().share(rng.uniform(0, self.max_share, clean.shape[:2]))
         weights = as_factors(shares, output).reshape(*output.shape[:2], *[1] * (output.ndim - 2))

@@ -51,6 +51,7 @@ class Fog(ImageTransform):
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
+            # one at a time: strength and smoothness are the photograph's own
             add_fog(photo[None], (strength, smoothness), RandomStreams([int(seed)], "fog", 0, photo.device))
             for photo, strength, smoothness, seed in zip(some, *drawn, strict=True)
         ]
@@ -149,6 +150,7 @@ def read_corruptions(given: object) -> object:
     return given
 
 
+# the other three count photons (shot_noise) or round to whole levels (pixelate, jpeg_compression)
 DIFFERENTIABLE = frozenset((
     "gaussian_noise", "impulse_noise", "speckle_noise", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur",
     "gaussian_blur", "snow", "frost", "fog", "brightness", "contrast", "elastic_transform", "spatter", "saturate",
@@ -196,6 +198,7 @@ class Corrupted(ImageTransform):
         import torch
 
         kinds, seeds = drawn
+        # one call for all photographs of a kind: corruptions are batched
         for kind in np.unique(kinds):
             name, severity = self.corruptions[kind]
             which = np.flatnonzero(kinds == kind)
@@ -231,4 +234,5 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     if name in DIFFERENTIABLE:
         return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
     near = pixelate_unrounded(images, cast(float, given)) if name == "pixelate" else images
+    # forward near - near is exactly 0, and the gradient is that of `near`
     return corrupt(images, name, severity, seeds) + (near - near.detach())
