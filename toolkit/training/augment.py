@@ -10,6 +10,7 @@ from torchvision.transforms.functional import gaussian_blur
 from toolkit.corruptions.batch import corrupt, draw_corrupted
 from toolkit.training.classifier_config import Attack, Augmentation, Corrupting
 
+# ITU-R BT.601's luma, of sRGB-encoded values
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 
 
@@ -69,6 +70,7 @@ def _blur(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> t
 
 
 def _add_noise(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> torch.Tensor:
+    # drawn on the CPU: a GPU's generator gives other numbers
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     noise = torch.randn(batch.shape, generator=generator).to(batch.device)
     return batch + noise * _draw(rng, how.noise_sigma, batch)
@@ -102,12 +104,14 @@ def find_worst_images(
     for _ in range(attack.steps):
         moved = moved.detach().requires_grad_()
         with torch.enable_grad():
+            # the sum's gradient is each image's own, as no loss depends on another image
             losses = measure_losses(moved)
             (gradient,) = torch.autograd.grad(losses.sum(), moved)
         with torch.no_grad():
             worst, highest = _keep_higher(worst, highest, moved, losses)
             moved = attack.project(attack.climb(moved, gradient), images)
     with torch.no_grad():
+        # the last place was reached and not yet asked
         worst, _ = _keep_higher(worst, highest, moved, measure_losses(moved))
     return worst.detach()
 
@@ -115,6 +119,7 @@ def find_worst_images(
 def _keep_higher(
     worst: torch.Tensor, highest: torch.Tensor | None, moved: torch.Tensor, losses: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
+    # the first asked is the image itself: what is found is never better for the network than that
     if highest is None:
         return moved, losses
     is_higher = losses > highest

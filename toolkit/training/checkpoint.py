@@ -50,12 +50,14 @@ class Checkpoint:
         import numpy as np
         from safetensors.numpy import save
 
+        # safetensors writes the bytes as they lie in memory
         arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
         about = {
             "format": FORMAT,
             "kind": kind,
             "inputs_sha256": self.inputs_sha256,
             "steps_done": steps_done,
+            # a rename is whole, a disk need not be: the numbers have a hash of their own
             "content_sha256": _hash_arrays(arrays),
         }
         write_bytes(self.file, save(arrays, {"toolkit": json.dumps(about)}))
@@ -76,6 +78,7 @@ class Checkpoint:
                 about = json.loads((stored.metadata() or {})["toolkit"])
                 arrays = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)
             found, inputs = (about["format"], about.get("kind")), about["inputs_sha256"]
+            # asked later: a file of another version is said to be that, and not damaged
             is_whole = about["content_sha256"] == _hash_arrays(arrays)
         except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError) as error:
             reason = str(error).splitlines()[0] if str(error) else error.__class__.__name__
@@ -116,5 +119,6 @@ class Checkpoint:
 
 
 def _hash_arrays(arrays: "Mapping[str, np.ndarray]") -> str:
+    # by name, so that the order in which a task lists its tensors does not matter
     digests = (name + sha256_bytes(arrays[name].tobytes()) for name in sorted(arrays))
     return sha256_bytes("".join(digests).encode())

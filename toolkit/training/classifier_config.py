@@ -107,6 +107,7 @@ class Attack(Config):
         """Images (b, 3, h, w), each moved by one step up its gradient."""
         if self.norm == "linf":
             return images + self.step_size * gradient.sign()
+        # TINY: where the gradient is 0 the image stays
         return images + self.step_size * gradient / (_length(gradient) + TINY)
 
     def project(self, moved: "torch.Tensor", images: "torch.Tensor") -> "torch.Tensor":
@@ -115,6 +116,7 @@ class Attack(Config):
         if self.norm == "linf":
             away = away.clamp(-self.eps, self.eps)
         else:
+            # inside the ball the clamp makes the factor 1
             away = away * (self.eps / _length(away).clamp(min=self.eps))
         return (images + away).clamp(0, 1)
 
@@ -130,6 +132,7 @@ def read_attack(given: object) -> object:
     norm, _, eps = given.partition(":")
     above, _, below = eps.partition("/")
     try:
+        # 8/255 is how such radii are written
         radius = float(above) / float(below or 1)
     except (ValueError, ZeroDivisionError):
         radius = -1.0

@@ -87,6 +87,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         network = start_network(config, len(labels), inputs.init)
         self.module = network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.batch = min(config.batch, len(inputs.data.train.images))
+        # each process sees a part of the batch, whose own statistics would be noisier
         if current().count > 1:
             share_norms(self.module)
 
@@ -113,6 +114,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         init, pack = self.inputs.init, self.inputs.data.train
         if init is not None and are_folded(self.module):
             notice(f"the batch normalisation of {init.name} is folded for evaluation: measuring its statistics again")
+            # a phase of their own: what is measured is not what the first steps show
             batches = (self._draw_batch(pack, k, "unfold")[0] for k in range(UNFOLD_BATCHES))
             unfold_norms(self.module, (self._normalise(batch) for batch in batches))
 
@@ -141,10 +143,12 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
                 logits = self.module(self._normalise(images))
             return cross_entropy(logits.float(), wanted, reduction="none")
 
+        # running statistics: an image's worst neighbour does not depend on its batch
         self.module.eval()
         return find_worst_images(batch, measure_losses, attack)
 
     def _normalise(self, batch: torch.Tensor) -> torch.Tensor:
+        # channels last, as the weights are: convolutions need no reordering
         return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
 
     def _draw_batch(self, pack: Pack, step: int, phase: str) -> tuple[torch.Tensor, np.ndarray]:
@@ -268,6 +272,7 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
         for k, label in enumerate(labels)
     }
     wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
+    # of equally common ones by number, so that records are the same each time
     commonest = sorted(wrong.items(), key=lambda one: (-one[1], one[0]))[:MOST_CONFUSIONS]
     n, correct = len(truth), int(right.sum())
     return HeldOut(
@@ -286,6 +291,7 @@ def halve_weights(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     halved = {}
     for name, value in state.items():
         half = value.detach().cpu().half() if value.is_floating_point() else value.detach().cpu()
+        # half precision ends at 65504
         fits = bool(half.isfinite().all()) if half.is_floating_point() else True
         halved[name] = (half if fits else value.detach().cpu()).contiguous()
     return halved
@@ -297,6 +303,7 @@ def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | No
     Raises:
         ToolkitError: the file holds weights of another network.
     """
+    # the caller's generator stays as it was
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         module = build_network(config.arch, classes)
@@ -327,6 +334,7 @@ def _take_weights(module: nn.Module, arch: str, init: WeightsFile) -> None:
     # side outputs for training only, and batch norm's step counter, may be absent
     needed = [name for name in own if not name.endswith("num_batches_tracked") and not name.lower().startswith("aux")]
     other = [name for name in needed if name not in given or given[name].shape != own[name].shape]
+    # one layer may differ: the last, whose classes are new
     layers = {name.rpartition(".")[0] for name in other}
     if len(layers) > 1:
         raise FieldError(

@@ -280,10 +280,12 @@ def load_training_set(
     Raises:
         ToolkitError: a class none of whose images can be read, no image at all, or the disk is full.
     """
+    # by all that decides the pixels: trainings that differ in their steps share one pack
     place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
+        # packed by now: what was rendered is on disk once
         shutil.rmtree(place / "shards", ignore_errors=True)
     about = load_json(place / "about.json")
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
@@ -311,6 +313,7 @@ def _address(item: Item) -> str:
     if isinstance(item, RenderUnit | CifarImage):
         return item.name
     status = item.path.stat()
+    # size and time stand for the content, which may be gigabytes
     return f"{item.path} {item.label} {status.st_size} {status.st_mtime_ns}"
 
 
@@ -333,6 +336,7 @@ def _pack_all(sources: Sequence[DataSource], index_of: dict[str, int], how: Prep
     with progress("Reading images", files, quiet=not files) as bar:
         for name, items in parts.items():
             about[name] = _write_pack(place / f"{name}.raw", _read_items(items, read, skipped, bar.advance), index_of)
+    # last: where it is, the packs are whole
     write_json(place / "about.json", about)
 
 
@@ -346,6 +350,7 @@ def _write_pack(file: Path, labelled: Iterable[tuple[str, np.ndarray]], index_of
             stream.write(content)
             digest.update(content)
             classes += [index_of[label]] * len(pictures)
+    # little-endian: the hash is the same on every machine
     digest.update(np.array(classes, "<i8").tobytes())
     return {"classes": classes, "sha256": digest.hexdigest()}
 
@@ -386,6 +391,7 @@ def _open_pack(place: Path, name: str, about: dict[str, Any], px: int) -> Pack:
     expected = int(np.prod(shape))
     if not file.is_file() or file.stat().st_size != expected:
         raise FieldError(f"{file} is damaged: expected {expected} bytes: delete {place}, or train with {{restart}}", {})
+    # mapped, not read: a set may be larger than memory; an empty file cannot be mapped
     images = np.memmap(file, np.uint8, "r", shape=shape) if len(classes) else np.zeros(shape, np.uint8)
     return Pack(images, classes, about["sha256"])
 

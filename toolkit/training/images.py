@@ -55,8 +55,10 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     if split not in SPLITS:
         raise one_of("split of CIFAR-10", split, list(SPLITS))
     folder = Path(folder)
+    # the folder that holds it, or itself: both are named by people
     root = folder.parent if folder.name == CIFAR10.base_folder else folder
     try:
+        # torchvision sets no limit: a server that hangs would hold the command for ever
         with socket_timeout(DOWNLOAD_TIMEOUT_S):
             found = CIFAR10(str(root), train=split == "train", download=download)
     except (RuntimeError, OSError, HTTPException) as error:
@@ -65,6 +67,7 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
             raise ToolkitError(
                 f"cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} and try again"
             ) from None
+        # its words are of a failed check: which file is meant is looked for
         if isinstance(error, RuntimeError):
             reason = _find_wrong_file(CIFAR10, root / CIFAR10.base_folder)
         raise FieldError(
@@ -193,6 +196,7 @@ def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share:
     held_out: list[LabelledFile] = []
     for label in sorted({one.label for one in files}):
         own = [one for one in files if one.label == label]
+        # by the label, so that another class changes no other's part
         order = np.random.default_rng([seed, crc32(label.encode())]).permutation(len(own))
         count = min(max(round(share * len(own)), 1), len(own) - 1) if share > 0 else 0
         held_out += [own[k] for k in sorted(order[:count])]
@@ -244,6 +248,7 @@ def list_cifar(folder: Path, split: str, download: bool) -> tuple[CifarImage, ..
         ToolkitError: as `open_cifar`.
     """
     cifar = open_cifar(folder, split, download)
+    # the name stands for the pixels where packs are addressed
     digest = sha256_bytes(cifar.pixels.tobytes())[:16]
     return tuple(
         CifarImage(pixels, cifar.labels[index], f"cifar10/{split}/{k:05d} {digest}")
@@ -316,6 +321,7 @@ class ImageSet:
         drawn: list[LabelledImage] = []
         for index in self.classes:
             own = [one for one in self.images if one.class_index == index]
+            # by each image's own number: a larger draw holds the smaller one
             drawn += sorted(own, key=lambda one: image_seed(seed, one.id))[:per_class]
         return replace(self, images=tuple(sorted(drawn, key=lambda one: one.id)))
 

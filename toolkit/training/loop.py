@@ -29,6 +29,7 @@ OPTIMISERS = ("sign", "sgd", "adam")
 SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
 LAST_LR_SHARE = 0.05
 """Of the falling schedules: the learning rate stays above this share, for pixels half an 8-bit level."""
+# torch's OneCycleLR by default: 1/25 of the highest rate at first, and 1e-4 of that at last
 CYCLE_FIRST_SHARE, CYCLE_LAST_SHARE = 0.04, 1e-4
 TINY = 1e-12
 LOSS = "loss"
@@ -82,6 +83,7 @@ class FitConfig:
         return self.lr * (LAST_LR_SHARE + (1 - LAST_LR_SHARE) * fall)
 
     def _cycle_at(self, step: int) -> float:
+        # a run of few steps may have no warm-up: nothing is divided by 0
         peak = max(self.warm_up * self.steps - 1, 1e-9)
         last = max(self.steps - 1, 1)
         if step <= peak:
@@ -244,6 +246,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
     with task.open():
         if not resumed_from:
             task.begin()
+        # noise and checkpoint are the first process's own: the others begin where it does
         current().copy_first([*task.parameters().values(), *task.buffers().values()])
         _make_and_keep_steps(run, checkpoint)
         made = current().ask_first(lambda: task.finish(run.history))
@@ -309,6 +312,7 @@ class _Fitting:
         with torch.random.fork_rng(devices=[]):
             try:
                 for step in range(len(self.history), self.config.steps):
+                    # what the loss changes is put back where the step is cut short
                     before = {name: value.clone() for name, value in self.task.buffers().items()}
                     figures = self._find_gradients(step)
                     if self.config.rho:
@@ -327,10 +331,13 @@ class _Fitting:
         import torch
 
         draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
+        # of dropout: another mask in each process, the same ones when the run goes on
         torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():
+            # every gradient is made anew: the paper's release never zeroed the patch's
             parameter.grad = None
         loss, figures = self.task.loss(step)
+        # to the parameters alone: networks keep no gradients of their weights
         loss.backward(inputs=list(self._parameters.values()))
         found = [parameter.grad for parameter in self._parameters.values() if parameter.grad is not None]
         current().average(found)
@@ -420,6 +427,7 @@ def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "tor
     """None for `sign`, which has no state."""
     import torch
 
+    # biases and normalisation, of one dimension, are not decayed
     decayed = [one for one in parameters if one.ndim > 1]
     others = [one for one in parameters if one.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]

@@ -106,6 +106,7 @@ def _egl() -> Check:
 
 
 def _disk(folder: Path) -> Check:
+    # a workspace that is not made yet is asked by the nearest folder that is there
     there = next(path for path in (folder, *folder.parents) if path.exists())
     free_mb = shutil.disk_usage(there).free // 2**20
     found = f"{free_mb / 1024:.1f} GB free"

@@ -27,9 +27,11 @@ class SharedBatchNorm(nn.BatchNorm2d):
         """(b, c, h, w) to the same shape; every process has as many images of one size."""
         if not self.training or current().count == 1:
             return super().forward(images)
+        # sums of many squares lose too much in half precision
         values = images if images.dtype == torch.float64 else images.float()
         count = values.numel() // values.shape[1] * current().count
         mean = _Sum.apply(values.sum((0, 2, 3))) / count
+        # in two passes: the mean of squares less the square of the mean would cancel
         away = values - mean[:, None, None]
         variance = _Sum.apply(away.square().sum((0, 2, 3))) / count
         if self.running_mean is not None and self.running_var is not None and self.momentum is not None:
@@ -48,7 +50,9 @@ class SharedBatchNorm(nn.BatchNorm2d):
 def share_norms(module: nn.Module) -> None:
     """Let every batch normalisation of a network see the whole batch; weights and their names stay."""
     for layer in module.modules():
+        # without momentum torch averages over all batches so far, which is not what is shared here
         if type(layer) is nn.BatchNorm2d and layer.momentum is not None:
+            # the class alone: weights, names and hooks stay where they are
             layer.__class__ = SharedBatchNorm
 
 
@@ -56,6 +60,7 @@ def are_folded(module: nn.Module) -> bool:
     """Whether all batch normalisation of a network has mean 0 and variance 1."""
     norms = _list_norms(module)
     return bool(norms) and all(
+        # 1 - eps is folded as well: it makes √(variance + eps) one
         bool((mean == 0).all() and ((variance - 1).abs() <= 2 * layer.eps).all())
         for layer, (mean, variance) in zip(norms, map(_running, norms), strict=True)
     )
@@ -64,6 +69,7 @@ def are_folded(module: nn.Module) -> bool:
 def unfold_norms(module: nn.Module, batches: Iterable[torch.Tensor]) -> None:
     """Give batch normalisation the statistics of `batches` (b, 3, h, w); what the network says in eval mode stays."""
     norms = _list_norms(module)
+    # double precision, on the CPU: sums over millions of values
     sums = {layer: torch.zeros(2, layer.num_features, dtype=torch.float64) for layer in norms}
     counts = dict.fromkeys(norms, 0)
 
@@ -82,6 +88,7 @@ def unfold_norms(module: nn.Module, batches: Iterable[torch.Tensor]) -> None:
         for layer in norms:
             running_mean, running_var = _running(layer)
             mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
+            # rounding may leave a variance a little below 0
             variance = (square - mean.square()).clamp(min=0)
             # the layer's line through old statistics, written with the new ones: slope · x + offset stays the same
             slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()

@@ -74,6 +74,7 @@ class Processes:
             return
         import torch
 
+        # one message for all tensors: many small ones cost more than their bytes
         joined = torch.cat([one.reshape(-1) for one in tensors])
         with _explained():
             torch.distributed.all_reduce(joined)
@@ -111,6 +112,7 @@ class Processes:
         told: list[Found | None] = [None]
         if self.is_first:
             with _be(ALONE):
+                # alone: what it calls may share nothing, as the others do not take part
                 told = [find()]
         with _explained():
             torch.distributed.broadcast_object_list(told, src=0)
@@ -148,6 +150,7 @@ class Processes:
         """
         if not batch:
             raise ToolkitError("this training cannot be shared by processes: start it without torchrun")
+        # raises where the batch cannot be divided
         self.part(batch)
         if device.type == "cuda":
             import torch
@@ -188,6 +191,7 @@ class _Meeting:
 
     def tell(self, word: str) -> None:
         """Say what comes next; the first process does."""
+        # numbered: a word that is not yet heard is not written over
         self._store.set(f"next {self._number}", word)
         self._number += 1
 
@@ -237,6 +241,7 @@ def joined() -> Iterator[None]:
             else:
                 from toolkit.core.console import quietly
 
+                # the first one speaks for all
                 with quietly(), redirect_stdout(StringIO()):
                     follow()
                     yield
@@ -246,6 +251,7 @@ def joined() -> Iterator[None]:
         raise KeyboardInterrupt if processes.is_first else SystemExit(1) from None
     finally:
         if processes.is_first:
+            # the store may be gone with a process that died
             with suppress(RuntimeError):
                 _meeting.tell(END)
         _meeting = None
@@ -258,10 +264,13 @@ def _meet() -> tuple[Processes, _Meeting]:
     where = ":".join(os.environ.get(name, "?") for name in ("MASTER_ADDR", "MASTER_PORT"))
     has_gpu = torch.cuda.is_available()
     if has_gpu:
+        # a device of its own for each process, by its number on this machine
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")) % torch.cuda.device_count())
     try:
         found, rank, count = next(distributed.rendezvous("env://", timeout=timedelta(seconds=MEETING_S)))
+        # keys of our own beside torch's
         store = distributed.PrefixStore("toolkit", found)
+        # figures travel on the CPU also where gradients are on GPUs
         backend = "cpu:gloo,cuda:nccl" if has_gpu else "gloo"
         distributed.init_process_group(backend, store=store, rank=rank, world_size=count, timeout=LONGEST_STEP)
     except (RuntimeError, ValueError) as error:

@@ -157,6 +157,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """KL from the teacher, and how often both give the same answer."""
+        # SAM asks twice in a step, of the same views
         if self._views is None or self._views[0] != step:
             self._views = (step, *self._draw_views(step))
         _, views, wanted = self._views
@@ -177,10 +178,13 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
         raw = torch.from_numpy(np.ascontiguousarray(pack.images[chosen].transpose(0, 3, 1, 2))).to(teacher.device)
         rng = Draws(self.config.seed, step, self.kind).of("augmentation")
+        # drawn for the whole batch, and then shared: the number of processes changes no view
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
         with torch.no_grad():
+            # the photograph as it is: only the student's view varies
             wanted = self._ask(teacher, current().share(center_crop(raw, [teacher.preprocessing.crop_px] * 2)) / 255)
         if self.config.robust is not None:
+            # the teacher's own answers stand for labels: none are needed
             labels = wanted.argmax(1)
             views = find_worst_images(
                 views, lambda images: cross_entropy(self._ask(self.student, images), labels, reduction="none"),
@@ -198,6 +202,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         if number >= 1:
             for name, value in self.parameters().items():
                 if name in self._mean:
+                    # a running mean: the k-th weights move it by 1/k of the way
                     self._mean[name].lerp_(value, 1 / number)
         if step + 1 in self.config.kept_steps[:-1] and current().is_first:
             write_bytes(self._kept_file(step + 1), _pack(self.student))
@@ -214,6 +219,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             for name, value in self.parameters().items():
                 if name in self._mean:
                     value.copy_(self._mean[name])
+        # the last of the path is the student as it is
         contents = [self._read_kept(step) for step in self.config.kept_steps[:-1]] + [_pack(self.student)]
         names, (n, attacked) = self.config.names, self._count_tested()
         with progress("Testing on held-out photographs", (n + attacked) * (len(names) + 1)) as bar:
@@ -268,6 +274,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             with torch.no_grad():
                 clean[part] = network.logits(batch).argmax(1).cpu().numpy()
             advance(len(batch))
+            # the attack costs many times an answer: the first photographs alone are moved
             some = batch[: max(most - start, 0)]
             if len(some):
                 classes = torch.from_numpy(np.array(pack.classes[part][: len(some)])).to(network.device)

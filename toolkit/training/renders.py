@@ -69,6 +69,7 @@ def _make_mesh(unit: RenderUnit) -> "Mesh":
     return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))
 
 
+# units of one object follow each other, and share its mesh
 @lru_cache(maxsize=8)
 def _load_mesh(spec_file: str) -> "Mesh":
     from toolkit.objects.load import load_object
@@ -88,6 +89,7 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
     Raises:
         ToolkitError: an object cannot be made, the disk is full, or a process was killed.
     """
+    # a shard is whole or absent: what is there needs no second look
     waiting = [unit for unit in units if not (folder / unit.name).is_file()]
     if not waiting:
         return
@@ -110,6 +112,7 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
             "stopped; fewer workers need less memory"
         ) from None
     finally:
+        # what is being rendered is finished and kept, what is queued is dropped
         pool.shutdown(wait=True, cancel_futures=True)
 
 
