@@ -82,7 +82,6 @@ def _find_scales(placement: Placer, patch_px: int, image_px: int) -> tuple[float
     if not isinstance(placement, AffineRanges):
         return None
     low, high = (share * image_px / patch_px for share in placement.share)
-    # least where both are least; never larger than without foreshortening
     return low * placement.foreshortening[0], high * placement.foreshortening[1]
 
 

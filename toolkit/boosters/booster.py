@@ -98,7 +98,6 @@ class BoosterTask(PixelTask[Trained]):
             figures: for `final`, after the last losses.
             shares: what the networks said, by where they were asked, for `final` as well.
         """
-        # means of the last steps: a single batch says little
         final = history.recent(self.recent) | dict(figures)
         for where, validations in shares.items():
             final |= list_shares(list(validations), where)

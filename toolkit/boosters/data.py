@@ -294,7 +294,6 @@ def load_data(
     Raises:
         ToolkitError: a source has no images that can be used.
     """
-    # as equal as whole images can be, the first sources one more
     shares = [len(part) for part in np.array_split(np.arange(config.images), len(config.sources))]
     loaded: list[Loaded] = []
     for k, (source, count) in enumerate(zip(config.sources, shares, strict=True)):

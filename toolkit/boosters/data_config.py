@@ -14,7 +14,6 @@ HELD_OUT = 0.2
 
 def count_held_out(count: int) -> int:
     """How many of so many images or views are held out: a fifth, at least one where another is left."""
-    # of two one is held out, of one none: there has to be something to train on
     return round(count * HELD_OUT) or int(count > 1)
 
 

@@ -205,7 +205,6 @@ def judge_detectors(
         assert isinstance(network, DetectorNetwork)
         wanted = network.preprocessing.crop_px
         scaled = resize_photos(photos, wanted)
-        # boxes scale with the photograph
         loss = loss + network.detector.losses(scaled, places * (wanted / side), target.class_index).mean()
         seen += target.count_hits(photos.detach()) / len(photos)
     return loss, seen / len(targets)

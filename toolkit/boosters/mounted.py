@@ -141,7 +141,6 @@ def make_sheet_subject(
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
-    # the sheets share one material, whose texture is the paper
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
     if at_real_size:
         mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
@@ -255,7 +254,6 @@ def recognise_mounted(
             corners = np.full((len(which), 2), start)
             through = None
             if weather is not None:
-                # once for all patches: with the booster and without, the same weather
                 rng = weather.rng(Draws(seed, first, "validate"))
                 through = views.draw_weather(weather, which, corners, image_px, rng)
             for row, patch in enumerate(patches):

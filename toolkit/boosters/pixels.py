@@ -224,7 +224,6 @@ def judge_ensemble(
 
 def choose_turn(seed: int, step: int, count: int) -> int:
     """Number of the network that a step asks: each of `count` once a round, in an order of the round's own."""
-    # every network comes once before any comes again; a new order each round favours none
     turn, inside = divmod(step, count)
     return int(Draws(seed, turn).of("turns").permutation(count)[inside])
 

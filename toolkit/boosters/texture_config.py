@@ -170,7 +170,6 @@ class TextureConfig(PixelConfig):
     @property
     def groups(self) -> int:
         """How many groups of views the run needs."""
-        # rounded up: a last group that is used in part is rendered as well
         return -(-self.step_count // self.steps_per_group)
 
     def views(self, image_px: int) -> "ViewSettings":

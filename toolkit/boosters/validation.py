@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 # a share of so many has a 95 % interval of about 17 points at most
 DRAWS = 128
 BATCH, TEXTURE_BATCH = 32, 16
-# the middle one of ImageNet-C's five
 FOG_SEVERITY = 3
 
 

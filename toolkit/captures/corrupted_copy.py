@@ -57,6 +57,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     made = []
     for corruption in corruptions:
         out = source_dir.with_name(name_source(source_dir.name, corruption))
+        # two runs at once would both append to the manifest
         with hold_folder(out):
             _check_own(out, corruption)
             done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX)
@@ -81,12 +82,14 @@ def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
     records = []
     for source in find_sources(source_dir, out, "png")[0]:
         shot, line = shots.get(source.path), finished.get(source.target)
+        # a record would be of another picture than the one that was corrupted
         if shot is None or line is None or line.source_sha256 != shot.image_sha256:
             continue
         record = _describe(shot, source.target, line.sha256, f"{source_dir.name}/{source.path}", corruption)
         records.append(record)
         if known.get(record.path) != record:
             append_record(out, record)
+    # a viewer would put a camera where none has stood
     if corruption[0] not in BENDING:
         write_transforms(out, sorted(records, key=lambda record: record.path))
 

@@ -89,12 +89,14 @@ def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
         pixels = read_image(capture.file, how.resize_px)
     except UnreadableImage as error:
         raise ToolkitError(f"{capture.path}: {error.reason}: remove it from the folder, or correct it") from None
+    # resized and cut once more, a corrupted image would lose some of its corruption
     is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
     return pixels if is_cut else resize_and_crop(pixels, how)
 
 
 def _describe(capture: Capture) -> CaptureInfo:
     rows = capture.T_world_camera
+    # a batch needs a tensor of every sample: NaN says that nothing is known
     T_world_camera = torch.full((4, 4), torch.nan) if rows is None else torch.tensor(rows, dtype=torch.float32)
     return CaptureInfo(
         path=capture.path, source=capture.source, object=capture.object, variant=capture.variant,

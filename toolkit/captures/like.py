@@ -28,6 +28,7 @@ from toolkit.rig.board_file import PRINTED
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
 
+# far above what networks see, and a tenth of a telephone's 12 megapixels
 MAX_PX = 1280
 NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"
 
@@ -83,6 +84,7 @@ def shoot_like(
     settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
     source = source or f"sim-like-{real_path(photos_dir).name}"
     check_settings(workspace, settings, source)
+    # links resolved: another name may lead to the same folder
     if real_path(workspace.source_dir(source)) == real_path(photos_dir):
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
@@ -121,6 +123,7 @@ def board_shown(photos_dir: Path) -> str | None:
 
     `printed` for the one that was printed last, a name in `rig/boards` for another; None where they show none.
     """
+    # the last import says which board lies there
     made = [record.made for record in read_manifest(photos_dir).values() if "board_corners" in record.made]
     return str(made[-1].get("board", PRINTED)) if made else None
 
@@ -165,6 +168,7 @@ def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
     Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
     rounded, x and y scale by what they really became.
     """
+    # never enlarged: the photograph has no more to compare
     share = min(1.0, max_px / max(camera.width, camera.height))
     return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
 
@@ -178,6 +182,7 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
         )
     position = photo.T_world_camera[:3, 3]
     low, high = item.mesh.bounds
+    # the table is at z = 0, and nobody photographs from within
     if position[2] <= 0 or (np.all(position > low) and np.all(position < high)):
         return "its measured camera is below the table or inside the object: check the board's size and the lens"
     return None

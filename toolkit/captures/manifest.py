@@ -11,6 +11,7 @@ from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
+# a file that a user edits: NaN, infinity and absurd lengths are refused on reading
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -83,6 +84,7 @@ def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
     """
     records = open_manifest(source_dir).read_last(lambda record: record.path)
     for path in records:
+        # a manifest may come from elsewhere: no path of it may leave the folder
         inside(source_dir, path)
     return records
 
@@ -97,6 +99,7 @@ def is_finished(source_dir: Path, record: CaptureRecord | None, inputs_sha256: s
     if record is None or record.inputs_sha256 != inputs_sha256:
         return False
     file = Path(source_dir) / record.path
+    # by content: a file that was changed by hand is shot again
     return file.is_file() and sha256_file(file) == record.image_sha256
 
 

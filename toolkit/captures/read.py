@@ -17,6 +17,7 @@ from toolkit.imaging.read import FoundFiles, find_files, show_path
 UNPATCHED = "unpatched"
 POOLED = "all"
 LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
+# ImageNet's folders are called by WordNet ids: n and eight digits
 WNID = re.compile(r"^n\d{8}$")
 MAX_POSE_DIGITS = 5
 LEAST_PHOTO_BYTES = 20_000
@@ -87,6 +88,7 @@ class Capture:
         by_plan = self.is_by_plan and other.is_by_plan
         most_deg, most_share = SAME_CAMERA if by_plan else SAME_PHOTOGRAPH
         cosine = sum(a * b for a, b in zip(one, two, strict=True)) / (far * near)
+        # clamped: rounding may leave a cosine just outside of [-1, 1]
         apart_deg = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
         if apart_deg > most_deg:
             return f"{apart_deg:.0f}° apart"
@@ -205,11 +207,13 @@ def _drop_copies(captures: Sequence[Capture]) -> tuple[list[Capture], list[str]]
     """
     sizes: dict[tuple[str, str, str, int], list[Capture]] = {}
     for one in captures:
+        # photographs alone: a renderer may well give two equal pictures
         if one.refused is None and not one.is_rendered and (size := _size_bytes(one.file)) >= LEAST_PHOTO_BYTES:
             sizes.setdefault((one.source, one.object, one.variant, size), []).append(one)
     copies: dict[str, list[str]] = {}
     for group in sizes.values():
         first: dict[str, Capture] = {}
+        # hashed only where sizes are equal: most photographs are never read for this
         for one in sorted(group, key=lambda capture: capture.path) if len(group) > 1 else ():
             original = first.setdefault(sha256_file(one.file), one)
             if original is not one:
@@ -231,6 +235,7 @@ def _pair_by_stem(captures: Sequence[Capture]) -> list[Capture]:
         variants: dict[str, set[str]] = {}
         for one in group:
             if one.pose_id is None:
+                # cameras and computers write IMG_1.JPG and img_1.jpg alike
                 variants.setdefault(one.file.stem.lower(), set()).add(one.variant)
         shared = sorted(stem for stem, found in variants.items() if len(found) > 1)
         first = 1 + max((one.pose_id or 0 for one in group), default=0)
@@ -253,10 +258,12 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
     # most files decide: a stray picture beside the folders does not change how the rest is read
     depth = min(3, Counter(len(parts) - 1 for parts in files).most_common(1)[0][0])
     folders = {parts[0] for parts in files if len(parts) > 1}
+    # a source itself: a manifest says so, or its name
     if (root / MANIFEST).is_file() or (name in ("sim", "real") and depth > 1):
         return (name,), 2, ()
     if depth == 0:
         raise ToolkitError(f"{root}: the images are not sorted into folders: expected {LAYOUT}")
+    # an ImageFolder: classes for objects, all of them bare
     if depth == 1 and all(WNID.match(folder) for folder in folders):
         return (name,), 1, (UNPATCHED,)
     if depth == 1:

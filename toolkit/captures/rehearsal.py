@@ -64,6 +64,7 @@ class Rehearsal:
             return booster
         import torch
 
+        # ink spreads by millimetres, however many texels a sheet has
         texel_mm = (
             booster.wrap.record.texel_mm if isinstance(booster, Sheets) else booster.sizes_mm[0] / len(booster.pixels)
         )
@@ -84,6 +85,7 @@ class Rehearsal:
         from scipy.spatial.transform import Rotation
 
         strayed = np.array(T_world_camera, float)
+        # by distance: a hand misses more from farther away
         strayed[:3, 3] += rng.normal(0, self.stray_share * distance, 3)
         turn = Rotation.from_rotvec(rng.normal(0, self.stray_deg, 3), degrees=True)
         # about the camera's own axes: from the right

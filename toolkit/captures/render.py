@@ -61,6 +61,7 @@ def render(
     mesh = apply_booster(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
+    # the noise of each pose is its own, and the same that `shoot_plan` gives it
     pictures = [tone_map(light, (settings.seed, pose.id)) for light, pose in zip(lights, poses, strict=True)]
     return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
 

@@ -66,6 +66,7 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
         content = stored.file.read_bytes()
     except OSError:
         return False
+    # a picture that somebody has edited is not what its hash of inputs says
     if sha256_bytes(content) != stored.record.image_sha256:
         return False
     write_bytes(Path(source_dir) / path, content, Path(source_dir))
@@ -217,6 +218,7 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
     Raises:
         ToolkitError: the manifest of the folder lists an image that no renderer made.
     """
+    # one is enough: photographs cannot be made again
     photograph = next((path for path, record in known.items() if "renderer" not in record.made), None)
     if photograph is not None:
         raise FieldError(
@@ -241,6 +243,7 @@ def take_shots(
 
     def keep(path: str, shot: Shot, content: bytes) -> None:
         write_bytes(source_dir / path, content, source_dir)
+        # after the file: a line in the manifest means a whole image
         append_record(source_dir, planned[path].model_copy(update={"image_sha256": sha256_bytes(content)}))
 
     with hold_folder(source_dir):
@@ -257,6 +260,7 @@ def take_shots(
         records = read_manifest(source_dir)
         folders = {Path(path).parent for path in wanted}
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
+        # of folders that were shot into: other variants are left alone
         stale = [path for path in there if path not in wanted and Path(path).parent in folders]
         write_transforms(source_dir, list(there.values()))
     return ShootResult(source_dir, ran.made, ran.kept, stale, ran.failed)
@@ -274,6 +278,7 @@ def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path
 
 def studio_for(item: TableObject, settings: ShootSettings) -> Scene:
     """The studio of an object: its backdrop and details follow from (seed, name) alone, and the board lies in it."""
+    # by name and not by place in the list: an object keeps its table whatever else is shot
     name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
     size = float(item.mesh.size_mm.max())
     studio = make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
@@ -350,6 +355,7 @@ def _list_units(
 def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) -> CaptureRecord:
     return CaptureRecord(
         path=shot.path, object=shot.item.name, variant=shot.variant, pose_id=shot.pose_id,
+        # six digits: below what any pixel shows, above what float noise changes
         T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
         booster_sha256=booster.sha256 if booster else None, made={**made, **shot.made},
         inputs_sha256=shot.inputs_sha256,
@@ -390,6 +396,7 @@ def _encode(pixels: np.ndarray, image_format: str) -> bytes:
             buffer, "PNG", compress_level=3
         )  # a quarter of the default's time, a tenth more bytes
     else:
+        # no chroma subsampling: coloured texels keep their edges
         Image.fromarray(pixels).save(buffer, "JPEG", quality=95, subsampling=0)
     return buffer.getvalue()
 

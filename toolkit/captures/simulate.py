@@ -181,12 +181,14 @@ def _shoot_plan(
             {"max_px": config.max_px},
         )
     plan = open_plan(space, list(objects) or None)
+    # also where no photograph lies there yet
     if config.source == "real":
         raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
     names = list(objects) or list(plan.objects)
     if set(variants) & set(ON_PAPER):
         for line in list_misfits(space, names, plan):
             errors.print(f"note: {line}", markup=False, soft_wrap=True)
+    # a folder for each kind of shot: an evaluation then takes them for sources of their own
     words = [
         "sim",
         space.patch_set,

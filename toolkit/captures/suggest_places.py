@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from toolkit.boosters.pixels import Network
     from toolkit.boosters.validation import Validation
 
+# shares of the size that was wanted, from all of it down
 SIZES_TRIED = (1.0, 0.85, 0.7, 0.55, 0.4)
 SMALLEST_TRIED_MM = 12.0
 FEW_STEPS = 8

@@ -18,6 +18,7 @@ from toolkit.objects.mesh import make_ray_scene
 from toolkit.objects.spec import read_spec
 from toolkit.rig.camera import Camera
 
+# beyond the projected vertices, which rounding may move
 MARGIN_PX = 2
 
 
@@ -150,6 +151,7 @@ def write_coco(
         height, width = truth.mask.shape
         folder = real_path(file).parent
         path = real_path(one.file)
+        # COCO's readers look for images below the file's own folder
         name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else one.path
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         annotations.append(
@@ -184,6 +186,7 @@ def as_bbox(box: Sequence[float]) -> list[float]:
 
 def encode_mask(mask: np.ndarray) -> dict[str, list[int]]:
     """COCO's run lengths of an (h, w) bool mask, not compressed: down the columns, the first of zeros."""
+    # a zero before the first pixel, so that the first run counts zeros, as COCO wants it
     flat = np.concatenate([[False], mask.ravel(order="F")])
     changes = np.flatnonzero(flat[1:] != flat[:-1])
     counts = np.diff(np.concatenate([[0], changes, [mask.size]]))

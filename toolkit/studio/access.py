@@ -51,6 +51,7 @@ class Access:
     def is_this_host(self, headers: Headers) -> bool:
         """Whether the request was meant for this server: exactly one Host header, and a known one."""
         named = headers.getlist("host")
+        # two Host headers are read otherwise by different programs: neither is believed
         return len(named) == 1 and named[0].lower() in self.hosts
 
     def is_same_site(self, method: str, headers: Headers) -> bool:
@@ -58,8 +59,10 @@ class Access:
         if method in SAFE_METHODS:
             return True
         origin = headers.get("origin")
+        # browsers say where a request comes from, and no page can change that
         if origin is not None and origin.lower() not in {f"http://{host}" for host in self.hosts}:
             return False
+        # absent where no browser asks, such as curl: such a client brings the token, where there is one
         return headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
 
     def knows(self, token: str | None) -> bool:
@@ -81,6 +84,7 @@ class Guard:
             await self._app(scope, receive, send)
             return
         refusal = Response(status_code=403)
+        # the page uses no websocket: 1008 is "policy violation" (RFC 6455)
         if scope["type"] != "http":
             await send({"type": "websocket.close", "code": 1008})
             return
@@ -93,6 +97,7 @@ class Guard:
         if not (admitted and any([access.knows(token) for token in brought])):
             await refusal(scope, receive, _add_headers(send))
             return
+        # only when the page is opened: a script or a picture that brings the token needs no detour
         if asked is not None and access.token is not None and scope["path"] == "/" and scope["method"] == "GET":
             rest = urlencode([(name, value) for name, value in query if name != QUERY_NAME])
             await self._move_to_cookie(rest)(scope, receive, _add_headers(send))
@@ -102,6 +107,7 @@ class Guard:
     def _move_to_cookie(self, rest: str) -> Response:
         """Take the token out of the address bar and the history, once it is known."""
         moved = Response(status_code=303, headers={"location": f"/?{rest}" if rest else "/"})
+        # HttpOnly: no script reads it; Lax: it comes along when the page is opened from a link
         moved.set_cookie(self._access.cookie, self._access.token or "", httponly=True, samesite="lax", path="/")
         return moved
 
@@ -127,6 +133,7 @@ def _add_headers(send: Send) -> Send:
             for name, value in HEADERS.items():
                 headers[name] = value
             if "cache-control" not in headers:
+                # answers change with every photograph
                 headers["cache-control"] = "no-store"
         await send(message)
 

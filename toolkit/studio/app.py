@@ -80,6 +80,7 @@ def make_app(session: Session, access: Access, predictor: Predictor, most_bytes:
         predictor: started and stopped by the caller.
         most_bytes: limit on one upload.
     """
+    # no pages of FastAPI's own: they load scripts from elsewhere
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _answer_errors(app)
     _add_page(app)
@@ -157,6 +158,7 @@ def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
     @app.get("/api/shots/{number}")
     def shot(number: int) -> dict[str, Any]:
         found = session.look_up(number)
+        # beside the answer: it is ready when the photograph has been taken
         Thread(target=session.inspector.warm_up, args=(found.step,), daemon=True).start()
         return describe_place(session, found)
 
@@ -195,11 +197,13 @@ def _add_upload(app: FastAPI, session: Session, most_bytes: int) -> None:
         if request.headers.get("content-type", "").split(";")[0].strip().lower() != UPLOAD_TYPE:
             raise Refused(WRONG_TYPE, f"expected the photograph's bytes as {UPLOAD_TYPE}")
         length = request.headers.get("content-length", "")
+        # digits alone: int() would take signs and underscores as well
         announced = int(length) if length.isascii() and length.isdecimal() else None
         try:
             file = await receive_file(request.stream(), session.folders, announced, most_bytes)
         except ClientDisconnect:
             return Response(status_code=CLOSED)  # nobody hears it; the upload is deleted
+        # measuring takes a while, in which the page goes on being served
         found = await run_in_threadpool(session.receive, number, file)
         if found is None:
             return {"there": True}

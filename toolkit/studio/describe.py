@@ -32,6 +32,7 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
         "done": sum(1 for shot in shots if shot.path),
         "lens": {"focal_mm": round(focal_mm), "zoom": round(focal_mm / PHONE_MM, 1)},
         "limit_mb": MOST_BYTES >> 20,
+        # in the address of each ghost: the drawings of an older list are not shown from a cache
         "list": sha256_bytes(session.shots.model_dump_json().encode())[:12],
         "network": {"status": state.status, "message": state.message, "notes": list(state.notes)},
         "predictions": predictor.list_rows(),
@@ -109,6 +110,7 @@ def describe_inspection(inspection: Inspection) -> dict[str, Any]:
 
 def describe_gate(result: GateResult) -> dict[str, Any]:
     """One gate's word; numbers that are none become null."""
+    # JSON has neither NaN nor infinity
     value = result.value if result.value is not None and math.isfinite(result.value) else None
     return {
         "name": result.name, "value": value, "threshold": result.threshold, "unit": result.unit,

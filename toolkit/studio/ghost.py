@@ -18,6 +18,7 @@ from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster
 
 SIDE_PX = 720
+# ITU-R BT.709's weights of red, green and blue in brightness
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 LINE, SHEET_LINE = (255, 255, 255), (255, 190, 60)
 HALO = (10, 14, 20)
@@ -55,6 +56,7 @@ class _Stage:
         import open3d as o3d
 
         h, w = camera.height, camera.width
+        # pixel centres are at half integers
         y, x = np.mgrid[:h, :w].astype(np.float32) + np.float32(0.5)
         rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2))
         found = self._scene.cast_rays(o3d.core.Tensor(rays))
@@ -71,12 +73,14 @@ class _Stage:
     def _read_paint(self, triangle: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Brightness 0 to 1, sRGB-encoded, of the nearest texel."""
         corners = self._mesh.uv[self._mesh.faces[triangle]]
+        # barycentric: the weight of the first corner is what the other two leave
         uv = corners[:, 0] * (1 - at.sum(axis=1, keepdims=True)) + corners[:, 1] * at[:, :1] + corners[:, 2] * at[:, 1:]
         material, value = self._mesh.face_material[triangle], np.zeros(len(triangle), np.float32)
         for number, one in enumerate(self._mesh.materials):
             chosen = material == number
             high, wide = one.texture.shape[:2]
             column = np.floor(uv[chosen, 0] * wide).astype(int) % wide
+            # v counts up, rows count down; a texture repeats outside of [0, 1]
             row = np.floor((1 - uv[chosen, 1]) * high).astype(int) % high
             value[chosen] = one.texture[row, column].astype(np.float32) @ LUMA / 255
         return value
@@ -131,6 +135,7 @@ def paint_lines(seen: _Rendered) -> np.ndarray:
     solid = np.isfinite(seen.depth)
     strong = _outlines(seen, solid)
     sheet = _steps(seen.is_paper)
+    # beside an outline no line of paint: the two would run into one
     paint = _paint_steps(seen, solid) & ~cv2.dilate(strong.astype(np.uint8), np.ones((5, 5))).astype(bool)
     line = np.maximum(_soften(strong, 1.0), 0.4 * _soften(paint, 0.6))
     amber = _soften(sheet, 1.1)
@@ -141,6 +146,7 @@ def paint_lines(seen: _Rendered) -> np.ndarray:
     colour[seen.is_paper] = SHEET_LINE
     alpha = body.astype(np.float32)
     for over, share in ((HALO, halo), (LINE, line), (SHEET_LINE, amber)):
+        # the "over" of two colours with alpha: what is below shows by the share that is left
         total = share + alpha * (1 - share)
         weight = (share / np.maximum(total, 1e-6))[..., None]
         colour = colour * (1 - weight) + np.array(over, np.float32) * weight
@@ -154,9 +160,11 @@ def _outlines(seen: _Rendered, solid: np.ndarray) -> np.ndarray:
     inverse = np.where(solid, 1 / np.where(solid, seen.depth, 1), 0)  # linear over a plane, so that slopes drop out
     for axis in (0, 1):
         before, after = np.roll(inverse, 1, axis), np.roll(inverse, -1, axis)
+        # both neighbours have to be of the object: next to nothing no slope is known
         whole = solid & np.roll(solid, 1, axis) & np.roll(solid, -1, axis)
         lines |= whole & (np.abs(before + after - 2 * inverse) > JUMP * inverse)
         beside = np.roll(seen.normal, -1, axis)
+        # both signs: the mesh's faces may look either way
         cosine = np.abs(np.einsum("hwc,hwc->hw", seen.normal, beside))
         lines |= whole & (cosine < CREASE_COSINE)
     return lines
@@ -165,6 +173,7 @@ def _outlines(seen: _Rendered, solid: np.ndarray) -> np.ndarray:
 def _paint_steps(seen: _Rendered, solid: np.ndarray) -> np.ndarray:
     smooth = cv2.GaussianBlur(seen.brightness, (0, 0), PAINT_BLUR_PX)
     inside = cv2.erode(solid.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~seen.is_paper
+    # Sobel's weights sum to 8 times the slope per pixel
     x, y = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8
     return inside & (np.hypot(x, y) > PAINT_STEP / 3)
 

@@ -50,6 +50,7 @@ class Inspection:
         """What speaks against the shot's pose: the board shows another one, or a camera that is far off."""
         if self.match is None or self.nearest is None:
             return None
+        # an ambiguous neighbour is no proof: poses may lie close together
         if self.nearest.pose_id != self.match.pose_id and not self.nearest.ambiguous:
             return f"the board shows that this is nearer to pose {self.nearest.pose_id}"
         return "the board shows that the camera stood far from this pose" if self.match.far else None
@@ -106,6 +107,7 @@ class Inspector:
             if not self._stopped and (step.object, step.variant) not in self._warm:
                 self._warm.add((step.object, step.variant))
                 expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
+                # a plain grey picture is enough to load what judges the real one
                 check_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
 
     def stop(self) -> None:
@@ -132,6 +134,7 @@ class Inspector:
 
 def _compare_size(lens: Camera, match: PoseMatch, pose: Pose, camera: Camera) -> float:
     """Size of the object in a photograph over that in the plan's picture, both measured by the shorter side."""
+    # focal lengths as shares of the shorter side: what the ghost is as wide as
     zoom = lens.fx / min(lens.width, lens.height) / (camera.fx / min(camera.width, camera.height))
     planned_mm = view_of(pose.matrix(), np.array(pose.target_mm)).distance_mm
     return float(zoom * planned_mm / max(planned_mm + match.distance_mm, 1.0))

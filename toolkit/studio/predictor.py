@@ -91,6 +91,7 @@ class Predictor:
         self._say(PredictorState("ready", classifier.name))
         while not self._ended.is_set():
             self._wake.wait()
+            # before looking: a photograph that is kept meanwhile wakes it once more
             self._wake.clear()
             try:
                 self._classify_new(classifier)
@@ -131,6 +132,7 @@ class Predictor:
             facts = Path(self._session.source_dir / path).stat()
         except OSError:
             return None  # taken back at this moment
+        # a retake has the same path: its time and size tell it apart
         return path, facts.st_mtime_ns, facts.st_size
 
 

@@ -61,9 +61,11 @@ def listen(lan: bool = False, port: int | None = None, address: str | None = Non
     """
     host = (address or find_lan_address()) if lan else LOOPBACK
     listener = _bind(host, USUAL_PORT if port is None else port, port is None)
+    # port 0 lets the system choose: it is known only now
     bound = listener.getsockname()[1]
     names = {host} if lan else {LOOPBACK, "localhost", "[::1]"}
     token = make_token() if lan else None
+    # the port in the cookie's name: cookies are shared by all ports of a host
     access = Access(frozenset(f"{name}:{bound}" for name in names), token, f"toolkit_studio_{bound}")
     return Listener(host, bound, access, listener)
 
@@ -92,6 +94,7 @@ def show_code(url: str, say: Callable[[str], object]) -> None:
     import segno
 
     buffer = io.StringIO()
+    # the least correction makes the smallest code: a screen has no dirt to mend
     segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
     for line in buffer.getvalue().splitlines():
         say(line)
@@ -132,6 +135,7 @@ def _make_protocol() -> "type[asyncio.Protocol]":
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
+            # not at every byte: a slow trickle would keep it open for ever
             if self._patience is None:
                 self._wait()
 

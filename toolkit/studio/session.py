@@ -122,8 +122,10 @@ class Session:
         """
         step = self.find_step(number)
         try:
+            # outside of the lock: decoding takes long, and other shots need not wait for it
             photo, pixels = open_upload(upload)
             with self._lock:
+                # a phone that lost the answer sends the photograph again
                 if self._is_kept(step, photo.sha256):
                     return None
                 file = self.folders.put_waiting(step, upload, photo)
@@ -170,6 +172,7 @@ class Session:
                 Candidate(photo, photo.name, ()), (step.object, step.variant), located=seen.located,
                 no_board=seen.no_board,
             )  # fmt: skip
+            # stored before it is dropped: a kill in between leaves it in both, see `_look_up`
             store_photo(
                 self._index(), evidence, Decision(key, "user", seen.match),
                 self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
@@ -248,6 +251,7 @@ def _original(record: CaptureRecord) -> str | None:
 
 @lru_cache(maxsize=64)
 def _hash_booster(workspace: Workspace, name: str, variant: str) -> str | None:
+    # names of the user's own, which have no booster that is known
     if variant not in VARIANTS:
         return None
     booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)

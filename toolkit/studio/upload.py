@@ -63,6 +63,7 @@ class UploadFolders:
         Raises:
             ToolkitError: the folder cannot be made.
         """
+        # a name of our own: nothing that the network says becomes a path
         return make_folder(self.incoming_dir, self.root) / f"{secrets.token_hex(16)}{PART}"
 
     def find_waiting(self, step: ShotStep) -> Path | None:
@@ -77,6 +78,7 @@ class UploadFolders:
         """
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         file = self.waiting_dir(step) / f"{stamp}-{photo.sha256[:HASH_DIGITS]}{SUFFIXES[photo.kind]}"
+        # listed before the move: the new one is not among those that go
         old = list(self._list_waiting(step))
         move_file(upload, file, self.root)
         for one in old:
@@ -153,6 +155,7 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
     with open_whole(file, folders.root) as stream:  # gone when a phone goes away, or the server is stopped
         async for block in _in_time(blocks):
             size += len(block)
+            # counted as it comes: the announced length is the sender's word
             if size > limit:
                 raise _too_large(limit)
             stream.write(block)
@@ -184,6 +187,7 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         Refused: it is no photograph, a damaged one, or of a kind that a page cannot take.
     """
     try:
+        # described before it is decoded: what is too large is refused before it takes memory
         photo = read_photo(file)
         if photo.kind not in KINDS:
             raise Refused(HTTP_NO_PHOTO, _explain_kind(photo.kind))

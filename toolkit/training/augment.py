@@ -104,8 +104,8 @@ def find_worst_images(
     for _ in range(attack.steps):
         moved = moved.detach().requires_grad_()
         with torch.enable_grad():
-            # the sum's gradient is each image's own, as no loss depends on another image
             losses = measure_losses(moved)
+            # the sum's gradient is each image's own, as no loss depends on another image
             (gradient,) = torch.autograd.grad(losses.sum(), moved)
         with torch.no_grad():
             worst, highest = _keep_higher(worst, highest, moved, losses)

@@ -132,7 +132,6 @@ def read_attack(given: object) -> object:
     norm, _, eps = given.partition(":")
     above, _, below = eps.partition("/")
     try:
-        # 8/255 is how such radii are written
         radius = float(above) / float(below or 1)
     except (ValueError, ZeroDivisionError):
         radius = -1.0

@@ -272,7 +272,6 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
         for k, label in enumerate(labels)
     }
     wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
-    # of equally common ones by number, so that records are the same each time
     commonest = sorted(wrong.items(), key=lambda one: (-one[1], one[0]))[:MOST_CONFUSIONS]
     n, correct = len(truth), int(right.sum())
     return HeldOut(
@@ -303,7 +302,6 @@ def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | No
     Raises:
         ToolkitError: the file holds weights of another network.
     """
-    # the caller's generator stays as it was
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         module = build_network(config.arch, classes)

@@ -285,7 +285,6 @@ def load_training_set(
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
-        # packed by now: what was rendered is on disk once
         shutil.rmtree(place / "shards", ignore_errors=True)
     about = load_json(place / "about.json")
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]

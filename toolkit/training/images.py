@@ -67,7 +67,6 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
             raise ToolkitError(
                 f"cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} and try again"
             ) from None
-        # its words are of a failed check: which file is meant is looked for
         if isinstance(error, RuntimeError):
             reason = _find_wrong_file(CIFAR10, root / CIFAR10.base_folder)
         raise FieldError(

@@ -427,7 +427,6 @@ def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "tor
     """None for `sign`, which has no state."""
     import torch
 
-    # biases and normalisation, of one dimension, are not decayed
     decayed = [one for one in parameters if one.ndim > 1]
     others = [one for one in parameters if one.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]

@@ -150,7 +150,6 @@ class Processes:
         """
         if not batch:
             raise ToolkitError("this training cannot be shared by processes: start it without torchrun")
-        # raises where the batch cannot be divided
         self.part(batch)
         if device.type == "cuda":
             import torch
@@ -241,7 +240,6 @@ def joined() -> Iterator[None]:
             else:
                 from toolkit.core.console import quietly
 
-                # the first one speaks for all
                 with quietly(), redirect_stdout(StringIO()):
                     follow()
                     yield

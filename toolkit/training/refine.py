@@ -108,7 +108,6 @@ def refine_network(
     training = folder / ".training" / config.name
     if restart and current().is_first:
         shutil.rmtree(training, ignore_errors=True)
-    # a folder that is named twice counts once
     sources = [open_photographs(one, HELD_OUT) for one in dict.fromkeys(config.data)]
     classes = keep_classes(sources, teacher, "model")
     stored = store_preprocessing(teacher.preprocessing, teacher.preprocessing.resize_px)

@@ -181,7 +181,6 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         # drawn for the whole batch, and then shared: the number of processes changes no view
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
         with torch.no_grad():
-            # the photograph as it is: only the student's view varies
             wanted = self._ask(teacher, current().share(center_crop(raw, [teacher.preprocessing.crop_px] * 2)) / 255)
         if self.config.robust is not None:
             # the teacher's own answers stand for labels: none are needed
@@ -219,7 +218,6 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             for name, value in self.parameters().items():
                 if name in self._mean:
                     value.copy_(self._mean[name])
-        # the last of the path is the student as it is
         contents = [self._read_kept(step) for step in self.config.kept_steps[:-1]] + [_pack(self.student)]
         names, (n, attacked) = self.config.names, self._count_tested()
         with progress("Testing on held-out photographs", (n + attacked) * (len(names) + 1)) as bar:

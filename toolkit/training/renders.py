@@ -89,7 +89,6 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
     Raises:
         ToolkitError: an object cannot be made, the disk is full, or a process was killed.
     """
-    # a shard is whole or absent: what is there needs no second look
     waiting = [unit for unit in units if not (folder / unit.name).is_file()]
     if not waiting:
         return

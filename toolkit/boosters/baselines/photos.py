@@ -117,7 +117,6 @@ class BestImages(_Photos):
         with ThreadPoolExecutor(min(MAX_DECODERS, os.cpu_count() or 1), thread_name_prefix="decode") as pool:
             for first in range(0, len(images), BATCH):
                 part = images[first : first + BATCH]
-                # in the order of the images, whichever thread is first
                 loaded = list(pool.map(load, part))
                 skipped += [(one.id, what) for one, what in zip(part, loaded, strict=True) if isinstance(what, str)]
                 usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]

@@ -213,7 +213,6 @@ class PoseRanges(Transform):
         points = np.concatenate([box_corners(box), sheet.corners])
         distance = distance_to_fill(camera, points, middle, azimuth, elevation, fill, roll)
         T_world_camera = orbit_pose(middle, azimuth, elevation, distance, roll)
-        # known only after the distance: the angle is that at the sheet's middle
         if angle_above(sheet, T_world_camera[:3, 3]) < GRAZING_DEG:
             return None
         T_image_patch = project_sheet(camera, T_world_camera, sheet, patch_px)

@@ -95,7 +95,6 @@ def _shuffle(
     import torch
     from torchvision.transforms.functional import InterpolationMode, rotate
 
-    # axes of a (3, h, w) photograph: 1 is down, 2 is right
     along, across = 1 + int(axis), 2 - int(axis)
     strips = photo.split(divide(photo.shape[along], sizes[0]), along)
     joined = []

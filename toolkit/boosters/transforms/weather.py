@@ -198,7 +198,6 @@ class Corrupted(ImageTransform):
         import torch
 
         kinds, seeds = drawn
-        # one call for all photographs of a kind: corruptions are batched
         for kind in np.unique(kinds):
             name, severity = self.corruptions[kind]
             which = np.flatnonzero(kinds == kind)
