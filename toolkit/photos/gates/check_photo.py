@@ -121,6 +121,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     if sighting is None and expectation.board is not None:
         sighting = find_board(small, expectation.board)
     silhouette = _find_object(small, expectation)
+    # blur and exposure are judged on the object, where it is known: the table may be as dark as it likes
     region = middle_of(small) if silhouette is None else silhouette
     pixels = small[region]
     light = [
@@ -144,6 +145,7 @@ def _shrink_all(
     image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
 ) -> tuple[np.ndarray, Expectation, BoardSighting | None]:  # fmt: skip
     """Image, view and sighting at the size that is judged."""
+    # pixel averages as with the classifier's own shrinking; nothing is enlarged
     share = min(1.0, WORK_SIDE_PX / max(image.shape[:2]))
     w, h = max(1, round(image.shape[1] * share)), max(1, round(image.shape[0] * share))
     small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
@@ -161,6 +163,7 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
     if expectation.view is None or expectation.solid is None:
         return None
     mask = draw_silhouette(expectation.solid, expectation.view).astype(np.uint8)
+    # nearest: a mask has no values between in and out
     mask = cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
     return mask if mask.sum() >= LEAST_REGION_PX else None
 
@@ -189,6 +192,7 @@ def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> 
 
 def _why_blind(light: Sequence[GateResult], framing: Sequence[GateResult]) -> str | None:
     """Which failed gate explains that no patch is found."""
+    # off centre is left out: a patch can be found outside the middle square
     reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
     return f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
 
@@ -205,6 +209,7 @@ def _check_patch(
     shown = list_shown(expected)
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
+        # of a patch that is turned away nothing can be said, but that is no reason to call it missing
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
@@ -298,6 +303,7 @@ class ExpectationBuilder:
     def _build(self, object_name: str, variant: str) -> Built:
         try:
             item = load_object(self._workspace.object_spec(object_name))
+        # a wrap or a variant of the user's own: the silhouette is judged all the same
         except ToolkitError:
             return None, None, f"the object '{object_name}' is not known"
         if variant not in VARIANTS:

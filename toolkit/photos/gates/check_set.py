@@ -59,6 +59,7 @@ class LinesRecord(BaseModel):
     @classmethod
     def from_lines(cls, lines: PatchLines) -> "LinesRecord":
         """Rounded for a file."""
+        # a thousandth of a millimetre and a millionth of a unit are far below what is measured, and keep the line short
         origin, directions = np.round(lines.origin_mm, 3).tolist(), np.round(lines.directions, 6).tolist()
         return cls(origin_mm=origin, directions=directions, shows=lines.shows.tolist())
 
@@ -98,6 +99,8 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
             misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
     moves: list[float | None] = []
     for row in misses.reshape(len(photos), -1, CELLS**2):
+        # of one sheet the median, as a cell may be seen through glare; of several sheets the worst, as each is taped
+        # alone
         sheets = [float(np.nanmedian(cells)) for cells in row if np.isfinite(cells).sum() >= LEAST_CELLS]
         moves.append(max(sheets, default=None))
     return moves
@@ -123,6 +126,7 @@ def measure_side(photos: Sequence[PatchLines], sheet: int = 0) -> float | None:
     if len(photos) < LEAST_PHOTOS:
         return None
     grid = triangulate_cells(photos).reshape(-1, CELLS, CELLS, 3)[sheet]
+    # neighbours only: over more cells a bent sheet's chord is shorter than the paper
     steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
     lengths = np.linalg.norm(steps, axis=1)
     known = lengths[np.isfinite(lengths)]
@@ -136,12 +140,15 @@ def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         origins: (n, 3) a point of each.
         directions: (n, 3) unit vectors, not all parallel.
     """
+    # I - d d^T takes from a vector its part along d: what is left is the distance from the line
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     weight = np.ones(len(origins))
     point = origins.mean(axis=0)
     for _ in range(ROUNDS):
         weighted = across * weight[:, None, None]
+        # normal equations of the point with the least sum of squared distances to the lines, each with its weight
         point = np.linalg.solve(weighted.sum(axis=0), (weighted @ origins[:, :, None]).sum(axis=0))[:, 0]
+        # 1 / distance turns squares into distances; `SOFT_MM` keeps a line through the point from taking all weight
         weight = 1 / np.maximum(_miss(point, origins, directions), SOFT_MM)
     return point
 
@@ -153,6 +160,7 @@ def _miss(point: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.
 
 def _spread_deg(directions: np.ndarray) -> float:
     """The widest angle between two of them."""
+    # the widest angle has the smallest cosine
     return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
 
 
@@ -220,6 +228,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFin
     }
     findings = []
     for variant, other in (PAIR, PAIR[::-1]):
+        # a pose without a number comes first; `None` does not compare with numbers
         for pose_id, photo in sorted(poses[variant].items(), key=lambda item: item[0] or 0):
             if not poses[other]:
                 result = PARTNER.skip(f"'{other}' has no photograph yet")

@@ -99,6 +99,7 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     photo = search_photo(image)
     if region is None:
         return photo
+    # a sheet bends beyond the silhouette, and the board does not tell the camera's place to the pixel
     near = cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=round(REACH * max(region.shape)))
     column, row = (photo.features.frames[:, :, 2] / photo.scale).T.astype(int)
     kept = near[row.clip(0, region.shape[0] - 1), column.clip(0, region.shape[1] - 1)] > 0
@@ -138,6 +139,7 @@ def look_for_patches(
         if name != likely and _is_supported(photo, pixels)
     }
     ranked = sorted(((one.confidence, name) for name, one in sightings.items() if one is not None), reverse=True)
+    # of two patches that fit about as well both are named, as either may be what is there
     sure = len(ranked) < 2 or ranked[0][0] - ranked[1][0] >= LEAD
     return PatchesSeen(found, " or ".join(name for _, name in ranked[: 1 if sure else 2]) or None)
 
@@ -155,6 +157,7 @@ def _find_each(
     for number, expected in enumerate(places):
         sighting = None
         if shown[number] and expected is not None:
+            # half of the sheet's size round it: the mesh, the mount and the tape are not exact to the millimetre
             reach = np.ptp(expected, axis=0).max() / 2
             middles = photo.features.frames[:, :, 2] / photo.scale
             low, high = expected.min(axis=0) - reach, expected.max(axis=0) + reach
@@ -166,6 +169,7 @@ def _find_each(
                 np.inf if place is None else np.linalg.norm(sighting.corners_px - place, axis=1).mean()
                 for place in places
             ]
+            # the same patch is on other sheets too: what lies nearer to another's place is that one's sighting
             sighting = sighting if int(np.argmin(away)) == number else None
         found.append(sighting)
     return tuple(found)
@@ -271,6 +275,7 @@ def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
         array[: 2 * count].reshape(count, 2, -1).astype(float)
         for array in (sheet.mesh.vertices, sheet.mesh.normals, sheet.mesh.uv)
     )
+    # the sheet bends along one of its texture's axes, and the grid runs along that one
     along_u = abs(uv[-1, 0, 0] - uv[0, 0, 0]) > 0.5
     side = sheet.size_mm + 2 * TAPE_MARGIN_MM
 
