@@ -25,7 +25,7 @@ ENOUGH_CORNERS = 24
 ENOUGH_SHARE = 0.4
 """With so many corners, or this share of the board's, no further search is made in other sizes of the picture."""
 LEAST_CORNERS = 6
-# exhaustive and normalised for boards in uneven light; accuracy refines between pixels
+# all of OpenCV's helps: an exhaustive search, contrast evened first, corners to a part of a pixel
 CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
 CHESS_REACH = 0.35
 """Of a square's shortest side, what is looked at round a corner to refine it."""
@@ -80,7 +80,6 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
             best = found
         if best is not None and len(best[0]) >= enough:
             break
-    # fewer corners than this bend a homography with their own errors
     if best is None or len(best[0]) < LEAST_CORNERS:
         return None
     ids, corners_px = best
@@ -124,7 +123,7 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     inside = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(inside, cv2.convexHull(sighting.corners_px.astype(np.float32)).round().astype(np.int32), 1)
     light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[inside > 0]]
-    # the 15th and 85th percentiles: ink covers about half of a board, and shadows or glare lie at the ends
+    # percentiles, so that a shadow, glare or what else lies on the board does not count
     dark, bright = np.percentile(light, (15, 85)) if len(light) else (1.0, 1.0)
     return float(dark / max(bright, 1e-6))
 

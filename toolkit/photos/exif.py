@@ -245,7 +245,7 @@ def _jpeg_in(directory: ImageFileDirectory_v2, file: BinaryIO) -> tuple[int, int
         return None
     offsets = _numbers(directory.get(JPEG_START)) or _numbers(directory.get(STRIPS))
     lengths = _numbers(directory.get(JPEG_BYTES)) or _numbers(directory.get(STRIP_BYTES))
-    # several strips would be tiles of raw data, which do not decode as one picture
+    # a picture in several strips is several JPEGs, none of them whole
     if len(offsets) != 1 or len(lengths) != 1 or not 0 < lengths[0] <= MOST_BYTES:
         return None
     file.seek(offsets[0])

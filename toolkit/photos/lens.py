@@ -221,7 +221,6 @@ def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float 
             None, "none", f"{photo.camera or 'the camera'} was calibrated at {said}, the photo names none"
         )
     if fitting:
-        # the size nearest to the photograph's is scaled least
         record = min(fitting, key=lambda record: abs(record.width * record.height - stored[0] * stored[1]))
         lens = scale_lens(record.lens().rotated(turned), photo.width, photo.height)
         return LensChoice(lens, "calibrated", f"calibrated lens of {record.camera or 'a camera without a name'}")

@@ -141,8 +141,10 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     size = (views[0].width, views[0].height)
     coverage = cover([view.corners_px for view in used.values()], size)
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
+    # bounded: a round takes out one view, or corners, which may take a few rounds
     for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
+        # corners before views: one stray corner must not cost a whole photograph
         dropped = _drop_corners(used, fit)
         if dropped is None:
             dropped = _drop_view(used, fit)
@@ -193,6 +195,7 @@ def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str]
         np.linalg.norm(residuals, axis=1) < max(limit, STRAY * usual)
         for residuals, usual in zip(fit.residuals, fit.median_px, strict=True)
     ]
+    # by the median of the view: an outlier does not raise its own limit
     if all(mask.all() for mask in good):
         return None
     bad = {}
@@ -210,6 +213,7 @@ def measure_slant(view: BoardSighting) -> float:
     homography, _ = cv2.findHomography(place, view.corners_px, cv2.LMEDS)
     if homography is None:
         return 0.0
+    # the homography's last row is the depth over the plane, up to a factor; divided by the middle's it is a share
     depth = place @ homography[2, :2] / homography[2, 2]  # relative to that of the middle
     return float(np.ptp(depth))
 
@@ -285,6 +289,7 @@ class _Fit:
     def measure_bend(self, spread: np.ndarray) -> tuple[float, bool]:
         """Millimetres from the lowest to the highest corner of the board off its mean plane; whether that matters."""
         world = np.concatenate([view.world_mm for view in self.views])
+        # rounded, so that a corner that several views saw counts once
         flat = np.unique(world[:, :2].round(6), axis=0)
         height = _bend_shapes(flat, _half_diagonal(self.views)) @ self.bend
         plane = np.c_[flat, np.ones(len(flat))]
@@ -305,6 +310,7 @@ def _half_diagonal(views: Sequence[BoardSighting]) -> float:
 
 def _bend_shapes(flat: np.ndarray, half_mm: float) -> np.ndarray:
     """(n, 3) heights of a sheet that is bent along, twisted, and bent across by 1 mm, at places (n, 2)."""
+    # the three quadratic shapes of a sheet; straight ones are the pose's
     u, v = (flat / half_mm).T
     return np.stack([u * u, u * v, v * v], axis=1)
 
@@ -335,6 +341,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
                 f"the photos do not determine a lens ({str(error.err).strip()[:60]}): take them at a slant from all "
                 "sides"
             ) from None
+        # the first round's board is flat: this is what OpenCV's own calibration would say
         flat_px = flat_px or rms_px
         residuals, normal, gradient = [], [], []
         for points, seen, shape, rotation, translation in zip(
@@ -368,6 +375,7 @@ def _why_not(view: BoardSighting, first: BoardSighting) -> str | None:
         return f"{view.width}x{view.height} px, the others have {first.width}x{first.height}"
     if len(view.ids) < LEAST_CORNERS:
         return f"{len(view.ids)} corners of the board were found, at least {LEAST_CORNERS} are needed"
+    # the smaller singular value is the spread across the line that fits best
     spread = np.linalg.svd(view.world_mm[:, :2] - view.world_mm[:, :2].mean(axis=0), compute_uv=False)
     return "the corners that were found lie on one line" if spread[1] < 0.05 * spread[0] else None
 

@@ -107,6 +107,7 @@ class ColourStrip:
         for rects, colour in [*swatches, (self.marker_rects_mm(), (0, 0, 0))]:
             ink = np.zeros((height, width))
             add_rects(ink, (rects + border_mm) * px_per_mm)
+            # additive: coverage of a pixel at a rim mixes the colour with white
             picture += ink[..., None] * (np.array(colour) - 255.0)
         return np.round(picture.clip(0, 255)).astype(np.uint8)
 
@@ -178,6 +179,7 @@ def draw_strip(pdf: "Pdf", place: StripPlace) -> None:
     with pdf.moved(place.x, place.y, 90 if place.upright else None):
         for swatch in STRIP.swatches:
             red, green, blue = (f"{value / 255:.5g}" for value in swatch.srgb)
+            # PDF counts upwards, the strip downwards
             bottom = height - swatch.y - swatch.side_mm
             # It reaches under its right neighbour, so that no hairline of paper shows between them.
             reach = swatch.side_mm + (UNDERLAP_MM if swatch.x < last else 0)

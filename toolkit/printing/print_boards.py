@@ -61,6 +61,7 @@ def _draw_markers(pdf: Pdf, spec: Board) -> None:
     half = spec.marker_mm / 2
     for marker_id, middle, turn in spec.place_markers():
         with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
+            # marker modules are drawn about the middle, since a ring turns each marker by its own angle
             pdf.rects(black_rects(marker_modules(spec.dictionary, marker_id)) * spec.marker_mm - half, 0)
 
 
@@ -83,6 +84,7 @@ def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
         pdf.line(width / 2, y, width / 2, y + TICK_MM)
     for x in (-gap - TICK_MM, width + gap):
         pdf.line(x, height / 2, x + TICK_MM, height / 2)
+    # the middle of the lower edge is taken by FRONT: the spec has the left half
     taken = _draw_front(pdf, width / 2, -FRONT_EDGE_MM + 1.2)
     pdf.text(spec.describe(), 0, -FRONT_EDGE_MM + 1.4, 2.2, room_mm=width / 2 - taken - 2)
 
@@ -95,6 +97,7 @@ def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
     pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
     pdf.circle(middle, middle, radius - 1, stroke=1, fill=0)
     pdf.line(middle - radius + 1, middle, middle + radius - 1, middle)
+    # the line down ends above FRONT, which stands where it would go on
     pdf.line(middle, middle - radius + 1 + 2 * FRONT_SIZE_MM, middle, middle + radius - 1)
     front = middle - radius + FRONT_SIZE_MM
     _draw_front(pdf, middle, front)
@@ -158,6 +161,7 @@ def choose_board(
     side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
     # whole millimetres, which a ruler checks; the default board may take several pages, one's own only where it must
     if squares is not None and square_mm is None:
+        # from the default's side downwards: the first that fits is the largest
         for smaller in range(int(side), int(SMALLEST_SQUARE_MM) - 1, -1):
             board = CharucoBoard(columns, rows, float(smaller), smaller * MARKER_SHARE)
             if len(plan_sheet(paper, orientation, *measure_board(board)).pages) == 1:
@@ -226,12 +230,14 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
         f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
+    # the first place that the page has; it is then centred, since nothing else is on the page
     place, _ = next(reserve_strip(frame.content))
     room = frame.content.centre(place.area.width, place.area.height)
     middle = StripPlace(place.x - place.area.x + room.x, place.y - place.area.y + room.y, place.upright)
     pdf = Pdf(frame.paper, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
     with pdf.page():
         draw_strip(pdf, middle)
+        # crop marks need room that a small page may not have; the strip is cut by its white border then
         if middle.area.width + 2 * MARK_MM <= frame.content.width:
             draw_crop_marks(pdf, middle.area)
         draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)

@@ -71,6 +71,7 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
     """Objects that wear a patch, and why specs could not be read; the one of the patch's name first, then one's own."""
     specs, broken = workspace.object_specs(), []
     wearers: list[Wearer] = []
+    # the object that bears the patch's own name is the one that it was trained for
     for name in sorted(specs, key=lambda name: (name != png_file.stem, specs[name].parent != workspace.objects_dir)):
         try:
             spec = read_spec(specs[name])
@@ -163,6 +164,7 @@ class PrintedPatch:
     def as_json(self) -> dict[str, Any]:
         """All fields; `sheets` only of an object that has several."""
         fields = asdict(self)
+        # the field is left out where there is one sheet, as scripts know it from before there were several
         return fields if self.sheets else {name: value for name, value in fields.items() if name != "sheets"}
 
     def describe(self) -> str:
@@ -171,6 +173,7 @@ class PrintedPatch:
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
+        # the file's name says the object already, mostly
         target = f" for {self.object}" if self.object not in (None, Path(self.file).stem) else ""
         size = f"{self.size_mm:.1f} × {self.size_mm:.1f} mm"
         if self.sheets:
@@ -259,11 +262,13 @@ def print_patches(
         wearers = find_wearers(workspace, file)[0] if workspace is not None else []
         worn += [(file, wearer) for wearer in wearers] or [(file, None)]
     targets = _name_targets(worn, out)
+    # one page takes no time: a bar would only flicker
     with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
         for png_file, wearer, pdf_file in targets:
             try:
                 printed.append(print_patch(png_file, pdf_file, settings, wearer))
             except ToolkitError as error:
+                # an error of the only page is the command's own
                 if not go_on or len(targets) == 1:
                     raise
                 failed.append({"patch": str(png_file), "reason": str(error)})
@@ -356,6 +361,7 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
     for one in wearers:
+        # a page for one object is compared with that one alone
         if printed.object not in (None, one.object) or is_same_size(one.sizes_mm, printed.sizes_mm):
             continue
         sheet = "sheet" if len(one.sizes_mm) == 1 else "sheets"

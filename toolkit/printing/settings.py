@@ -76,6 +76,7 @@ class PrintSettings(Config):
     @property
     def states_size(self) -> bool:
         """Whether one of them was asked for: else the object that the patch goes on decides."""
+        # None, not a default: a size that was typed counts before the object's spec, even where it is equal
         return (self.size_mm, self.scale_percent, self.dpi) != (None, None, None)
 
 
@@ -133,6 +134,7 @@ class SheetSettings(Config):
     def _check(self) -> "SheetSettings":
         asked = [kind for kind in ("board", "ring", "colour_strip") if getattr(self, kind)]
         if len(asked) > 1:
+            # one sheet a call, since each kind has measures of its own
             raise FieldError("expected one of them: print the others by calls of their own", dict.fromkeys(asked, True))
         belongs = {
             "squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],

@@ -120,6 +120,7 @@ def open_variants(
 def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
     if patches.code_kind is None:
         return [], []
+    # the codes of a set are of one kind: the first tells which
     code = next(iter(patches.patches.values())).record.settings["code"]
     return find_readers(code["kind"], code.get("dictionary", ""))
 
@@ -176,6 +177,7 @@ def make_key(
     """Hash of everything that the ranks of a shard's images in a cell depend on."""
     how = variant.classifier.preprocessing
     patches = variant.patches
+    # by the pictures' hashes: a set that is trained anew has other cells
     pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
     given = None
     if condition != NOT_CORRUPTED:
@@ -183,6 +185,7 @@ def make_key(
         chosen = choose_parameters(how.crop_px, how.crop_px)
         # the numbers themselves, not only the severity: other parameters are another cell
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
+    # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
         None if patches is None else config.placement.model_dump(),

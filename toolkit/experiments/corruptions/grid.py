@@ -194,6 +194,7 @@ def _list_units(
         for v, in_variant in _group(in_shard, lambda cell: cell.variant).items():
             variant = grid.variants[v]
             images = engine.share(apply_variant(pixels, shards[s], usable, variant, grid.config))
+            # those who are asked go to the workers once, not with every condition
             asked: dict[tuple[int, ...], Shared[list[Recogniser]]] = {}
             for condition, cells in _group(in_variant, lambda cell: cell.condition).items():
                 chosen = tuple(cell.recogniser for cell in cells.values())

@@ -64,6 +64,7 @@ class Axis:
         """A value as a folder is called after it: `dim`, `1.5x`, `160px`, `44mm`, `seed3`."""
         if self.name == "seed":
             return f"seed{value}"
+        # ten digits, so that values that differ have folders that differ
         return value if isinstance(value, str) else f"{value:.10g}{self.unit}"
 
 

@@ -128,6 +128,7 @@ def _shoot_units(
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
             failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
+            # what was shot for one value may serve the next
             stored |= index_images(result.source_dir)
             bar.advance()
     return shot, kept, stale, failed

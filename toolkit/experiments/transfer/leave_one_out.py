@@ -193,6 +193,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
             _judge(space, judge, left_out, others, config)
+    # also of networks that an earlier run left out
     rows = [row for name in groups for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
     about = {"run": config.run, "settings": config.record(), "networks": {
         name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
@@ -239,6 +240,7 @@ def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge
     """Ask one network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [one.name for one in others]
+    # the manifest's hash stands for all images: it holds theirs
     parts = (
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
         config.objects, config.corruptions,

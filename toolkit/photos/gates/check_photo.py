@@ -145,7 +145,6 @@ def _shrink_all(
     image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
 ) -> tuple[np.ndarray, Expectation, BoardSighting | None]:  # fmt: skip
     """Image, view and sighting at the size that is judged."""
-    # pixel averages as with the classifier's own shrinking; nothing is enlarged
     share = min(1.0, WORK_SIDE_PX / max(image.shape[:2]))
     w, h = max(1, round(image.shape[1] * share)), max(1, round(image.shape[0] * share))
     small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
@@ -163,7 +162,6 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
     if expectation.view is None or expectation.solid is None:
         return None
     mask = draw_silhouette(expectation.solid, expectation.view).astype(np.uint8)
-    # nearest: a mask has no values between in and out
     mask = cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
     return mask if mask.sum() >= LEAST_REGION_PX else None
 

@@ -59,7 +59,6 @@ class LinesRecord(BaseModel):
     @classmethod
     def from_lines(cls, lines: PatchLines) -> "LinesRecord":
         """Rounded for a file."""
-        # a thousandth of a millimetre and a millionth of a unit are far below what is measured, and keep the line short
         origin, directions = np.round(lines.origin_mm, 3).tolist(), np.round(lines.directions, 6).tolist()
         return cls(origin_mm=origin, directions=directions, shows=lines.shows.tolist())
 

@@ -163,7 +163,6 @@ def measure_paper(image: np.ndarray, sighting: BoardSighting) -> float | None:
     inside = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(inside, hull.round().astype(np.int32), 1)
     pixels = image[inside.astype(bool)]
-    # 100 pixels: of fewer the percentile is a handful of markers
     return float(np.percentile(_luma(pixels), PAPER_PERCENTILE)) if len(pixels) >= 100 else None
 
 
@@ -355,10 +354,9 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
         mask = cv2.resize(mask.astype(np.uint8), grey.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
     coarse_px, light = COARSE_PX * max(0.5, min(grey.shape) / EDGE_SIDE_PX), grey.astype(np.float32)
     x, y = _slopes(cv2.GaussianBlur(light, (0, 0), coarse_px))
-    # chosen on the coarse picture, judged on the fine one: noise makes peaks in the fine one alone
     slope = np.hypot(x, y)
     peaks = mask & _is_ridge(slope, x, y)
-    # the Scharr slope of a rim pixel comes from pixels that are mirrored, not seen
+    # at the rim `np.roll` compares with the opposite side, and slopes come from mirrored pixels
     peaks[[0, 1, -1, -2]] = peaks[:, [0, 1, -1, -2]] = False
     if peaks.sum() < LEAST_BIN:
         return None

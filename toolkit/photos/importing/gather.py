@@ -111,7 +111,7 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
     dropped: dict[int, str] = {}
     for group in groups.values():
         stills = [one for one in group if one.photo.kind != "video"]
-        # the earliest rank is what the camera shows itself; a raw file's preview comes last
+        # the lowest rank is kept; a raw file comes last, as only its preview would be taken
         stills.sort(key=lambda one: COMPANION_RANK.get(one.photo.kind, len(COMPANION_RANK)))
         for one in group:
             if not stills or one is stills[0]:
