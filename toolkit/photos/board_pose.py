@@ -104,7 +104,6 @@ def find_dictionary(image: np.ndarray) -> str | None:
 
     def read(name: str) -> np.ndarray:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-        # a family's smallest size is read first: its numbers are the same in every larger one
         _, ids, _ = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters()).detectMarkers(grey)
         return np.unique(ids) if ids is not None else np.empty(0, int)
 
@@ -174,7 +173,6 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
     longer = max(grey.shape)
     first = shrink(grey, SEARCH_SIDE_PX)
     yield first
-    # the cheapest search comes first; each later one is for a picture in which the ones before found too little
     if longer <= SMALL_SIDE_PX:
         yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     if longer > SEARCH_SIDE_PX:
@@ -273,7 +271,6 @@ class _ChessFinder:
     def find(self, full: np.ndarray, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """As `_CharucoFinder.find`."""
         grid = self._find_grid(searched)
-        # a second board would be left when the first is painted over, and nobody knows which one is meant
         if grid is None or self._find_grid(_blank(searched, grid)) is not None:
             return None
         scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]])

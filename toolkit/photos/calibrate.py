@@ -170,7 +170,6 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
     axes = figure.add_subplot()
     cell = np.array([lens.width, lens.height]) / CELLS
     at = np.clip(np.floor(corners / cell).astype(int), 0, np.array(CELLS) - 1)
-    # scaled by the usual error, so that the arrows of a good and of a poor lens can both be read
     arrow = ARROW_SHARE * lens.width / max(found.reprojection_px, 1e-6)
     for column in range(CELLS[0]):
         for row in range(CELLS[1]):

@@ -103,7 +103,6 @@ def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np
     # the square to the upper left of a corner has the corner's own row and column
     starts_black = board.is_black(*divmod(number, board.columns - 1))
     black, white = (means[:2], means[2:]) if starts_black else (means[2:], means[:2])
-    # the worst pair: a shadow's edge makes one square dark, but not both
     return float(white.min() - black.max())
 
 
@@ -153,7 +152,6 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
     if (weight.sum(axis=1) <= 0).any():
         return corners
     ends = np.stack([_fit_line(one, by) for one, by in zip(offset, weight, strict=True)])
-    # a side's line is given by its offset outwards at each end, so slope and place are fitted together
     starts = corners + ends[:, :1] * outwards
     stops = corners + sides + ends[:, 1:] * outwards
     return _meet(np.roll(starts, 1, axis=0), np.roll(stops, 1, axis=0), starts, stops, corners)

@@ -310,7 +310,6 @@ def _half_diagonal(views: Sequence[BoardSighting]) -> float:
 
 def _bend_shapes(flat: np.ndarray, half_mm: float) -> np.ndarray:
     """(n, 3) heights of a sheet that is bent along, twisted, and bent across by 1 mm, at places (n, 2)."""
-    # the three quadratic shapes of a sheet; straight ones are the pose's
     u, v = (flat / half_mm).T
     return np.stack([u * u, u * v, v * v], axis=1)
 
@@ -341,7 +340,6 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
                 f"the photos do not determine a lens ({str(error.err).strip()[:60]}): take them at a slant from all "
                 "sides"
             ) from None
-        # the first round's board is flat: this is what OpenCV's own calibration would say
         flat_px = flat_px or rms_px
         residuals, normal, gradient = [], [], []
         for points, seen, shape, rotation, translation in zip(

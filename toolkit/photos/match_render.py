@@ -122,14 +122,12 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
         area = cv2.resize(inside.astype(np.float32), (WINDOW_CELLS, WINDOW_CELLS), interpolation=cv2.INTER_AREA)
         # the outline's own edges lie in the cells round it
         near = (cv2.dilate(area, np.ones((3, 3))) > 0.2).astype(np.float32)
-        # a cell that is three quarters object has the object's colour; one at the outline has the table's too
         solid = (area > 0.75).astype(np.float32)
         edges.append(_normalise(edge_map, near))
         edge_masks.append(np.repeat(near.reshape(-1), BINS))
         colours.append(_normalise(colour_map, solid, centre=True))
         colour_masks.append(solid.reshape(-1))
         spread.append(colour_map[solid > 0].std(axis=0).max() if solid.any() else 0.0)
-    # a pale object's colours are mostly the lamp's, so they count for less
     weight = COLOUR_WEIGHT * min(1.0, float(np.mean(spread)) / COLOURFUL)
     return PoseTemplates(
         ids=tuple(pose.id for pose in poses),

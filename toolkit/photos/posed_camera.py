@@ -40,7 +40,6 @@ class PosedCamera:
     def rays(self, directions: np.ndarray) -> np.ndarray:
         """(n, 3) unit vectors in the world of directions x/z, y/z (n, 2) in camera axes."""
         local = np.c_[directions, np.ones(len(directions))]
-        # x, y, z in camera axes by R^T from the right: the rows come out in the world
         turned = local @ self.T_world_camera[:3, :3].T
         return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 

@@ -137,7 +137,6 @@ def _retexture(
         variant: sha256_bytes(repr((VERSION, photo.sha256, [one.sha256 for one in found], patch.sha256, seed)).encode())
         for variant, patch in variants.items()
     }
-    # the photograph itself is its only input
     inputs[AS_TAKEN] = photo.sha256
     records = {variant: done.get(_path(name, variant, number, photo)) for variant in inputs}
     finished = {variant for variant, one in records.items() if is_finished(root, one, inputs[variant])}

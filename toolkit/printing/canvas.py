@@ -70,7 +70,6 @@ def _register_fonts() -> None:
 def measure_text_mm(text: str, font: str, size_mm: float) -> float:
     """Width of a line."""
     _register_fonts()
-    # width scales with the size, so that points or millimetres make no difference here
     return stringWidth(text, font, size_mm)
 
 
@@ -130,7 +129,6 @@ class Pdf(ReportLabCanvas):
         """Draw one page; of another paper than the one before where `paper` is given."""
         if paper is not None:
             self.setPageSize(_page_size(paper))
-        # one scale for the whole page: all drawing after it is in millimetres
         self.scale(POINTS_PER_MM, POINTS_PER_MM)
         yield
         self.showPage()
@@ -170,7 +168,6 @@ class Pdf(ReportLabCanvas):
 
     def srgb(self) -> PDFArray:
         """The colour space sRGB, which is the same to every reader."""
-        # DeviceRGB for readers that know no ICC profiles
         icc = PDFStream(PDFDictionary({"N": 3, "Alternate": PDFName("DeviceRGB")}), _srgb_profile())
         return PDFArray([PDFName("ICCBased"), self._doc.Reference(icc)])
 

@@ -107,7 +107,6 @@ class ColourStrip:
         for rects, colour in [*swatches, (self.marker_rects_mm(), (0, 0, 0))]:
             ink = np.zeros((height, width))
             add_rects(ink, (rects + border_mm) * px_per_mm)
-            # additive: coverage of a pixel at a rim mixes the colour with white
             picture += ink[..., None] * (np.array(colour) - 255.0)
         return np.round(picture.clip(0, 255)).astype(np.uint8)
 

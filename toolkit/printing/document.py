@@ -169,7 +169,6 @@ def pixel_operators(pixels: np.ndarray) -> list[str]:
     for index, row in enumerate(pixels):
         top = side - index
         bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
-        # where a pixel differs from its left neighbour a run of one colour ends
         edges = np.flatnonzero(np.any(row[1:] != row[:-1], axis=1)) + 1
         for first, end in pairwise([0, *edges.tolist(), side]):  # runs of one colour
             red, green, blue = (f"{value / 255:.5g}" for value in row[first].tolist())
@@ -247,7 +246,6 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
         which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
         for page in plan.pages:
             number += 1
-            # one paper for all pages where there is one sheet; of several, each may be turned its own way
             with pdf.page(plan.frame.paper if len(plans) > 1 else None):
                 draw_page(pdf, plan, page, sheet, f"{which}page {number} of {total}")
     return PrintedDocument(pdf.finish(), tuple(plans))

@@ -291,7 +291,6 @@ def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int)
     if not most_columns * most_rows:
         return []
     columns = min(most_columns, copies)
-    # rows that this number of copies fills, so that the group is centred as it is printed
     rows = min(most_rows, math.ceil(copies / columns))
     group = content.centre(columns * cell_width, rows * cell_height)
     cuts = [

@@ -84,7 +84,6 @@ def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
         pdf.line(width / 2, y, width / 2, y + TICK_MM)
     for x in (-gap - TICK_MM, width + gap):
         pdf.line(x, height / 2, x + TICK_MM, height / 2)
-    # the middle of the lower edge is taken by FRONT: the spec has the left half
     taken = _draw_front(pdf, width / 2, -FRONT_EDGE_MM + 1.2)
     pdf.text(spec.describe(), 0, -FRONT_EDGE_MM + 1.4, 2.2, room_mm=width / 2 - taken - 2)
 
@@ -161,7 +160,6 @@ def choose_board(
     side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
     # whole millimetres, which a ruler checks; the default board may take several pages, one's own only where it must
     if squares is not None and square_mm is None:
-        # from the default's side downwards: the first that fits is the largest
         for smaller in range(int(side), int(SMALLEST_SQUARE_MM) - 1, -1):
             board = CharucoBoard(columns, rows, float(smaller), smaller * MARKER_SHARE)
             if len(plan_sheet(paper, orientation, *measure_board(board)).pages) == 1:
@@ -230,7 +228,6 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
         f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
-    # the first place that the page has; it is then centred, since nothing else is on the page
     place, _ = next(reserve_strip(frame.content))
     room = frame.content.centre(place.area.width, place.area.height)
     middle = StripPlace(place.x - place.area.x + room.x, place.y - place.area.y + room.y, place.upright)

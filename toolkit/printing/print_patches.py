@@ -164,7 +164,6 @@ class PrintedPatch:
     def as_json(self) -> dict[str, Any]:
         """All fields; `sheets` only of an object that has several."""
         fields = asdict(self)
-        # the field is left out where there is one sheet, as scripts know it from before there were several
         return fields if self.sheets else {name: value for name, value in fields.items() if name != "sheets"}
 
     def describe(self) -> str:
@@ -173,7 +172,6 @@ class PrintedPatch:
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
-        # the file's name says the object already, mostly
         target = f" for {self.object}" if self.object not in (None, Path(self.file).stem) else ""
         size = f"{self.size_mm:.1f} × {self.size_mm:.1f} mm"
         if self.sheets:
@@ -262,7 +260,6 @@ def print_patches(
         wearers = find_wearers(workspace, file)[0] if workspace is not None else []
         worn += [(file, wearer) for wearer in wearers] or [(file, None)]
     targets = _name_targets(worn, out)
-    # one page takes no time: a bar would only flicker
     with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
         for png_file, wearer, pdf_file in targets:
             try:
@@ -361,7 +358,6 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
     for one in wearers:
-        # a page for one object is compared with that one alone
         if printed.object not in (None, one.object) or is_same_size(one.sizes_mm, printed.sizes_mm):
             continue
         sheet = "sheet" if len(one.sizes_mm) == 1 else "sheets"

@@ -218,7 +218,6 @@ def build_wrap_pdf(
     """
     layout = _lay_out(wrap, item, settings, roll_mm)
     label, keywords = _describe_wrap(wrap, item)
-    # auto means upright for the page of instructions, whatever way the pieces lie
     first = turn_frames(settings.paper, "portrait" if settings.orientation == "auto" else settings.orientation)[0]
     pdf = Pdf(first.paper, f"{wrap.record.object} wrap, {len(wrap.pieces)} pieces", label.size, keywords)
     order = order_pieces(wrap.record.pieces)
@@ -532,7 +531,6 @@ def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
         for start, end in folds:
             pdf.line(*start, *end)
     pdf.setDash()
-    # the cut is on a layer of its own, on top of everything
     with pdf.layer(CUT):
         pdf.spot_ink(CUT, CUT_CMYK, CUT_LINE_MM)
         for ring in _rings(sheet.outline):

@@ -192,6 +192,7 @@ def _draw_averages(
         # a number that would lie on the mark of the images without patches stands above that
         if end < marks.get(name, 0.0) < end + HIDES_NUMBER:
             end = marks[name]
+        # a reader's bars have two colours: its numbers need a ground of their own
         behind = {"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75 if is_reader(row) else 0}
         panel.annotate(
             format_percent(share), (at, 100 * end), (0, 2), textcoords="offset points", ha="center", va="bottom",

@@ -163,6 +163,7 @@ def _collect(benchmark: Benchmark) -> list[Series]:
                 "them in runs of their own"
             )
         series.ranks[one.corruption, one.severity] = np.asarray(one.ranks)
+    # means over other cells would be other means
     if len({frozenset(one.ranks) for one in by_row.values()}) != 1:
         raise ValueError("every variant and answerer needs ranks under the same corruptions and severities")
     answerers = list(dict.fromkeys(answerer for _, answerer in by_row))

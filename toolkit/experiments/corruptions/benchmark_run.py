@@ -281,6 +281,7 @@ def evaluate_benchmark(
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
     variants, notes = open_variants(workspace, config.patches, classifier, load)
+    # only classes of which every set has a picture: all variants see the same images
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)

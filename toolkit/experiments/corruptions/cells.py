@@ -107,6 +107,7 @@ def open_variants(
     distinct = {(one.name, one.weights.sha256): one for one in networks.values()}
     names = [name for name, _ in distinct]
     for name in names:
+        # results are kept by the network's name
         if names.count(name) > 1:
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
     variants = [Variant(UNPATCHED, None, classifier)]
@@ -255,6 +256,7 @@ def apply_variant(
 
     used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
     ids = [one.id for one in used]
+    # by the seed and the image's name alone, so that all variants lie alike on an image
     seeds = [image_seed(config.seed, id) for id in ids]
     classes = np.array([one.class_index for one in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))

@@ -117,6 +117,7 @@ def _shoot_units(
     shot = kept = 0
     stale: set[str] = set()
     failed: list[tuple[str, str]] = []
+    # one bar over all values, not one for each
     with progress("shooting", len(units)) as bar, quietly():
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")

@@ -241,6 +241,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     ticks = [_format_tick(sweep, name, label) for label in sweep.values]
     tilted = not has_scale and max(map(len, ticks)) > LONG_NAME and len(ticks) > MANY_TICKS
     panel.set_xticks(list(places.values()), ticks, rotation=30 if tilted else 0, ha="right" if tilted else "center")
+    # a logarithmic axis has ticks of its own at values that were not tried
     panel.minorticks_off()
     panel.tick_params(labelsize=9)
     panel.set_xlim(*_span(list(places.values()), sweep.axis))

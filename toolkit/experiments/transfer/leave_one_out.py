@@ -172,6 +172,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
             training, shooting and judging raise.
     """
     by_name = {one.name: one for one in networks}
+    # two networks of one name would share a folder
     if len(by_name) < max(2, len(networks)):
         raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
     groups = group_networks(networks)
@@ -186,6 +187,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
         others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        # a workspace of its own: its boosters are called as those that were trained without another network
         space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
         for name in objects:
             for kind in config.kinds:

@@ -112,6 +112,7 @@ class KeptFrames:
             return True
         names = [name_picture(weather) for weather in task.weathers]
         folder = self.folder / record.path
+        # the line and the file itself: either may be missing
         return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
 
     def describe_renderers(self, tasks: Iterable[PictureTask]) -> str:

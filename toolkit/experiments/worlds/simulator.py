@@ -185,6 +185,7 @@ def find_object(simulator: AirSim, stage: Stage, place: PlaceCameras, variant: s
     colours, counts = np.unique(shot.segmentation[agrees], axis=0, return_counts=True)
     colour = colours[counts.argmax()]
     elsewhere = (shot.segmentation[~outline] == colour).all(axis=-1)
+    # a colour that much else has tells nothing of the object
     if len(elsewhere) and elsewhere.mean() > MOST_ELSEWHERE:
         return None
     red, green, blue = (int(one) for one in colour)

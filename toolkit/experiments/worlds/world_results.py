@@ -213,6 +213,7 @@ def _judge_half(row: Row) -> Verdict:
         f"{what}{half}; that is {times} the {row['weather']} that halves the bare object. As many as the bare object "
         f"then keeps are still recognised in {same_times} that {row['weather']}."
     )
+    # a ratio of 1 is no effect
     return Verdict(find_tone(row["same_times_ci95"], none=1), sentence)
 
 

@@ -159,7 +159,6 @@ def retake_list(
         if shot[:2] in begun and shot not in known:
             failed[shot[0], shot[1], shot[2], ""] = [MISSING.judge(1)]
     last = len(places) + 1
-    # in the order in which one walks round the object, so that the retakes need one round
     ordered = sorted(
         failed.items(), key=lambda item: (places.get(item[0][:3], last), *item[0][:2], item[0][2] or 0, item[0][3])
     )
@@ -176,7 +175,6 @@ def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[SetFindin
     """How often each gate could not be checked, by (gate, reason), the most frequent first."""
     counts: dict[tuple[str, str], int] = {}
     own = [result for photo in photos for result in photo.results]
-    # the whole set's findings count as well: a partner that cannot be checked is no pass either
     for result in (*own, *(finding.result for finding in findings)):
         if result.status == "not checked":
             key = (result.name, result.advice.removeprefix("not checked: "))
@@ -325,7 +323,6 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
     with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
-            # an image is judged once for its content and its setup, whatever its name became
             try:
                 if capture.refused is not None:
                     raise UnreadableImage(capture.file, capture.refused)

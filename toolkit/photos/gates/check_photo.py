@@ -207,7 +207,6 @@ def _check_patch(
     shown = list_shown(expected)
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
-        # of a patch that is turned away nothing can be said, but that is no reason to call it missing
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
@@ -301,7 +300,7 @@ class ExpectationBuilder:
     def _build(self, object_name: str, variant: str) -> Built:
         try:
             item = load_object(self._workspace.object_spec(object_name))
-        # a wrap or a variant of the user's own: the silhouette is judged all the same
+        # a variant of the user's own: its silhouette is judged all the same
         except ToolkitError:
             return None, None, f"the object '{object_name}' is not known"
         if variant not in VARIANTS:

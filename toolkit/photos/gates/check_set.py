@@ -125,7 +125,6 @@ def measure_side(photos: Sequence[PatchLines], sheet: int = 0) -> float | None:
     if len(photos) < LEAST_PHOTOS:
         return None
     grid = triangulate_cells(photos).reshape(-1, CELLS, CELLS, 3)[sheet]
-    # neighbours only: over more cells a bent sheet's chord is shorter than the paper
     steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
     lengths = np.linalg.norm(steps, axis=1)
     known = lengths[np.isfinite(lengths)]
@@ -227,7 +226,6 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFin
     }
     findings = []
     for variant, other in (PAIR, PAIR[::-1]):
-        # a pose without a number comes first; `None` does not compare with numbers
         for pose_id, photo in sorted(poses[variant].items(), key=lambda item: item[0] or 0):
             if not poses[other]:
                 result = PARTNER.skip(f"'{other}' has no photograph yet")

@@ -248,7 +248,6 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
     found = {divmod(number, board.columns - 1): place for number, place in places}
     worst = None
     for step in ((0, 1), (1, 0)):
-        # the widest squares are seen from the front, and have most pixels across their edges
         edges = sorted(_list_edges(found, step, board), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
         widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:

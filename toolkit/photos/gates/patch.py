@@ -99,7 +99,6 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     photo = search_photo(image)
     if region is None:
         return photo
-    # a sheet bends beyond the silhouette, and the board does not tell the camera's place to the pixel
     near = cv2.dilate(region.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=round(REACH * max(region.shape)))
     column, row = (photo.features.frames[:, :, 2] / photo.scale).T.astype(int)
     kept = near[row.clip(0, region.shape[0] - 1), column.clip(0, region.shape[1] - 1)] > 0
@@ -157,7 +156,6 @@ def _find_each(
     for number, expected in enumerate(places):
         sighting = None
         if shown[number] and expected is not None:
-            # half of the sheet's size round it: the mesh, the mount and the tape are not exact to the millimetre
             reach = np.ptp(expected, axis=0).max() / 2
             middles = photo.features.frames[:, :, 2] / photo.scale
             low, high = expected.min(axis=0) - reach, expected.max(axis=0) + reach

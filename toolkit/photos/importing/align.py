@@ -70,7 +70,6 @@ def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
     before, behind = _accumulate(costs), _accumulate(costs[::-1, ::-1])[::-1, ::-1]
     through = before[:n, :m] + costs + behind[1:, 1:]
     without = np.array([float((before[i] + EXTRA + behind[i + 1]).min()) for i in range(n)])
-    # all that is within `SURE` of the best way is possible, so a photograph is sure only where one place is left
     limit = before[n, m] + SURE
     return [
         tuple(np.flatnonzero(through[i] <= limit).tolist()) + ((NO_SHOT,) if without[i] <= limit else ())
@@ -162,7 +161,6 @@ class Clues:
             return np.zeros(len(shots))
         if all(corners is None for corners in seen.values()):
             return np.array([UNSEEN if (shot.object, shot.variant) in seen else 0.0 for shot in shots])
-        # another variant's shot costs `WRONG` where the patch is seen: there none should be
         return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])
 
     def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:
@@ -263,7 +261,6 @@ def _weigh_all(every: Sequence[Evidence], members: Sequence[int], shots: list[Ca
     costs = np.full((n, m), np.inf)
     with progress("comparing with the shot list", n) as bar:
         for row, i in enumerate(members):
-            # with n photographs and m shots the i-th can be no farther off than the gaps, or the extras, push it
             first, last = max(0, row - max(n - m, 0) - DRIFT), min(m, row + max(m - n, 0) + DRIFT + 1)
             if first < last:
                 costs[row, first:last] = clues.weigh(every[i], shots[first:last])

@@ -246,7 +246,6 @@ def index_source(source_dir: Path) -> SourceIndex:
     records = read_manifest(source_dir)
     kept_aside = read_manifest(source_dir / REPLACED).values()
     replaced = {original: record for record in kept_aside if (original := find_original(record))}
-    # a run killed between moving an image aside and rewriting the manifest leaves such a line
     stale = {
         path
         for path, record in records.items()

@@ -68,7 +68,6 @@ def store_photo(
     for one in old:
         if one != file:
             one.unlink(missing_ok=True)
-    # the line after the file: a kill between them leaves an image that is found again, never a line without one
     append_record(root, record)
     drop_records(root, {show_path(one.relative_to(root).parts) for one in old if one != file})
     return record, linked

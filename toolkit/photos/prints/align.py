@@ -233,7 +233,6 @@ def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Dr
     m = source.shape[0]
     fine = cv2.resize((uv * m).astype(np.float32), (w * SAMPLES, h * SAMPLES), interpolation=cv2.INTER_LINEAR)
     picture = cv2.resize(sample_image(source, fine), (w, h), interpolation=cv2.INTER_AREA).reshape(h, w, -1)
-    # half of how far u and v run over a pixel to both sides: only beyond it is a pixel wholly on the patch
     reach = np.abs(np.stack(np.gradient(uv, axis=(0, 1)), -1)).sum(axis=-1) / 2
     inside = ((uv > reach) & (uv < 1 - reach)).all(axis=-1)
     return Drawn(picture, inside, left, top, uv)
@@ -257,7 +256,6 @@ def place_cut(warp: PatchWarp, shape: tuple[int, ...]) -> tuple[int, int, np.nda
 
 def _look_back(warp: PatchWarp, w: int, h: int, low: np.ndarray) -> np.ndarray:
     """(h, w, 2) places on the patch of a cut's pixels: exact every few pixels, and between them by straight lines."""
-    # the inverse of the bend is iterated, which is too slow for every pixel
     columns, rows = -(-w // INVERSE_EVERY_PX) + 1, -(-h // INVERSE_EVERY_PX) + 1
     y, x = np.mgrid[:rows, :columns] * float(INVERSE_EVERY_PX)
     coarse = warp.to_patch(np.stack([x + low[0], y + low[1]], -1).reshape(-1, 2)).reshape(rows, columns, 2)

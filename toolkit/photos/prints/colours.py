@@ -307,7 +307,6 @@ def solve_cube(weights: sparse.csr_matrix, seen: np.ndarray, trust: np.ndarray) 
     columns = sparse.hstack([weights @ usual, weights]).tocsr()
     rows = columns.T.tocsr()
     cost = np.zeros((m + usual.shape[1],) * 2)
-    # only what is added to the affine map of the usual print costs anything
     cost[-m:, -m:] = SMOOTHNESS * bending(round(m ** (1 / 3))) + SMALLNESS * np.eye(m)
     cost += TINY * np.eye(len(cost))
     weight = trust.astype(float)

@@ -101,7 +101,6 @@ def _describe_patch(content: bytes, n: int) -> Features:
             frames.append(_compose(to_patch[None, :2], features.frames))
             descriptors.append(features.descriptors)
     every = Features(np.concatenate(frames), np.concatenate(descriptors))
-    # features of the white paper round the patch are taken out
     inside = ((every.frames[:, :, 2] > 0) & (every.frames[:, :, 2] < 1)).all(axis=1)
     return Features(every.frames[inside], every.descriptors[inside])
 
@@ -159,7 +158,6 @@ def match_features(photo: Features, patch: Features) -> tuple[np.ndarray, np.nda
     order = np.argsort(cell, kind="stable")
     cells, starts = np.unique(cell[order], return_index=True)
     likeness = photo.descriptors @ patch.descriptors[order].T
-    # the best likeness of each cell at once, so that the next best is of another place and not of a neighbour
     by_cell = np.maximum.reduceat(likeness, starts, axis=1)
     best_cell = by_cell.argmax(axis=1)
     best = by_cell[np.arange(len(by_cell)), best_cell]
@@ -194,7 +192,6 @@ def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]
         if voters.sum() < MIN_SUPPORT:
             break
         guesses.append(_refine(affine[best], uv, px, voters))
-        # those that voted for a place are used up: the next guess is another place
         left = left & ~voters[None] & ~voters[:, None]
     return guesses
 

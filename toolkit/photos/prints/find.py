@@ -290,7 +290,6 @@ def _sharpen(grey: np.ndarray, corners: np.ndarray, reach_px: float) -> np.ndarr
         along = (end - start) / np.linalg.norm(end - start)
         inwards = np.array([-along[1], along[0]])
         steps = np.arange(-reach_px, reach_px + 0.25, 0.5)
-        # the sheet's rounded or curled corners are left out
         share = np.linspace(0.08, 0.92, EDGE_POINTS)
         points = start + share[:, None] * (end - start)
         profile = sample_image(grey, points[:, None] + steps[:, None] * inwards)

@@ -231,7 +231,6 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
     rows: dict[float, list[np.ndarray]] = {power: [] for power in POWERS}
     meant, seen, weight, fold = [], [], [], []
     for part in colours:
-        # evenly through the patch's pixels, so that each photo has its say and no part of the patch more than another
         kept = np.linspace(0, len(part.seen) - 1, min(most, len(part.seen))).round().astype(int)
         blur_px = _find_blur(part, file, kept)
         for power in POWERS:

@@ -221,7 +221,6 @@ def _view(
     """A random square of a photograph, of the patch's middle, with paper of `sheet` texels and mm in its place."""
     (h, w), middle = one.image.shape[:2], one.look.warp.corners.mean(axis=0)
     side = rng.uniform(*WINDOW) * min(h, w)
-    # the square may lie anywhere with the middle in it, as far as the photograph goes
     low = np.clip(middle - side, 0, [w - side, h - side])
     high = np.clip(middle, 0, [w - side, h - side])
     left, top = rng.uniform(low, np.maximum(low, high))

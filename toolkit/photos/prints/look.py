@@ -193,14 +193,12 @@ def _fit_colours(
     weights = cube_weights(patch_pixels.reshape(-1, 3) / 255.0)
     steps = (np.arange(n) + 0.5) / n
     terms = light_terms(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2))
-    # some thousand texels determine the cube; the light and the shares are fitted to all
     some = np.linspace(0, n * n - 1, min(n * n, MOST_TEXELS)).round().astype(int)
     around = [_shift(n, *step) for step in ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))]
     shares = np.zeros((3, len(around)))
     shares[:, 0] = 1
     light, weight = np.zeros((terms.shape[1], 3)), trust
     for step in range(COLOUR_ROUNDS):
-        # on encoded values, as phones sharpen after their tone curve
         even = linear_to_srgb(srgb_to_linear(seen) / np.exp(terms @ light)).astype(float) @ YCC.T
         parts = []
         for channel in range(3):

@@ -115,7 +115,6 @@ def fit_grid(count: int, room: Rect, aspect: float) -> list[Rect]:
     """
     best: tuple[float, int] = (0.0, 1)
     for columns in range(1, count + 1):
-        # rounded up: the last row may have free places
         rows = -(-count // columns)
         width = (room.width - (columns - 1) * GAP_MM) / columns
         height = (room.height - (rows - 1) * GAP_MM) / rows - CAPTION_MM

@@ -237,7 +237,6 @@ def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
     pdf.shape([at(p) for p in drawing.patch_mm], fill=False)
     pdf.setDash()
     # across the sheet's middle to where the page's arrow, or its upper edge, must point
-    # a third of the sheet to both sides: the arrow stays on the patch
     reach = 0.34 * drawing.size_mm * drawing.arrow_mm
     pdf.block_arrow(at(drawing.centre_mm - reach), at(drawing.centre_mm + reach), 2.6, SHEET)
     _draw_chains(pdf, at, picture, drawing)

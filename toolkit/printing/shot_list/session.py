@@ -132,7 +132,6 @@ def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
     zoom = focal / PHONE_MM
     near, far = min(p.distance_mm for p in places) / 10, max(p.distance_mm for p in places) / 10
     held = "level, the long side across" if camera.width >= camera.height else "upright, the long side up"
-    # divided by what both have in common: 1440 × 1080 is 4:3
     divisor = int(np.gcd(camera.width, camera.height))
     frame = f"{camera.width // divisor}:{camera.height // divisor}"
     return [
@@ -208,7 +207,6 @@ def split_page(area: Rect, aspect: float) -> tuple[Rect, ...]:
     third = 0.23 * area.height
     first = float(np.clip((left - CHAINS_MM) / aspect + CHAINS_MM + GAP_MM, 0.365 * area.height, 0.42 * area.height))
     second = area.height - first - third - 2 * GAP_MM
-    # a square for the walk, which is a disc
     walk = min(second, 0.5 * area.width)
     half = (area.width - 2 * GAP_MM) / 2
     y1, y2 = area.top - first + GAP_MM, area.y + third + GAP_MM
@@ -330,7 +328,6 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
         shots_there = f"shots {a}-{b}" if a != b else f"shot {a}"
         rows.append((f"{leg.variant}, {_name_poses(session, leg.stops)}", shots_there))
         before = leg.variant
-    # the list must fit between the heading and the area's foot, however many rounds there are
     step = min(7.6, (y - area.y) / (len(rows) + 1))
     # after the last round the sheet comes off, or it would be on the next object's first shots
     if before not in (None, "unpatched"):

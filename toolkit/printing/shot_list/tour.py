@@ -77,7 +77,6 @@ class TourLeg:
 def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
     """The places of one object in the order in which the camera first comes there."""
     by_id = {pose.id: pose for pose in poses}
-    # a dict keeps the order of first visits
     walk = dict.fromkeys(step.pose_id for step in steps)
     return [
         Stop(number, by_id[id_], measure_place(by_id[id_]), tuple(step for step in steps if step.pose_id == id_))
@@ -90,7 +89,6 @@ def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
     visits = sorted((shot.number, shot.variant, stop.number) for stop in stops for shot in stop.shots)
     starts = [0]
     for i, ((_, variant, stop), (_, next_variant, next_stop)) in enumerate(pairwise(visits), 1):
-        # a change of variant, or a step that is not to the next place, begins another leg
         if next_variant != variant or next_stop != stop + 1:
             starts.append(i)
     return [
@@ -163,7 +161,6 @@ def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndar
     pixels = np.round(((points - low) / step + 2) * 16).astype(np.int32)
     for triangle in pixels[mesh.faces]:  # one by one: fillPoly of all at once leaves out what two of them cover
         cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, 4)
-    # two levels of contours: outlines and their holes
     contours, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     traced = [cv2.approxPolyDP(contour, FINEST, True)[:, 0] for contour in contours]
     return [(outline - 2.0) * step + low for outline in traced if len(outline) >= 3]
