@@ -131,8 +131,8 @@ class DetectedImage:
         ious = box_iou(self.seen.boxes[kept], np.array(self.truth.box))
         fitting = np.flatnonzero(ious >= FOUND_IOU)
         if not len(fitting):
-            # detections come by falling score: the first that fits is the strongest
             return None
+        # detections come by falling score: the first that fits is the strongest
         return float(self.seen.scores[kept[fitting[0]]]), float(ious[fitting[0]]), self.seen.boxes[kept[fitting[0]]]
 
     @property

@@ -309,8 +309,7 @@ class _ChessFinder:
             grid = grid[:, ::-1]
         turned = grid[::-1, ::-1]
         if self._board.looks_the_same_turned:
-            # either reading is right, so the upper left corner in the picture is taken, which is at least the same
-            # every time
+            # either reading is right: the one whose first corner lies upper left is at least the same always
             return grid if grid[0, 0].sum() <= turned[0, 0].sum() else turned
         return grid if _starts_black(grey, grid) else turned
 

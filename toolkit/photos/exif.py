@@ -98,9 +98,9 @@ def _parse_time(text: str | None, subseconds: str | None, offset: str | None) ->
     try:
         taken = datetime(*map(int, match.groups()))  # type: ignore[arg-type, misc]
     except ValueError:  # cameras with an unset clock write 0000:00:00
-        # padded on the right: these are the digits after the decimal point, so "5" is half a second
         return None
     if subseconds and subseconds.isdecimal() and subseconds.isascii():
+        # padded on the right: these are the digits after the decimal point, so "5" is half a second
         taken = taken.replace(microsecond=int(subseconds[:6].ljust(6, "0")))
     zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", offset or "", re.ASCII)
     if zone and (minutes := int(zone[2]) * 60 + int(zone[3])) < 24 * 60:

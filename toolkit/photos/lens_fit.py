@@ -191,11 +191,11 @@ def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str]
     """
     # the error of a corner has two parts: its root mean square length is √2 standard deviations
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
+    # against the view's median: an outlier does not raise its own limit
     good = [
         np.linalg.norm(residuals, axis=1) < max(limit, STRAY * usual)
         for residuals, usual in zip(fit.residuals, fit.median_px, strict=True)
     ]
-    # by the median of the view: an outlier does not raise its own limit
     if all(mask.all() for mask in good):
         return None
     bad = {}

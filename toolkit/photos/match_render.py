@@ -198,7 +198,7 @@ def _compare_colours(windows: np.ndarray, templates: PoseTemplates) -> np.ndarra
     energy = np.zeros_like(dot)
     for channel in (0, 1):
         values = windows[..., channel]
-        # sum of squares less the square of the sum: the deviation within the mask, without a loop over windows
+        # sum of squares, less the squared sum over the count: the deviation within the mask, without a loop
         energy += values**2 @ masks.T - (values @ masks.T) ** 2 / count
     return dot / np.sqrt(np.maximum(energy, 1e-4 * count))
 

@@ -99,7 +99,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
             try:
                 kept.append(_retexture(root, name, number, file, found, variants, config.seed, done))
             except ToolkitError as error:
-                # a photograph that cannot be used keeps its number, so that pairs by name stay pairs
+                # one that cannot be used leaves a gap: the others' numbers do not depend on it
                 skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
             bar.advance(note=file.name)
     if not kept:

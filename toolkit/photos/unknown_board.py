@@ -257,8 +257,8 @@ def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
     step = float(np.median(near)) / (np.sqrt(2) if is_charuco else 1.0)
     # nearest neighbours give the step roughly; all markers, the farthest most, give it exactly
     for _ in range(3):
-        # least squares through the origin: the slope of places over cells
         cells = np.round((at - at[0]) / step)
+        # least squares through the origin: the slope of places over cells
         step = float(((at - at[0]) * cells).sum() / (cells**2).sum())
     cells = np.round((at - at[0]) / step)
     shift = np.median((at - at[0]) / step - cells, axis=0)

@@ -134,7 +134,6 @@ class SheetSettings(Config):
     def _check(self) -> "SheetSettings":
         asked = [kind for kind in ("board", "ring", "colour_strip") if getattr(self, kind)]
         if len(asked) > 1:
-            # one sheet a call, since each kind has measures of its own
             raise FieldError("expected one of them: print the others by calls of their own", dict.fromkeys(asked, True))
         belongs = {
             "squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],

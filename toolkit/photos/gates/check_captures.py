@@ -141,7 +141,6 @@ def retake_list(
     """
     findings = check_set(photos) if findings is None else findings
     failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
-    # a pose that failed its own gate is not missing besides
     for photo in photos:
         bad = [result for result in photo.results if result.failed]
         if bad:
@@ -151,6 +150,7 @@ def retake_list(
             key = (finding.object, finding.variant, finding.pose_id, finding.path)
             failed.setdefault(key, []).append(finding.result)
     begun = {(photo.object, photo.variant) for photo in photos}
+    # a pose that failed a gate is not missing besides
     known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
     places: dict[tuple[str, str, int | None], int] = {
         (step.object, step.variant, step.pose_id): step.number for step in walk

@@ -300,9 +300,9 @@ class ExpectationBuilder:
     def _build(self, object_name: str, variant: str) -> Built:
         try:
             item = load_object(self._workspace.object_spec(object_name))
-        # a variant of the user's own: its silhouette is judged all the same
         except ToolkitError:
             return None, None, f"the object '{object_name}' is not known"
+        # a variant of the user's own: its silhouette is judged all the same
         if variant not in VARIANTS:
             return Solid(item.mesh), None, f"what '{variant}' has on it is not known"
         try:

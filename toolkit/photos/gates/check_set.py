@@ -98,8 +98,7 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
             misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
     moves: list[float | None] = []
     for row in misses.reshape(len(photos), -1, CELLS**2):
-        # of one sheet the median, as a cell may be seen through glare; of several sheets the worst, as each is taped
-        # alone
+        # of a sheet the median, as a cell may lie in glare; of several the worst, as each is taped alone
         sheets = [float(np.nanmedian(cells)) for cells in row if np.isfinite(cells).sum() >= LEAST_CELLS]
         moves.append(max(sheets, default=None))
     return moves

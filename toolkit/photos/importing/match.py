@@ -110,9 +110,8 @@ def _decide_by_claims(
     poses = sorted(set(claims.values()))
     if not poses:
         why = evidence.no_order
+        # for the way that was asked for: who asked for names is not helped by word of the board
         reasons = {
-            # a reason for the way that was asked for: told of the board, a user who asked for names would look in the
-            # wrong place
             "auto": f"{evidence.no_board}, its name says no pose" + (f", and {why}" if why else ""),
             "board": evidence.no_board,
             "name": "its name holds no pose of the plan: expected one such as pose_07",

@@ -66,9 +66,9 @@ def find_features(grey: np.ndarray) -> Features:
     """SIFT features of (h, w) uint8, the strongest `MAX_FEATURES`."""
     sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=MIN_CONTRAST, edgeThreshold=12)
     found, descriptors = sift.detectAndCompute(grey, None)
-    # OpenCV's keypoints have pixel centres at integers
     if descriptors is None:
         return Features(np.zeros((0, 2, 3)), np.zeros((0, 128), np.float32))
+    # OpenCV's keypoints have pixel centres at integers
     place = np.array([point.pt for point in found]) + 0.5
     # a keypoint's size is its diameter
     radius = np.array([point.size for point in found]) / 2

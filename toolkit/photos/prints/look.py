@@ -218,8 +218,7 @@ def _fit_colours(
             for channel in range(3):
                 columns = np.stack([move @ flat[:, channel] for move in around], axis=1)
                 found = np.linalg.lstsq(columns * weight[:, None], even[:, channel] * weight, rcond=None)[0]
-                # shares add up to one, so that an even area keeps its colour; a sum near zero says that the channel
-                # holds nothing
+                # shares add up to one, so that an even area keeps its colour; a sum near 0 tells nothing
                 shares[channel] = found / found.sum() if abs(found.sum()) > 0.2 else shares[channel]
     lit = linear_to_srgb(srgb_to_linear(np.clip(said @ RGB.T, 0, 1)) * np.exp(terms @ light)).astype(float)
     return nodes, light, lit, weight
