@@ -130,7 +130,6 @@ def check_over_exposure(pixels: np.ndarray, is_object: bool = True) -> GateResul
         pixels: (n, 3) uint8 sRGB, of the object, or of where one is looked for.
         is_object: which of the two.
     """
-    # the middle one of three sorted channels is clipped only where two are
     clipped = np.sort(pixels, axis=1)[:, 1] >= CLIPPED
     result = OVER.judge(100.0 * float(clipped.mean()))
     if is_object or result.passed or clipped.all():
@@ -372,7 +371,6 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     # slopes are 1 / sqrt(w² + s²), so the squared ratio is (w² + coarse²) / (w² + fine²), which solves for w
     ratio = np.maximum((steepest / slope[peaks]) ** 2, 1 + 1e-3)
     width = np.sqrt(np.maximum((coarse_px**2 - ratio * FINE_PX**2) / (ratio - 1), 0)) / share
-    # an edge and its mirror have one direction, so angles count modulo 180°
     direction = (np.arctan2(normal[:, 1], normal[:, 0]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
     bins = [width[direction == i] for i in range(BINS)]
     # the sharper third of a direction: soft shadows and round shapes are no blur of the camera's
