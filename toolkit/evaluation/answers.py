@@ -83,6 +83,7 @@ def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
         image = capture.path if capture.refused is not None else sha256_file(capture.file)
     except OSError:
         image = capture.path
+    # by the weights' hash, not their name: a file may be replaced under its name
     parts = [image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index]
     corruption = find_pending(capture)
     if corruption is not None:  # whose seed is the path

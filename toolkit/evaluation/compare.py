@@ -70,6 +70,7 @@ class RunComparison:
         _, member = np.unique(self.cluster_of, return_inverse=True)
         right = np.array([(pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs], float)
         gain, ci95 = estimate_difference(right[:, 1], right[:, 0], member)
+        # a sign-flip test takes one number from each cluster: its mean change
         change = np.bincount(member, right[:, 1] - right[:, 0]) / np.bincount(member)
         return {"clusters": len(change), "gain": gain, "gain_ci95": ci95, "sign_flip_p": sign_flip_p(change.tolist())}
 
@@ -158,6 +159,7 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     """
     folders = [captures_dir or find_captures_dir(workspace, run) for run in (first, second)]
     said = [read_predictions(run, folder) for run, folder in zip((first, second), folders, strict=True)]
+    # a path means the same picture only in one folder, or in one world seen by the same cameras
     is_one = real_path(folders[0]) == real_path(folders[1]) or _have_one_world(first, second)
     pairs = _pair_images(said[0], said[1], folders, is_one)
     if not pairs:
@@ -177,6 +179,7 @@ def _have_one_world(first: Run, second: Run) -> bool:
 
 def _describe_cameras(run: Run) -> tuple[object, ...]:
     about, cameras = load_json(run.folder / SUMMARY).get("about", {}), run.folder / "cameras.csv"
+    # without its table of cameras a run is like no other
     where = cameras.read_bytes() if cameras.is_file() else run.name
     return where, *(about.get(key) for key in ("world_sha256", "sky", "camera"))
 
@@ -207,6 +210,7 @@ def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str
     for one, sha256 in zip(predictions, hash_images(predictions, folder), strict=True):
         # what is corrupted when it is read shares its file's bytes with the source that it is made of
         if sha256 is not None and has_own_file(one, folder):
+            # the same bytes may lie there twice: the first is paired with the first
             key = (one.capture.object, sha256)
             seen[key] += 1
             keyed[one.capture.object, sha256, seen[key]] = one
@@ -282,6 +286,7 @@ def compare_tables(first: Path, second: Path, images: Path | None = None, cluste
         ToolkitError: a file cannot be read, lacks a column, names an image twice, or says neither right nor wrong; or
             the tables share no image.
     """
+    # clusters are read from the first table alone: an image shares with others what it shares, in either
     said = [_read_table(Path(file), images, cluster if file is first else None) for file in (first, second)]
     names = [name for name in said[0] if name in said[1]]
     if not names:
@@ -303,6 +308,7 @@ def _read_table(file: Path, images: Path | None, cluster: str | None) -> dict[st
     """By image, what was said of it and its cluster."""
     try:
         with open_plain(file) as stream:
+            # -sig: spreadsheets begin UTF-8 with a byte order mark
             lines = csv.reader(stream.read().decode("utf-8-sig").splitlines(), strict=True)
             heads = next(lines, [])
             at = {head.strip().lower(): k for k, head in enumerate(heads)}
@@ -341,6 +347,7 @@ def _read_lines(
             assert guess_at is not None
             is_right = cells[truth_at] == cells[guess_at]
         capture = Capture("table", POOLED, POOLED, None, _locate(images or file.parent, name), name)
+        # rank 2 stands for any wrong answer: tables of other programs have no ranks
         said = Prediction(capture, 0, "", top1_label=guess or None, true_rank=1 if is_right else 2)
         found[name] = said, "" if cluster_at is None else cells[cluster_at]
     return found

@@ -80,6 +80,7 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
     if not 0.5 < length < 2:
         return None
     azimuth = degrees(atan2(y, x)) % 360
+    # an azimuth of 359.96 would be shown as 360.0
     return (0.0 if azimuth > 359.95 else azimuth), degrees(asin(max(-1.0, min(1.0, z / length))))
 
 
@@ -92,6 +93,7 @@ def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
             found[(one.capture.source, one.capture.variant)].append((direction, one))
     lowest: dict[str, float] = defaultdict(float)
     for (source, _), seen in found.items():
+        # one rim for all variants of a source, so that their charts can be compared
         lowest[source] = min(lowest[source], *(direction[1] for direction, _ in seen))
     keys = sorted(found, key=lambda key: (key[0], rank_variant(key[1])))
     return [_chart(*key, found[key], lowest[key[0]]) for key in keys]
@@ -133,6 +135,7 @@ def _wedge(x: float, y: float, radius: float, share: float) -> str:
         return ""
     # a slice of the pie from twelve o'clock, clockwise
     end_x, end_y = x + radius * sin(2 * pi * share), y - radius * cos(2 * pi * share)
+    # SVG's flag for the longer of the two arcs between two points
     large = int(share > 0.5)
     return f"M{x:.2f} {y:.2f}V{y - radius:.2f}A{radius:.2f} {radius:.2f} 0 {large} 1 {end_x:.2f} {end_y:.2f}Z"
 
@@ -249,6 +252,7 @@ def _deal(members: list[Prediction]) -> list[Card]:
     loose: list[Prediction] = []
     for one in members:
         first = poses[one.capture.pose_id].get(one.capture.variant) if one.capture.pose_id is not None else None
+        # of two images of one pose and variant the one that was read is in the card, the other has a card of its own
         if one.capture.pose_id is None or (first is not None and (first.is_read or not one.is_read)):
             loose.append(one)
             continue

@@ -73,6 +73,7 @@ def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None
     hits = np.cumsum(np.concatenate(right)[order])
     if not len(hits):
         return 0.0
+    # one object in each image, so that recall is over images
     recall = hits / len(images)
     precision = hits / np.arange(1, len(hits) + 1)
     # precision at a recall is the best at that recall or above: the curve's envelope
@@ -131,6 +132,7 @@ class DetectedImage:
         fitting = np.flatnonzero(ious >= FOUND_IOU)
         if not len(fitting):
             return None
+        # detections come by falling score: the first that fits is the strongest
         return float(self.seen.scores[kept[fitting[0]]]), float(ious[fitting[0]]), self.seen.boxes[kept[fitting[0]]]
 
     @property
@@ -311,6 +313,7 @@ def detect_captures(
             part = captures[start : start + BATCH]
             read = list(islice(pictures, len(part)))
             pixels = [one for one in read if not isinstance(one, str)]
+            # images that were not read have no answer: the others take theirs in turn
             seen = iter(detector.detect(pixels) if pixels else [])
             for capture, one in zip(part, read, strict=True):
                 index, truth = classes[capture.object], truths[capture.file]
@@ -320,6 +323,7 @@ def detect_captures(
                 elif one.shape[:2] != truth.mask.shape:
                     sides = "×".join(map(str, reversed(one.shape[:2])))
                     found.append(replace(image, status=f"is {sides}, which is not its camera's size"))
+                    # its answer is passed over: boxes in pictures of another size cannot be compared
                     next(seen)
                 else:
                     found.append(replace(image, seen=next(seen)))

@@ -51,6 +51,7 @@ def describe_pairs(run: "DetectionRun") -> list[str]:
     lines = []
     pooled = {one.source for one in run.groups if one.object == "all"}
     for pair in run.pairs:
+        # one line for each source and variant: the pooled one where there are several objects
         if (pair.object == "all") != (pair.source in pooled):
             continue
         found = pair.outcomes
@@ -86,6 +87,7 @@ def draw_boxes(one: "DetectedImage", detector: Detector) -> str | None:
     image = Image.fromarray(np.ascontiguousarray(pixels))
     pen, width = ImageDraw.Draw(image), max(2, round(max(image.size) / 120))
     pen.rectangle(one.truth.box, outline=TRUTH_COLOUR, width=width)
+    # the strongest last, on top of the others
     for box, index, score in list(zip(one.seen.boxes, one.seen.classes, one.seen.scores, strict=True))[::-1]:
         if score >= LEAST_SHOWN:
             colour = RIGHT_COLOUR if index == one.true_index else WRONG_COLOUR

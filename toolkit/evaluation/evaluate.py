@@ -78,6 +78,7 @@ def evaluate_captures(
 
 def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     """Network, weights and sources, such as `resnet18-imagenet-sim`; more than three sources are counted."""
+    # weights are mostly called after their network, whose name stands before them already
     weights = Path(classifier.weights.name).stem.removeprefix(classifier.arch).removeprefix(classifier.name)
     names = list(dict.fromkeys(sources))
     parts = [classifier.name, weights, "+".join(names) if len(names) <= MOST_SOURCES else f"{len(names)}-sources"]
@@ -87,6 +88,7 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
 
 def choose_run_dir(wanted: Path, findings: Findings, overwrite: bool = False) -> Path:
     """`wanted`, or the first of RUN-2, RUN-3 … that is free or holds these very predictions."""
+    # predictions decide whether it is the same result: all else follows from them
     return find_run_dir(wanted, "predictions.csv", encode_predictions(findings.predictions).encode(), overwrite)
 
 

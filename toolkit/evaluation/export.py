@@ -193,6 +193,7 @@ def _list_rows(
     """The columns that the runs have, each with its type, and a row for each run and image."""
     columns, rows = dict(HEADS), []
     for run in runs:
+        # older runs lack that column, and it is of photographs alone
         own = {name: kind for name, kind in _columns_of(run).items() if name != "failed_gates"}
         columns |= own
         conditions: dict[str, tuple[str, str | None, int | None]] = {
@@ -213,6 +214,7 @@ def _columns_of(run: Run) -> dict[str, type]:
 
 
 def _look_up(one: Prediction, column: str) -> object:
+    # an image that was not read is neither right nor wrong
     if column in ("correct_top1", "correct_top5") and not one.is_read:
         return None
     places = (one.capture, one.detection, one)
@@ -274,6 +276,7 @@ def write_fiftyone(
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
         for one in placed:
+            # one number for each file, however many runs saw it
             key = files.setdefault(str(one.capture.file), f"{len(files):06d}")
             labels: dict[str, object] = {name: getattr(one.capture, name) for name in ("object", "variant", "source")}
             said, prediction = one.detection, f"prediction_{_as_name(run)}"
@@ -306,6 +309,7 @@ def _place_box(
     """One detection or none, its box in shares of the image's width and height."""
     if box is None:
         return []
+    # x and width are shares of the image's width, y and height of its height
     shares = [side / size[k % 2] for k, side in enumerate(as_bbox(box))]
     return [{"label": label, "bounding_box": shares, **(about or {})}]
 
@@ -361,6 +365,7 @@ def write_coco_results(
         results: list[Row] = []
         for number, one in enumerate(placed, 1):
             said, capture, (width, height) = one.detection or Detection(), one.capture, _measure_image(one)
+            # COCO counts categories from 1
             of = {"image_id": number, "category_id": categories.index(one.true_label) + 1}
             images.append({"id": number, "file_name": capture.path, "width": width, "height": height})
             if said.true_box is not None:

@@ -28,6 +28,7 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
     logs: dict[Path, dict[str, CheckLine]] = {}
     captures: list[Capture] = []
     for one in folder.captures:
+        # as many folders up as the path below the source has parts
         source_dir = one.file.parents[one.path_in_source.count("/")]
         if source_dir not in logs:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
@@ -138,6 +139,7 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
         if name in specs:
             classes[name] = class_of_spec(specs[name], classifier)
             continue
+        # what the manifest says comes before the folder's name
         said = next((one.class_name for one in folder.captures if one.object == name and one.class_name), None)
         if said is not None:
             classes[name] = classifier.class_index(int(said) if said.isdecimal() else said)
@@ -197,6 +199,7 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
         try:
             return classifier.class_index(spelling)
         except ToolkitError as error:
+            # that a name means several classes says more than a guess at its spelling
             why = str(error) if str(error).startswith("several") else why
     where = next(capture.path for capture in folder.captures if capture.object == name)
     near = get_close_matches(name, [*specs, *classifier.labels], n=3)

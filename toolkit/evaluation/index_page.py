@@ -110,4 +110,5 @@ def _describe_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> IndexFlip:
 def _find_report(path: Path, run: Run) -> str | None:
     """Where its report is, as seen from the page."""
     report, home = (run.folder / "report.html").resolve(), path.resolve().parent
+    # a report elsewhere has no relative link that opens from disk
     return report.relative_to(home).as_posix() if report.is_file() and report.is_relative_to(home) else None

@@ -238,6 +238,7 @@ def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
     for variants in poses.values():
         one, other = variants.get(first, {}), variants.get(second, {})
         shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
+        # pose 3 of two plans is not one camera: what stands apart is no pair
         pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
     return pairs
 
@@ -303,6 +304,7 @@ def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: st
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
     gaps = [one.capture.tell_cameras_apart(partner.capture) for partner in partners if partner.is_read]
+    # one partner of the same camera is enough
     if all(gaps):
         return (
             f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): {OTHER_PLAN}, so take "

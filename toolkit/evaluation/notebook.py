@@ -95,5 +95,6 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
     if "failed_gates" in table.columns:
         table["failed_gates"] = table["failed_gates"].fillna("")
     for name in ("correct_top1", "correct_top5"):
+        # empty where nothing was said: neither right nor wrong
         table[name] = table[name].map({"1": True, "0": False})
     return table.astype({name: PANDAS[COLUMNS[name]] for name in NEEDED})

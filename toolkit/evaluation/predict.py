@@ -159,6 +159,7 @@ def classify_stream(
     """
     size, rest = choose_batch_size(classifier, batch_size), iter(images)
     if classifier.device == "cpu":
+        # whole parts alone, as a pass of another shape may give other last digits
         size = -(-size // CPU_PART) * CPU_PART
     while batch := list(islice(rest, size)):
         found = _classify_parts([pixels for _, pixels in batch], classifier)
@@ -240,6 +241,7 @@ def _decode_files(captures: Sequence[Capture], how: Preprocessing, ahead: int) -
             pixels = read_image(capture.file, how.resize_px)
         except UnreadableImage as error:
             return error.reason
+        # a file that was cut to the network's size is not resized once more
         is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
         return pixels if is_cut else resize_and_crop(pixels, how)
 

@@ -27,6 +27,7 @@ def _row(one: Prediction) -> Iterator[object]:
     capture = one.capture
     yield from (capture.source, capture.object, capture.variant, capture.pose_id, capture.path)
     yield from (one.true_index, one.true_label, one.top1_index, one.top1_label)
+    # the truth's probability may be tiny: six significant digits, where the first guess's has six decimals
     yield from (f"{one.top1_prob:.6f}", f"{one.true_prob:.6g}", one.true_rank) if one.is_read else (None,) * 3
     yield from (int(one.correct_top1), int(one.correct_top5)) if one.is_read else (None,) * 2
     yield from (one.status, "; ".join(capture.failed_gates))
@@ -46,7 +47,9 @@ def make_detected(capture: Capture, true_label: str, detection: Detection, statu
     """
     if status != OK:
         return Prediction(capture, -1, true_label, status=status, detection=detection)
+    # the score stands where a classifier has a probability: flips are sorted by it
     strongest, score = detection.strongest_label, detection.score or 0.0
+    # a wrong answer of the true class would look right: it is called not found
     wrong = strongest if strongest and strongest != true_label else "not found"
     return Prediction(
         capture, -1, true_label, top1_label=true_label if detection.found else wrong, top1_prob=score, true_prob=score,

@@ -81,6 +81,7 @@ def _make_point(pair: Pair) -> PosePoint:
     kind = "sim" if pair.is_lost else "real" if pair.is_gained else "both" if pair.first.correct_top1 else "neither"
     sim, real = pair.first.true_prob or 0.0, pair.second.true_prob or 0.0
     words = f"{name}, pose {pose_id}: {100 * sim:.3g} % in the rig, {100 * real:.3g} % in the photograph"
+    # SVG counts downwards
     return PosePoint(place_prob(sim), SIDE - place_prob(real), kind, words)
 
 

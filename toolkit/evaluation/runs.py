@@ -99,6 +99,7 @@ class Where:
         """Whether the row is so; a field that it lacks meets `!=` alone."""
         found = getattr(row, self.field)
         if self.operator in ("=", "!="):
+            # as people type it: 0.5
             text = f"{found:g}" if isinstance(found, float) else str(found)
             return (found is not None and fnmatchcase(text, self.value)) == (self.operator == "=")
         if found is None:
@@ -126,6 +127,7 @@ def parse_where(text: str) -> Where:
         raise one_of("field of a run", name, [*FIELDS, *ALIASES])
     if operator not in ("=", "!=") and not (field in NUMBERS and _is_number(value)):
         raise ToolkitError(f"'{text}' is not a condition: {operator} compares numbers: {', '.join(NUMBERS)}")
+    # rows say `clear` where the benchmark's files say `clean`
     return Where(field, operator, CLEAR if (field, value) == ("condition", "clean") else value)
 
 

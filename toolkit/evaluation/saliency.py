@@ -44,6 +44,7 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
             return
         if output.ndim == 4 and min(output.shape[2:]) > 1:
             last, tokens_after = module, False
+        # (batch, tokens, channels): attention mixes places, so that a map before it says little
         elif output.ndim == 3 and output.shape[1] > 1:
             tokens_after = True
 
@@ -146,6 +147,7 @@ def draw_saliency(
         return Saliency()
     if wanted is None and n > MAX_UNASKED:
         return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
+    # an image in several flips is asked about once
     images = list({one.capture.path: one for pair in shown for one in (pair.first, pair.second)}.values())
     try:
         seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))

@@ -30,7 +30,9 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
     if run.kind != "sweep":
         return workspace.captures_dir
     axis = run.folder.resolve().parent
+    # `captures-SET` holds the images of runs whose name ends in -SET
     of_sets = [one for one in axis.glob("captures-*") if run.folder.name.endswith(one.name.removeprefix("captures"))]
+    # the longest: one set's name may be the end of another's
     return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
 
 
@@ -88,6 +90,7 @@ def _within(root: Path) -> Find:
             there = inside(root, head)
             folders[head] = there, *_list_files(there)
         folder, files, links = folders[head]
+        # what can lead nowhere else needs no check of its own
         is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
         if name in links or not is_plain or name in ("", ".", "..") or len(name) > MOST_NAME_BYTES:
             file = inside(root, path)
@@ -116,6 +119,7 @@ def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> 
     path, source = line["path"], line["source"]
     file, is_there = find(path)
     head, _, rest = path.partition("/")
+    # not there under its own path: it was corrupted when it was read, and the file before that is meant
     if not is_there and sources.get(head, head) != head:
         file, _ = find(f"{sources[head]}/{rest}")
     gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))

@@ -162,6 +162,7 @@ class _Pair(_Where):
     @property
     def is_of_variants(self) -> bool:
         """Whether the two differ in the variant alone; of landings, in the pad."""
+        # cells are named pad/regressor/world/air: all behind the pad must be the same
         return self.cell.partition("/")[2] == self.against.partition("/")[2]
 
 
@@ -212,6 +213,7 @@ def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
     """
     content = load_json(file)
     version = content.get("schema_version") if isinstance(content, dict) else None
+    # True is an int to Python, and no version
     if not isinstance(version, int) or isinstance(version, bool):
         raise ToolkitError(f"{file} is not a result of toolkit: expected a schema_version in it")
     if version > SCHEMA_VERSION:
@@ -235,6 +237,7 @@ def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
 
 
 def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
+    # landings name their cells; elsewhere the fields of a row are its key
     changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
     corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
     pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}

@@ -130,6 +130,7 @@ def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedMod
 def _survey_detector(model: str, detector: Detector) -> SurveyedModel:
     """Speed from pictures of 640 × 480 to boxes; accuracy is what `toolkit eval` measures."""
     pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
+    # once unmeasured: first passes set up what later ones use
     detector.detect(pictures)
     start = perf_counter()
     detector.detect(pictures)
@@ -161,9 +162,11 @@ def measure_speed(classifier: Classifier, backward: bool = False, seconds: float
             logits = classifier.logits(batch)
             if backward:
                 torch.autograd.grad(logits.sum(), batch)
+        # a GPU's work is queued: without waiting only the queueing would be timed
         if classifier.device == "cuda":
             torch.cuda.synchronize()
 
+    # once unmeasured: first passes set up what later ones use
     run()
     count, start = 0, perf_counter()
     while count == 0 or perf_counter() - start < seconds:

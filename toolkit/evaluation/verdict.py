@@ -171,6 +171,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     )
     beaten = [row for row in rivals if row.outcomes.first_is_better]
     against_bare = rows.get((UNPATCHED, booster))
+    # where bare was not shot too, nothing says that it does not help
     helps = against_bare is None or against_bare.outcomes.second_is_better
     tone, verdict = "open", f"Not shown to be this {noun}"
     if best.outcomes.second_is_better:
@@ -234,6 +235,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
             f"only without it ({format_test(found.mcnemar_p)})."
         )
     needs_object = row is not None and row.outcomes.first_is_better
+    # the whole interval above a half: "mostly" is shown, not just seen
     if low > MOST:
         tone, verdict = "bad", "The network reads the sticker, not the object"
         if needs_object:

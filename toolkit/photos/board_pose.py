@@ -25,6 +25,7 @@ ENOUGH_CORNERS = 24
 ENOUGH_SHARE = 0.4
 """With so many corners, or this share of the board's, no further search is made in other sizes of the picture."""
 LEAST_CORNERS = 6
+# all of OpenCV's helps: an exhaustive search, contrast evened first, corners to a part of a pixel
 CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
 CHESS_REACH = 0.35
 """Of a square's shortest side, what is looked at round a corner to refine it."""
@@ -121,6 +122,7 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     inside = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(inside, cv2.convexHull(sighting.corners_px.astype(np.float32)).round().astype(np.int32), 1)
     light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[inside > 0]]
+    # percentiles, so that a shadow, glare or what else lies on the board does not count
     dark, bright = np.percentile(light, (15, 85)) if len(light) else (1.0, 1.0)
     return float(dark / max(bright, 1e-6))
 
@@ -177,6 +179,7 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
         yield shrink(grey, 2 * SEARCH_SIDE_PX)
     if longer > COARSE_SIDE_PX:
         yield shrink(grey, COARSE_SIDE_PX)
+    # blurred before its contrast is raised, which would raise the noise as well
     yield cv2.createCLAHE(4.0, (8, 8)).apply(cv2.GaussianBlur(first, (0, 0), 1.0))
 
 
@@ -194,6 +197,7 @@ class _MarkerFinder:
         self.world_mm = board.object_points()
         self._places = {marker_id: place for place, marker_id in enumerate(board.marker_ids)}
         dictionary = get_dictionary(board.dictionary)
+        # a marker's black border is one module wide on each side of the `markerSize` that carry bits
         self._modules = dictionary.markerSize + 2
         self._markers = cv2.aruco.ArucoDetector(dictionary, detector_parameters())
 
@@ -206,6 +210,7 @@ class _MarkerFinder:
         if not markers:
             return None
         numbers = np.concatenate([4 * self._places[marker_id] + np.arange(4) for marker_id in markers])
+        # OpenCV puts pixel centres at integers, the kit's cameras at halves
         return numbers, np.concatenate(list(markers.values())) + 0.5
 
     def sees_two(self, grey: np.ndarray) -> bool:
@@ -269,11 +274,13 @@ class _ChessFinder:
         if grid is None or self._find_grid(_blank(searched, grid)) is not None:
             return None
         scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]])
+        # by halves to edges and back: pixel centres of two sizes do not meet at integers
         places = (grid + 0.5) * scale - 0.5
         steps = (
             np.linalg.norm(np.diff(places, axis=1), axis=2).min(),
             np.linalg.norm(np.diff(places, axis=0), axis=2).min(),
         )
+        # a wider window would reach the next corner, a smaller one sees nothing but the blur of this
         reach = int(np.clip(CHESS_REACH * min(steps), 2, 10))
         start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
         places = cv2.cornerSubPix(full, start, (reach, reach), (-1, -1), STOP).reshape(grid.shape).astype(float)
@@ -302,6 +309,7 @@ class _ChessFinder:
             grid = grid[:, ::-1]
         turned = grid[::-1, ::-1]
         if self._board.looks_the_same_turned:
+            # either reading is right: the one whose first corner lies upper left is at least the same always
             return grid if grid[0, 0].sum() <= turned[0, 0].sum() else turned
         return grid if _starts_black(grey, grid) else turned
 
@@ -334,6 +342,7 @@ def _make_finder(board: Board) -> Finder:
 def _are_two(ids: np.ndarray) -> bool:
     """Whether so many markers are there twice that two boards must be."""
     twice = sum(count > 1 for count in Counter(ids.tolist()).values())
+    # one marker twice may be a misreading of texture; a share of them all twice is a board
     return twice > 1 and twice > TWICE_SHARE * len(set(ids.tolist()))
 
 

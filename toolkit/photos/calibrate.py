@@ -130,6 +130,7 @@ def _photos_of(path: Path) -> Iterator[Photo]:
         yield photo
         return
     frames = pick_frames(path, VIDEO_EVERY_S)
+    # frames are spread over the whole video, since those that follow each other show nearly the same view
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int)
     for i in dict.fromkeys(chosen.tolist()):
         yield replace(photo, frame=frames[i])
@@ -142,6 +143,7 @@ def _sort_photo(photo: Photo, name: str, board: Board, sorting: _Sorting) -> Non
     if sighting is None:
         sorting.without_board.append((shown, explain_absence(pixels, board)))
         return
+    # a lens is calibrated as the sensor stores pictures: photographs upright and on their side then count together
     stored = stored_sighting(sighting, turns_upright(photo.path))
     key = (photo.camera, photo.focal_35mm_mm, (stored.width, stored.height))
     sorting.views.setdefault(key, []).append((shown, stored))
@@ -182,6 +184,7 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
             middle, mean = low + cell / 2, residuals[inside].mean(axis=0) * arrow
             axes.quiver(*middle, *mean, angles="xy", scale_units="xy", scale=1, width=0.003, zorder=3)
     off = np.linalg.norm(residuals, axis=1)
+    # the worst errors are drawn last, on top of the others
     order = np.argsort(off)
     dots = axes.scatter(
         corners[order, 0],
@@ -190,6 +193,7 @@ def draw_calibration(found: Calibration, title: str) -> bytes:
         s=6,
         cmap="viridis_r",
         vmin=0,
+        # a colour scale up to three times the usual error: one stray corner does not pale all others
         vmax=3 * found.reprojection_px,
         linewidths=0,
     )

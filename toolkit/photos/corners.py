@@ -34,6 +34,7 @@ def grow_corners(
     marker_mm = board.marker_points(sorted(markers))[..., :2].reshape(-1, 2)
     marker_px = np.concatenate([markers[number] for number in sorted(markers)]).reshape(-1, 2)
     corners = dict(found)
+    # each pass predicts from the corners of the pass before, so that the known region grows outwards
     for _ in range(PASSES):
         known = sorted(corners)
         anchors_mm = np.concatenate([marker_mm, world[known]])
@@ -44,6 +45,7 @@ def grow_corners(
         seen = {i: one for i, one in tried.items() if one is not None}
         if not seen:
             break
+        # most corners are true, so the upper quartile says what contrast this photograph's board has
         usual = float(np.percentile([contrast for _, contrast in seen.values()], 75))
         limit = max(LEAST_CONTRAST, LEAST_CONTRAST_SHARE * usual)
         new = {i: place for i, (place, contrast) in seen.items() if contrast >= limit and i not in corners}
@@ -59,6 +61,7 @@ def _see_corner(
     """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
     at_mm = board.object_points([number])[0, :2]
     away = np.linalg.norm(anchors_mm - at_mm, axis=1)
+    # a homography knows nothing of distortion: it is fitted to what lies near alone
     near = np.argsort(away, kind="stable")[:ANCHORS]
     if len(near) < 4 or away[near[0]] > REACH_SQUARES * board.square_mm:
         return None
@@ -71,6 +74,7 @@ def _see_corner(
     if not np.isfinite(places).all():
         return None
     side = float(np.linalg.norm(places[1:] - places[0], axis=1).min())
+    # between the corner and the nearest marker lies the white gap; a window inside of it sees no marker
     window = int(np.clip(0.9 * side * gap / square, 2, 10))
     rim = window + 3
     h, w = grey.shape
@@ -78,6 +82,7 @@ def _see_corner(
         return None
     start = places[:1].astype(np.float32).reshape(1, 1, 2)
     place = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), STOP).reshape(2)
+    # `cornerSubPix` walks off to a stronger corner where there is none: what it returns far away is not this one
     if np.linalg.norm(place - places[0]) > max(MOST_SHIFT * side, 1.0):
         return None
     return place, _contrast(grey, board, number, homography, place - places[0])
@@ -130,6 +135,7 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
     corners = np.asarray(corners, float)
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
+    # the shortest side has the smallest modules; the same reach then fits all four
     reach = float(np.clip(MODULES_IN_REACH * lengths.min() / modules, LEAST_REACH_PX, MOST_REACH_PX))
     steps = np.arange(-reach, reach + STEP_PX / 2, STEP_PX)
     outwards = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.maximum(lengths, 1e-9)[:, None]
@@ -139,6 +145,7 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
     x, y = flat[..., 0].copy(), flat[..., 1].copy()
     light = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
     # outwards it gets lighter; the centroid of the squared rise is the edge
+    # squared, so that the steepest place counts and the noise of many small rises does not
     rise = np.diff(light.reshape(4, len(ALONG), len(steps)), axis=2).clip(0) ** 2
     weight = rise.sum(axis=2)
     offset = (rise * (steps[1:] + steps[:-1]) / 2).sum(axis=2) / np.maximum(weight, 1e-9)
@@ -155,6 +162,7 @@ def _fit_line(offset: np.ndarray, weight: np.ndarray) -> np.ndarray:
     design = np.stack([1 - ALONG, ALONG], axis=1)
     root = np.sqrt(weight)
     for _ in range(LINE_ROUNDS):
+        # iteratively reweighted least squares: beyond `STRAY_PX` an edge's pull grows no more
         ends = np.linalg.lstsq(design * root[:, None], offset * root, rcond=None)[0]
         stray = np.abs(offset - design @ ends)
         root = np.sqrt(weight) * np.minimum(1, STRAY_PX / np.maximum(stray, 1e-9))

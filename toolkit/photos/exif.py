@@ -84,6 +84,7 @@ def write_exif(facts: ExifFacts) -> bytes:
 
 
 def _find_time(base: Mapping[int, object], details: Mapping[int, object]) -> datetime | None:
+    # when the shutter opened comes first: a later time is when a scan or an edit was made
     for tag, value in ((TAKEN, details.get(TAKEN)), (DIGITISED, details.get(DIGITISED)), (CHANGED, base.get(CHANGED))):
         if taken := _parse_time(_text(value), _text(details.get(SUBSECONDS[tag])), _text(details.get(OFFSETS[tag]))):
             return taken
@@ -99,6 +100,7 @@ def _parse_time(text: str | None, subseconds: str | None, offset: str | None) ->
     except ValueError:  # cameras with an unset clock write 0000:00:00
         return None
     if subseconds and subseconds.isdecimal() and subseconds.isascii():
+        # padded on the right: these are the digits after the decimal point, so "5" is half a second
         taken = taken.replace(microsecond=int(subseconds[:6].ljust(6, "0")))
     zone = re.fullmatch(r"([+-])(\d\d):(\d\d)", offset or "", re.ASCII)
     if zone and (minutes := int(zone[2]) * 60 + int(zone[3])) < 24 * 60:
@@ -111,6 +113,7 @@ def _text(value: object) -> str | None:
         value = value.decode("utf-8", errors="replace")
     if not isinstance(value, str):
         return None
+    # text is cut at the first zero byte, which ends it in EXIF, and keeps no control signs that a terminal would obey
     clean = "".join(sign for sign in value.split("\0")[0] if sign.isprintable()).strip()
     return clean[:LONGEST_TEXT] or None
 
@@ -185,6 +188,7 @@ def find_preview(path: Path) -> Preview:
         raise UnreadableImage(path, explain_damage(error)) from None
     if not found:
         raise UnreadableImage(path, "a DNG without a JPEG preview: export it from your raw converter as JPEG or TIFF")
+    # a DNG may hold a thumbnail beside the full preview
     offset, length, width, height = max(found, key=lambda one: one[2] * one[3])
     return Preview(offset, length, width, height, facts)
 
@@ -202,6 +206,7 @@ def read_preview(path: Path) -> bytes:
     if b"Exif\0\0" in content[:64]:
         return content
     block = write_exif(preview.facts)
+    # a JPEG's segments follow its two bytes of start, and a segment's length counts its own two bytes
     return content[:2] + APP1 + (len(block) + 2).to_bytes(2, "big") + block + content[2:]
 
 
@@ -222,6 +227,7 @@ def _directories(file: BinaryIO, most: int) -> Iterator[ImageFileDirectory_v2]:
     seen: set[int] = set()
     while waiting and len(seen) < most:
         offset = waiting.pop(0)
+        # a damaged chain may point back to itself
         if not offset or offset in seen:
             continue
         seen.add(offset)
@@ -239,6 +245,7 @@ def _jpeg_in(directory: ImageFileDirectory_v2, file: BinaryIO) -> tuple[int, int
         return None
     offsets = _numbers(directory.get(JPEG_START)) or _numbers(directory.get(STRIPS))
     lengths = _numbers(directory.get(JPEG_BYTES)) or _numbers(directory.get(STRIP_BYTES))
+    # a picture in several strips is several JPEGs, none of them whole
     if len(offsets) != 1 or len(lengths) != 1 or not 0 < lengths[0] <= MOST_BYTES:
         return None
     file.seek(offsets[0])

@@ -46,6 +46,7 @@ def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
     Phones round it to a whole millimetre (2 % at 26 mm, and so are distances), and a picture cropped from the sensor's
     frame, as 16:9 mostly is, may carry the full frame's number: a calibrated lens is better.
     """
+    # f / diagonal is the same for both frames, as both have one diagonal angle of view
     focal_px = focal_35mm_mm / FULL_FRAME_DIAGONAL_MM * float(np.hypot(width, height))
     return Camera.from_focal_px(width, height, focal_px)
 
@@ -121,6 +122,7 @@ class LensRecord(BaseModel):
         """Whether its focal length is known better, by more than a tenth; no where one of the two does not say."""
         if self.focal_sigma_px is None or other.focal_sigma_px is None:
             return False
+        # relative to fx, since the two may be of pictures of other sizes
         return LESS_SURE * self.focal_sigma_px / self.fx < other.focal_sigma_px / other.fx
 
 

@@ -141,8 +141,10 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     size = (views[0].width, views[0].height)
     coverage = cover([view.corners_px for view in used.values()], size)
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
+    # bounded: a round takes out one view, or corners, which may take a few rounds
     for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
+        # corners before views: one stray corner must not cost a whole photograph
         dropped = _drop_corners(used, fit)
         if dropped is None:
             dropped = _drop_view(used, fit)
@@ -189,6 +191,7 @@ def _drop_corners(used: dict[int, BoardSighting], fit: "_Fit") -> dict[int, str]
     """
     # the error of a corner has two parts: its root mean square length is √2 standard deviations
     limit = max(OUTLIER_SIGMAS * fit.rms_px / np.sqrt(2), LEAST_OUTLIER_PX)
+    # against the view's median: an outlier does not raise its own limit
     good = [
         np.linalg.norm(residuals, axis=1) < max(limit, STRAY * usual)
         for residuals, usual in zip(fit.residuals, fit.median_px, strict=True)
@@ -210,6 +213,7 @@ def measure_slant(view: BoardSighting) -> float:
     homography, _ = cv2.findHomography(place, view.corners_px, cv2.LMEDS)
     if homography is None:
         return 0.0
+    # the homography's last row is the depth over the plane, up to a factor; divided by the middle's it is a share
     depth = place @ homography[2, :2] / homography[2, 2]  # relative to that of the middle
     return float(np.ptp(depth))
 
@@ -285,6 +289,7 @@ class _Fit:
     def measure_bend(self, spread: np.ndarray) -> tuple[float, bool]:
         """Millimetres from the lowest to the highest corner of the board off its mean plane; whether that matters."""
         world = np.concatenate([view.world_mm for view in self.views])
+        # rounded, so that a corner that several views saw counts once
         flat = np.unique(world[:, :2].round(6), axis=0)
         height = _bend_shapes(flat, _half_diagonal(self.views)) @ self.bend
         plane = np.c_[flat, np.ones(len(flat))]
@@ -368,6 +373,7 @@ def _why_not(view: BoardSighting, first: BoardSighting) -> str | None:
         return f"{view.width}x{view.height} px, the others have {first.width}x{first.height}"
     if len(view.ids) < LEAST_CORNERS:
         return f"{len(view.ids)} corners of the board were found, at least {LEAST_CORNERS} are needed"
+    # the smaller singular value is the spread across the line that fits best
     spread = np.linalg.svd(view.world_mm[:, :2] - view.world_mm[:, :2].mean(axis=0), compute_uv=False)
     return "the corners that were found lie on one line" if spread[1] < 0.05 * spread[0] else None
 

@@ -174,6 +174,7 @@ def view_of(T_world_camera: np.ndarray, target_mm: np.ndarray) -> View:
         raise ToolkitError("a camera that stands in the middle of the object has no view of it: its pose is wrong")
     azimuth = float(np.degrees(np.arctan2(offset[1], offset[0])) % 360)
     elevation = float(np.degrees(np.arcsin(np.clip(offset[2] / distance, -1, 1))))
+    # the same place without roll, to measure the camera's roll against
     upright = look_at(position, target, 0.0, azimuth)
     off_centre = _angle(T_world_camera[:3, 2], -offset)
     return View(azimuth, elevation, distance, _roll_between(upright, T_world_camera), off_centre)
@@ -192,6 +193,7 @@ def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
     if not poses:
         raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
     matches = [_compare(T_world_camera, pose) for pose in poses]
+    # by the cost, not by the angle alone: two poses may look from the same side at other distances
     order = sorted(range(len(poses)), key=lambda i: matches[i][0])
     cost, best = matches[order[0]]
     if len(order) == 1:
@@ -210,6 +212,7 @@ def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
         roll = _roll_between(planned, T_world_camera)
     else:
         roll = _wrap(seen.roll_deg - wanted.roll_deg)
+    # the logarithm makes twice as far and half as far equally wrong
     ratio = abs(float(np.log(seen.distance_mm / wanted.distance_mm)))
     cost = error + ROLL_COST * abs(roll) + DISTANCE_COST_DEG * ratio
     return cost, PoseMatch(
@@ -230,6 +233,7 @@ def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
 def _roll_between(one: np.ndarray, other: np.ndarray) -> float:
     """Degrees that `other` is turned about its line of sight against `one`, their difference in aim taken out."""
     turn = one[:3, :3].T @ other[:3, :3]
+    # the angle of the nearest turn about z, which is the line of sight: the polar part of the upper 2 × 2 block
     return float(np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])))
 
 
@@ -239,4 +243,5 @@ def _wrap(degrees: float) -> float:
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:
     """Degrees between two vectors, exact for small angles too."""
+    # arctan2 of sine and cosine: arccos alone loses digits where vectors are nearly parallel
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))

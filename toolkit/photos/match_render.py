@@ -156,9 +156,11 @@ def _score(image: np.ndarray, templates: Sequence[PoseTemplates]) -> list[np.nda
     """Of each object (poses,) the score of the window that looks most like the pose."""
     best = [np.full(len(one.ids), -1.0) for one in templates]
     for edges, colours in _windows(image):
+        # with the squares, the energy of each window within each mask is one matrix product
         squares = edges**2
         for k, one in enumerate(templates):
             score = edges @ one.edges.T
+            # a cosine: a window of strong edges is no more alike for that
             score /= np.sqrt(np.maximum(squares @ one.edge_masks.T, 1e-6))
             if one.colour_weight > 0:
                 score = score + one.colour_weight * _compare_colours(colours, one)
@@ -175,6 +177,7 @@ def _windows(image: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
         rim = max(WINDOW_CELLS // 4, -(-(WINDOW_CELLS - min(size) // CELL_PX) // 2) + 1)
         edges = np.pad(_edge_cells(small), ((rim, rim), (rim, rim), (0, 0)))
+        # at the rim the picture's own colour goes on: black would be a difference of colour that nobody took
         colours = np.pad(_colour_cells(small), ((rim, rim), (rim, rim), (0, 0)), mode="edge")
         yield _unfold(edges).reshape(-1, WINDOW_CELLS**2 * BINS), _unfold(colours)
 
@@ -195,6 +198,7 @@ def _compare_colours(windows: np.ndarray, templates: PoseTemplates) -> np.ndarra
     energy = np.zeros_like(dot)
     for channel in (0, 1):
         values = windows[..., channel]
+        # sum of squares, less the squared sum over the count: the deviation within the mask, without a loop
         energy += values**2 @ masks.T - (values @ masks.T) ** 2 / count
     return dot / np.sqrt(np.maximum(energy, 1e-4 * count))
 
@@ -215,19 +219,23 @@ def _crop_window(picture: np.ndarray, covered: np.ndarray) -> tuple[np.ndarray, 
 
 def _edge_cells(picture: np.ndarray) -> np.ndarray:
     """(h / 8, w / 8, 9) strength of edges by direction, each cell against the strength round it."""
+    # the root evens out how strong edges in the dark and in the light are
     grey = np.sqrt(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255)
     across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
     strength = np.hypot(across, down)
+    # modulo 180°: an edge is the same whether the object is lighter or darker than what lies behind it
     place = np.mod(np.arctan2(down, across), np.float32(np.pi)) * np.float32(BINS / np.pi)
     below = np.floor(place).astype(int) % BINS
     share = place - np.floor(place)
     cells = []
     size = (picture.shape[1] // CELL_PX, picture.shape[0] // CELL_PX)
     for direction in range(BINS):
+        # each direction's strength is shared between the two nearest bins, so that a small turn changes little
         part = np.where(below == direction, 1 - share, 0) + np.where((below + 1) % BINS == direction, share, 0)
         cells.append(cv2.resize((part * strength).astype(np.float32), size, interpolation=cv2.INTER_AREA))
     map_ = np.stack(cells, axis=-1)
     energy = cv2.blur((map_**2).sum(axis=-1), (3, 3), borderType=cv2.BORDER_REPLICATE)
+    # 0.02 keeps noise on an even wall from being raised to edges; the cap keeps one strong edge from being all
     return np.minimum(map_ / np.sqrt(energy + 0.02**2)[..., None], 0.6)
 
 

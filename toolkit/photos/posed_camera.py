@@ -129,6 +129,7 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
         if again.sum() == kept.sum():
             break
         kept = again
+    # the rival is the best of the other cameras; starts that end at the same one do not count
     best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
     angle, position = _uncertainty(best, world_mm[kept], lens)
     return PhotoPose(
@@ -194,7 +195,9 @@ def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_Pl
                 world_mm, pixels, lens.matrix, lens.coefficients, start[0].astype(float), start[1].astype(float)
             )
             fit = _PlaneFit(rotation, translation, 0.0)
+            # in front of the camera: a plane has a mirror solution behind it that projects alike
             ahead = (world_mm @ cv2.Rodrigues(rotation)[0].T + translation.reshape(3))[:, 2].min() > 0
+            # below the table a camera sees the sheet from behind
             if ahead and fit.T_world_camera[2, 3] > 0 and np.isfinite(translation).all():
                 rms = float(np.sqrt((_errors(fit, world_mm, pixels, lens) ** 2).mean()))
                 fits.append(_PlaneFit(rotation, translation, rms))

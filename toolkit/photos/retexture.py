@@ -99,6 +99,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
             try:
                 kept.append(_retexture(root, name, number, file, found, variants, config.seed, done))
             except ToolkitError as error:
+                # one that cannot be used leaves a gap: the others' numbers do not depend on it
                 skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
             bar.advance(note=file.name)
     if not kept:
@@ -107,6 +108,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     numbers = [number for number, _, _ in kept]
     paired = len(bare) == len(numbers)
     for k, file in enumerate(bare):
+        # true photographs take the others' numbers where there are as many, since a number is what pairs them
         number = numbers[k] if paired else len(files) + 1 + k
         photo = read_photo(file)
         if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
@@ -193,10 +195,12 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         with open_image(photo.path) as original:
             exif = original.getexif()
             if isinstance(original, JpegImagePlugin.JpegImageFile):
+                # the camera's own tables, so that the picture loses what the photograph lost
                 how = {"qtables": original.quantization, "subsampling": JpegImagePlugin.get_sampling(original)}
         if len(exif):
             exif[ORIENTATION] = 1  # the picture is upright already
             how["exif"] = exif.tobytes()
+        # -1: Pillow could not tell the sampling, and then chooses its own
         if how.get("subsampling") == -1:
             del how["subsampling"]
     Image.fromarray(picture).save(buffer, "JPEG", **how)
@@ -290,6 +294,7 @@ def check_retexture(
     files = list_files(photos)
     with progress("fitting", len(files)) as bar:
         for file in files:
+            # a file's name may say which patch it shows: then the others are not looked for
             named = [patch for patch in patches if patch.name in file.stem]
             try:
                 fitted[file.stem] = fit_photo(file, named or patches)
@@ -340,8 +345,10 @@ def _predict(
 ) -> PredictedPhoto:  # fmt: skip
     one, other = fitted[source], fitted[truth]
     (picture,) = one.with_patches([other.patch], draws)
+    # through JPEG and back, as the true photograph has been
     predicted = decode_image(encode_like(one.photo, picture), one.photo.path)
     n = other.patch.pixels.shape[0]
+    # all cells count: what one photograph hides is not what the other hides
     place = replace(one.sighting, warp=one.look.warp, agreement=np.ones_like(one.sighting.agreement))
     there = replace(other.sighting, warp=other.look.warp, agreement=np.ones_like(other.sighting.agreement))
     said, shows = read_texels(predicted, place, n)
@@ -349,6 +356,7 @@ def _predict(
     good = (shows > 0) & (also > 0)
     difference = delta_e2000(*(lab_of_linear(srgb_to_linear(values[good])) for values in (said, seen)))
     lumas = [
+        # straightened to one size, so that octaves mean the same in both
         cv2.cvtColor(rectify_patch(image, at, RECTIFIED_PX), cv2.COLOR_RGB2GRAY).astype(np.float32)
         for image, at in ((predicted, place), (other.image, there))
     ]
@@ -378,5 +386,6 @@ def _within_texels(luma: np.ndarray, n: int) -> float:
     side = max(luma.shape[0] // n, 4)
     wide = cv2.resize(luma, (side * n, side * n), interpolation=cv2.INTER_LINEAR)
     texels = wide.reshape(n, side, n, side).transpose(0, 2, 1, 3)
+    # half of a texel's side: the other half holds its neighbours' blur
     inner = texels[:, :, side // 4 : side - side // 4, side // 4 : side - side // 4]
     return float(np.median(inner.std(axis=(2, 3))))

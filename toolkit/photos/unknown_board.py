@@ -139,6 +139,7 @@ def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
 
 def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     """The board with markers; None where fewer than `LEAST_MARKERS` are seen in any picture."""
+    # all dictionaries in a few pictures tell the family; the rest are read by that one alone
     few = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, FIRST_PHOTOS).round().astype(int))]
     counted = {}
     with progress("telling the board", len(FAMILIES) + len(pictures)) as bar:
@@ -155,6 +156,7 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     if not views:
         return None
     counts = Counter(number for seen in views for number in seen)
+    # a misreading comes once, a board's own marker in most photographs
     own = {number for number, count in counts.items() if count >= LEAST_SHARE * len(views)}
     views = [{number: seen[number] for number in seen if number in own} for seen in views]
     views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
@@ -208,9 +210,11 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
     values = np.zeros((len(steps) + 1, 2))
     for row, ((a, b), found) in enumerate(steps.items()):
         step = np.median(found, axis=0)
+        # a far neighbour's place is less sure: perspective within one marker's frame grows with distance
         weight = 1 / np.linalg.norm(step) ** 2
         rows[row, index[b]], rows[row, index[a]] = weight, -weight
         values[row] = weight * step
+    # one marker is fixed at the origin: differences alone leave the place of all free
     rows[-1, 0] = 1
     places = np.linalg.lstsq(rows, values, rcond=None)[0]
     for _ in range(REFINEMENTS):
@@ -228,6 +232,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
                     told.setdefault(number, []).append(corners.mean(axis=0))
                     sides.append(float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()))
         for number, found in told.items():
+            # the median over photographs: one bad homography moves nothing
             places[index[number]] = np.median(found, axis=0)
         places /= np.median(sides)  # the marker's side stays the unit
     return {number: places[index[number]] for number in numbers}
@@ -253,6 +258,7 @@ def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
     # nearest neighbours give the step roughly; all markers, the farthest most, give it exactly
     for _ in range(3):
         cells = np.round((at - at[0]) / step)
+        # least squares through the origin: the slope of places over cells
         step = float(((at - at[0]) * cells).sum() / (cells**2).sum())
     cells = np.round((at - at[0]) / step)
     shift = np.median((at - at[0]) / step - cells, axis=0)
@@ -284,6 +290,7 @@ def _fit_numbers(
         if not firsts:
             continue
         first, agree = firsts.most_common(1)[0]
+        # OpenCV's legacy pattern is another one only where the count of rows is even
         if first < 0 or (starts_white and rows % 2):
             continue
         dictionary = _smallest(family, first + len(squares))
@@ -317,6 +324,7 @@ def _tell_chessboard(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
             bar.advance()
     if not sizes:
         return None
+    # most pictures' size: a partly hidden board is found smaller
     (columns, rows), count = sizes.most_common(1)[0]
     unit = BoardSpec(kind="chessboard", columns=columns + 1, rows=rows + 1, square_mm=1.0)
     return FoundBoard(unit, count, len(pictures))

@@ -52,6 +52,7 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
     if len(looks) < 2:
         return [look.frame for look in looks]
     changes = np.array([measure_change(one.small, other.small) for one, other in pairwise(looks)])
+    # the ninth decile is the fast part of the video, of which a share counts as still
     limit = max(STILL_CHANGE, STILL_SHARE * float(np.quantile(changes, 0.9)))
     moments = _join(_find_runs(changes < limit), looks, limit)
     chosen = []
@@ -63,6 +64,7 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
 
 def measure_change(one: np.ndarray, other: np.ndarray) -> float:
     """Mean absolute difference of two small grey pictures, as a share of their contrast; 0 for equal ones."""
+    # the larger contrast of both, and never less than `LEAST_CONTRAST`: a blank wall's noise is no change
     contrast = max(float(one.std()), float(other.std()), LEAST_CONTRAST)
     return float(np.abs(one - other).mean()) / contrast
 
@@ -184,6 +186,7 @@ def load_frame(path: Path, frame: int) -> np.ndarray:
         UnreadableImage: the video does not decode so far.
     """
     path = Path(path)
+    # one reader at a time: it is a position in a file
     with _LOCK:
         return _cached_reader(path, path.stat().st_mtime_ns).read(frame)
 
@@ -289,6 +292,7 @@ def _read_start(path: Path) -> datetime | None:
         content = file.read(12)
     if len(content) < 12:
         return None
+    # version 1 of the box has times of eight bytes, version 0 of four; 0 is a clock that was not set
     seconds = int.from_bytes(content[4:12] if content[0] == 1 else content[4:8], "big")
     try:
         return MP4_EPOCH + timedelta(seconds=seconds) if seconds else None
@@ -304,10 +308,12 @@ def _find_box(file: BinaryIO, kind: bytes, start: int, end: int) -> tuple[int, i
         if len(head) < 8:
             return None
         size, body = int.from_bytes(head[:4], "big"), start + 8
+        # a size of 1 says that the true one follows in eight bytes, 0 that the box reaches to the file's end
         if size == 1:
             size, body = int.from_bytes(head[8:16], "big"), start + 16
         elif size == 0:
             size = end - start
+        # a damaged size would never get to the end
         if size < 8:
             return None
         if head[4:8] == kind:

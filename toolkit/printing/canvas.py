@@ -148,6 +148,7 @@ class Pdf(ReportLabCanvas):
             self._layers[name] = self._doc.Reference(group)
             layers = list(self._layers.values())
             shown = PDFDictionary({"ON": PDFArray(layers), "Order": PDFArray(layers), "BaseState": PDFName("ON")})
+            # ReportLab writes only the entries of the catalogue that it knows: the new one is added to its list
             catalog = self._doc.Catalog
             catalog.OCProperties = PDFDictionary({"OCGs": PDFArray(layers), "D": shown})
             catalog.__NoDefault__ = [*type(catalog).__NoDefault__, "OCProperties"]
@@ -204,7 +205,9 @@ class Pdf(ReportLabCanvas):
         text = _drawable(text, font)
         width = measure_text_mm(text, font, size_mm)
         if width > room_mm:
+            # text widths grow with the size, so that one division finds the size that fits
             size_mm = max(SMALLEST_MM, size_mm * room_mm / width)
+            # a hair of room for rounding, or a line that just fits would be cut
             while measure_text_mm(text, font, size_mm) > room_mm * 1.0001 and len(text) > 1:
                 text = text[:-2] + "…"
             width = measure_text_mm(text, font, size_mm)
@@ -242,6 +245,7 @@ class Pdf(ReportLabCanvas):
         """A line centred at (x, y) on a plate, so that lines below do not cross it."""
         width = measure_text_mm(text, font, size_mm)
         self.ink(plate)
+        # the plate is centred on the capitals' middle, 0.36 of the size above the baseline
         self.rect(x - width / 2 - 0.4, y - 0.55 * size_mm, width + 0.8, 1.1 * size_mm, stroke=0, fill=1)
         self.write(text, x, y - 0.36 * size_mm, size_mm, room_mm=width + 1, font=font, align="centre", colour=colour)
 
@@ -298,6 +302,7 @@ class Pdf(ReportLabCanvas):
         length = float(np.hypot(*way))
         if length < 1e-6:
             return
+        # the line ends inside the head, so that its square end does not blunt the tip
         stop = np.asarray(end) - way / length * min(0.8 * head, length)
         self.line(*start, float(stop[0]), float(stop[1]))
         self.head(end, _angle_deg(way), head)
@@ -322,6 +327,7 @@ class Pdf(ReportLabCanvas):
         way = np.subtract(end, start)
         angle = _angle_deg(way)
         self.line(*start, *end)
+        # a dimension shorter than its two heads has none, as they would lie on each other
         if float(np.hypot(*way)) > 3.0:
             self.head(end, angle, 1.3)
             self.head(start, angle + 180, 1.3)
@@ -363,6 +369,7 @@ class Pdf(ReportLabCanvas):
             }  # fmt: skip
             image = PDFStream(PDFDictionary(entries), np.ascontiguousarray(pixels).tobytes(), [PDFZCompress])
             self._doc.Reference(image, key)
+        # ReportLab lists the pictures that a page uses here, for its resources
         self._formsinuse.append(name)
         with self.moved(area.x, area.y):
             self._code.append(f"{area.width:.6g} 0 0 {area.height:.6g} 0 0 cm /{key} Do")

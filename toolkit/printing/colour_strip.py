@@ -178,6 +178,7 @@ def draw_strip(pdf: "Pdf", place: StripPlace) -> None:
     with pdf.moved(place.x, place.y, 90 if place.upright else None):
         for swatch in STRIP.swatches:
             red, green, blue = (f"{value / 255:.5g}" for value in swatch.srgb)
+            # PDF counts upwards, the strip downwards
             bottom = height - swatch.y - swatch.side_mm
             # It reaches under its right neighbour, so that no hairline of paper shows between them.
             reach = swatch.side_mm + (UNDERLAP_MM if swatch.x < last else 0)

@@ -30,6 +30,7 @@ def write_svg(sheet: CutSheet, layer: str) -> bytes:
     ]
     for number, rings in sheet.rings_mm.items():
         # SVG counts downwards
+        # the last point of a ring repeats the first: the path closes itself
         turns = (" L".join(f"{x:.4f},{sheet.height_mm - y:.4f}" for x, y in ring[:-1].tolist()) for ring in rings)
         lines.append(f'<path id="piece-{number}" d="{" ".join(f"M{turn} Z" for turn in turns)}"/>')
     return "\n".join([*lines, "</g>", "</svg>", ""]).encode()

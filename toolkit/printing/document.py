@@ -132,6 +132,7 @@ def _add_strip(content: Rect, cut_mm: float, copies: int, pages: tuple[Page, ...
     """The same copies on as many pages with the strip on each; the pages as they are where it has no room."""
     if not isinstance(pages[0], CopiesPage):
         return pages
+    # the strip may not cost a page: it is tried in each place, and left out otherwise
     for place, rest in reserve_strip(content):
         packed = pack_copies(rest, cut_mm, cut_mm, copies)
         if packed and len(packed) == len(pages):

@@ -74,6 +74,7 @@ def _draw_check_bar(pdf: Pdf, upright: bool) -> None:
 
     Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright one.
     """
+    # the upright bar is drawn turned by 90°, so that its outer side is the other one
     outwards, baseline = (1, 3.0) if upright else (-1, -4.7)
     with pdf.moved(BARS_MM, BARS_MM, 90 if upright else None):
         pdf.rect(0, min(0, outwards * BAR_THICKNESS_MM), BAR_MM, BAR_THICKNESS_MM, stroke=0, fill=1)

@@ -43,6 +43,7 @@ class _Mask:
 
 def fits(shape: "Polygon", room: Rect) -> bool:
     """Whether a shape's box fits on a page, turned or not."""
+    # sorted: a shape that fits when turned is tried turned
     sides, page = sorted(_count_cells(shape)), sorted((int(room.height / CELL_MM), int(room.width / CELL_MM)))
     return sides[0] <= page[0] and sides[1] <= page[1]
 
@@ -64,7 +65,9 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     area = np.array([shape.area for shape in shapes])
     # no order is best for all sets: four usual ones are tried, and the best result is taken
     orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
+    # stable, so that equal shapes keep their order and the pages are the same on every machine
     found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
+    # fewest pages, then the least of the last page in use: what is left of it stays whole
     return min(found, key=lambda one: (len(one[0]), one[1]))[0]
 
 
@@ -72,6 +75,7 @@ def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
     """The shape in each quarter turn."""
     import shapely
 
+    # fattened, so that every cell that the shape touches counts as taken
     fat = shape.buffer(TOUCHED_MM, quad_segs=4)
     low_x, low_y, _, _ = shape.bounds
     rows, columns = _count_cells(shape)
@@ -95,6 +99,7 @@ def _fill(
     pages: list[list[Nested]] = []
     for index in np.asarray(order).tolist():
         for number in range(len(taken) + 1):
+            # the page after the last is an empty one, on which every shape `fits`
             if number == len(taken):
                 taken.append(np.zeros((rows, columns), bool))
                 pages.append([])
@@ -118,6 +123,7 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
         return None
     # correlation; the page's rows run downwards, the shape's upwards, so that one of the two flips falls away
     shared = fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
+    # the sums are whole numbers but for the transform's rounding
     free = np.flatnonzero(shared < 0.5)
     if not len(free):
         return None

@@ -65,6 +65,7 @@ def parse_paper(text: str) -> Paper:
     if custom is None:
         raise one_of("paper", text, [*PAPERS_MM, "WIDTHxHEIGHTmm"])
     width_mm, height_mm = float(custom[1]), float(custom[2])
+    # a number of many digits may be infinite as a float
     if not all(math.isfinite(side) and SMALLEST_MM <= side <= LARGEST_MM for side in (width_mm, height_mm)):
         raise ToolkitError(
             f"paper '{text}': expected sides of {SMALLEST_MM:g} to {LARGEST_MM:g} mm (a 100 mm check bar must fit): "
@@ -260,6 +261,7 @@ def turn_frames(paper: Paper, orientation: str) -> list[PageFrame]:
         raise one_of("orientation", orientation, list(known))
     turns = [orientation]
     if orientation == "auto":
+        # the paper's own way round first: it wins where both need as many pages
         turns = sorted(["portrait", "landscape"], key=lambda turn: turn != paper.orientation)
     return [PageFrame(paper.turn(turn)) for turn in turns]
 

@@ -61,6 +61,7 @@ def _draw_markers(pdf: Pdf, spec: Board) -> None:
     half = spec.marker_mm / 2
     for marker_id, middle, turn in spec.place_markers():
         with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
+            # marker modules are drawn about the middle, since a ring turns each marker by its own angle
             pdf.rects(black_rects(marker_modules(spec.dictionary, marker_id)) * spec.marker_mm - half, 0)
 
 
@@ -95,6 +96,7 @@ def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
     pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
     pdf.circle(middle, middle, radius - 1, stroke=1, fill=0)
     pdf.line(middle - radius + 1, middle, middle + radius - 1, middle)
+    # the line down ends above FRONT, which stands where it would go on
     pdf.line(middle, middle - radius + 1 + 2 * FRONT_SIZE_MM, middle, middle + radius - 1)
     front = middle - radius + FRONT_SIZE_MM
     _draw_front(pdf, middle, front)
@@ -232,6 +234,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
     pdf = Pdf(frame.paper, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
     with pdf.page():
         draw_strip(pdf, middle)
+        # crop marks need room that a small page may not have; the strip is cut by its white border then
         if middle.area.width + 2 * MARK_MM <= frame.content.width:
             draw_crop_marks(pdf, middle.area)
         draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)

@@ -71,6 +71,7 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
     """Objects that wear a patch, and why specs could not be read; the one of the patch's name first, then one's own."""
     specs, broken = workspace.object_specs(), []
     wearers: list[Wearer] = []
+    # the object that bears the patch's own name is the one that it was trained for
     for name in sorted(specs, key=lambda name: (name != png_file.stem, specs[name].parent != workspace.objects_dir)):
         try:
             spec = read_spec(specs[name])
@@ -264,6 +265,7 @@ def print_patches(
             try:
                 printed.append(print_patch(png_file, pdf_file, settings, wearer))
             except ToolkitError as error:
+                # an error of the only page is the command's own
                 if not go_on or len(targets) == 1:
                     raise
                 failed.append({"patch": str(png_file), "reason": str(error)})

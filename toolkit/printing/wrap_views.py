@@ -61,6 +61,7 @@ def draw_sides(mesh: Mesh, wrap: Wrap) -> list[SideView]:
 
 
 def _is_shown(count: int, view: SideView, best: int) -> bool:
+    # counts are of the fine picture, `FINER` times as large each way
     return count >= min(best, LEAST_SEEN * FINER**2 * view.pixels.shape[0] * view.pixels.shape[1])
 
 

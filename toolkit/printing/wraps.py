@@ -71,6 +71,7 @@ class PlacedPiece:
 
     def to_page(self, points_mm: np.ndarray) -> np.ndarray:
         """(..., 2) places on the page of places on the piece."""
+        # exact turns: cosine and sine of quarters have no rounding
         cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarters]
         x, y = np.moveaxis(np.asarray(points_mm, float), -1, 0)
         return np.stack([cosine * x - sine * y + self.x_mm, sine * x + cosine * y + self.y_mm], axis=-1)
@@ -223,6 +224,7 @@ def build_wrap_pdf(
     strip, rest = next(reserve_strip(first.content), (None, first.content))
     with pdf.page():
         _draw_assembly(pdf, rest, draw_sides(item.mesh, wrap), order, wrap.record.pieces)
+        # on a roll the strip is printed there, beside the pieces
         if strip is not None and roll_mm is None:
             draw_strip(pdf, strip)
         pdf.grey(0)
@@ -317,6 +319,7 @@ class _Layout:
 def _lay_out(wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None) -> _Layout:
     """Of upright and level pages those that are fewer."""
     if roll_mm is not None:
+        # as long as a PDF page can be; what is not used is cut off below
         frames = [PageFrame(Paper(f"roll of {roll_mm:g} mm", roll_mm, LARGEST_MM))]
     else:
         frames = turn_frames(settings.paper, settings.orientation)
@@ -362,6 +365,7 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
     """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
     way, way_deg = _find_way(wrap, item, index)
+    # tabs reach beyond the outline, and words have to stand off them
     tabs_mm = TAB_MM if wrap.record.pieces[index].tabs else 0.0
     most, least = ROOM_MM + tabs_mm, LEAST_ROOM_MM + tabs_mm
     rooms = ((most, most), (least, most), (most, least), (least, least))
@@ -419,6 +423,7 @@ class _PlaceFinder:
 
         whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
         # words that stand off the piece stay with it
+        # out and in again: gaps narrower than twice the distance are closed
         return whole.buffer(APART_MM).buffer(-APART_MM)
 
     def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
@@ -445,6 +450,7 @@ class _PlaceFinder:
         away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
         places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
+        # nearest first; stable, so that of equally near places the first angle wins
         order = np.argsort(away.reshape(-1), kind="stable")
         return self._take_first(places[order], width, height)
 
@@ -456,6 +462,7 @@ class _PlaceFinder:
         x, y = np.meshgrid(np.arange(left + width / 2 + 0.4, right, 1.0), np.arange(low + height / 2 + 0.3, high, 1.0))
         places = np.stack([x, y], axis=-1).reshape(-1, 2)
         away = shapely.distance(self._bleed, shapely.points(places))
+        # the small weights only break ties between places that are equally near
         order = np.argsort(away + 0.02 * (high - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
         return self._take_first(places[order], width, height)
 
@@ -466,13 +473,16 @@ def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
     flat = piece.flat_mm
     corners = item.mesh.vertices[item.mesh.faces[piece.faces]].astype(np.float64)
     sides = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=1)  # (k, 2 sides, 2)
+    # twice the signed area of the flat triangle is the cross product of its sides
     area = (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
     good = area > 1e-6
     rise = np.stack([corners[good, 1] - corners[good, 0], corners[good, 2] - corners[good, 0]], axis=1)
     # sides · gradient = rise, for height (z) and for the way to the front (x)
     slope = np.linalg.solve(sides[good], rise[:, :, [2, 0]])
+    # weighted by area: many small triangles at a rim say no more than the surface that they cover
     mean = np.einsum("k,kij->ij", area[good], slope) / area[good].sum()
     up, front = mean[:, 0], mean[:, 1]
+    # up, unless the piece lies nearly level and the way to the front is clearer on it
     word, way = ("up", up) if np.hypot(*up) >= LEVEL or np.hypot(*up) >= np.hypot(*front) else ("front", front)
     return word, float(np.degrees(np.arctan2(way[1], way[0])))
 
@@ -553,6 +563,7 @@ def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
     x, y = np.meshgrid(np.arange(width) + 0.5, height - np.arange(height) - 0.5)
     outline = wrap.pieces[index].outline()
     off = ~shapely.contains_xy(outline, (x - edge_px) * texel_mm, (y - edge_px) * texel_mm)
+    # nearest texel of the piece for each pixel outside of it: the colour at the edge goes on
     row, column = distance_transform_edt(off, return_distances=False, return_indices=True)
     return picture[row, column], edge_px
 
@@ -597,6 +608,7 @@ def _draw_number(pdf: Pdf, x: float, y: float, sheet: _Sheet, angle_deg: float, 
         taken = pdf.write(
             str(sheet.record.number), left, -0.36 * NUMBER_MM, NUMBER_MM, room_mm=width, font=BOLD, colour=INK
         )
+        # the arrow has the page's angle, not the turned row's
         with pdf.moved(left + taken + 2.3, 0, angle_deg - (90 if upright else 0)):
             pdf.ink(INK, 0.25)
             pdf.arrow((-1.4, 0), (1.4, 0), 1.3)
@@ -660,6 +672,7 @@ def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tup
         }  # fmt: skip
         if not rings:
             continue
+        # a tiled piece is larger than its page: the sheet grows to hold it
         ends = np.concatenate([ring for one in rings.values() for ring in one]).max(axis=0)
         sheets.append((page, CutSheet(max(width, float(ends[0])), max(height, float(ends[1])), rings)))
     return sheets

@@ -189,8 +189,10 @@ def _draw_averages(
     _draw_without(panel, x, BAR, list(marks.values()), "--")
     for name, at, share, (_, interval) in zip(places, x, top1, intervals, strict=True):
         end = max(share, interval[1]) if interval else share
+        # a number that would lie on the mark of the images without patches stands above that
         if end < marks.get(name, 0.0) < end + HIDES_NUMBER:
             end = marks[name]
+        # a reader's bars have two colours: its numbers need a ground of their own
         behind = {"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75 if is_reader(row) else 0}
         panel.annotate(
             format_percent(share), (at, 100 * end), (0, 2), textcoords="offset points", ha="center", va="bottom",
@@ -259,6 +261,7 @@ def draw_overview(summary: Summary) -> bytes:
     A panel's grey line is the same answerer without patches. Without a mean the bars are those of clean images. A
     reader's bar is split into right, wrong and not decoded.
     """
+    # without any patches the bare rows are all that there is
     lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
     columns = min(SMALL_COLUMNS, len(lined))
     bands = -(-len(lined) // columns) if len(summary.corruptions) > 1 else 0
@@ -313,6 +316,7 @@ def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
         panel.annotate(f"{format_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
     panel.set_yticks(range(len(summary.variants)), [label_row(summary, row) for row in summary.variants], fontsize=10)
     panel.tick_params(axis="y", length=0, pad=6)
+    # the first variant on top
     panel.set_ylim(len(summary.variants) - 0.5, -0.5)
     panel.set_xlim(0, 100)
     panel.grid(axis="x", alpha=0.3)
@@ -350,6 +354,7 @@ def _draw_corruptions(figure: "SubFigure", summary: Summary, rows: Sequence[Vari
             continue
         row = rows[k]
         before = summary.unpatched_of(row)
+        # the row itself is drawn over its reference
         for order, line in enumerate([row] if before is None else [before, row], 2):
             means = summary.means_of(line)
             for family in families:

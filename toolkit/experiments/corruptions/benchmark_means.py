@@ -116,9 +116,11 @@ def summarise(benchmark: Benchmark) -> Summary:
     }
     levels = {name: own for name, own in levels.items() if own}
     common = [(name, severity) for name in levels if name in COMMON for severity in levels[name]]
+    # mCE is defined for all fifteen corruptions at all five severities
     is_whole = all(levels.get(name) == SEVERITIES for name in COMMON)
     unpatched = {one.answerer: one for one in every if one.variant == UNPATCHED}
     references = {"unpatched": UNPATCHED_SOURCE} if unpatched else {}
+    # AlexNet's errors are of ImageNet's labels under ImageNet-C's own parameters
     if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
         references["alexnet"] = ALEXNET_SOURCE
     alexnet = ALEXNET_ERRORS if "alexnet" in references else {}
@@ -161,6 +163,7 @@ def _collect(benchmark: Benchmark) -> list[Series]:
                 "them in runs of their own"
             )
         series.ranks[one.corruption, one.severity] = np.asarray(one.ranks)
+    # means over other cells would be other means
     if len({frozenset(one.ranks) for one in by_row.values()}) != 1:
         raise ValueError("every variant and answerer needs ranks under the same corruptions and severities")
     answerers = list(dict.fromkeys(answerer for _, answerer in by_row))
@@ -177,6 +180,7 @@ def _mean_corruption(
     if is_network and name in alexnet and severities == SEVERITIES:
         # CE of Hendrycks and Dietterich (2019): the error over AlexNet's, both summed over the five severities
         ce_alexnet = one.error(keys) / alexnet[name]
+    # a network without an error has nothing to divide by
     if is_network and unpatched is not None and unpatched.error(keys) > 0:
         ce_unpatched = one.error(keys) / unpatched.error(keys)
     return CorruptionMean(

@@ -198,6 +198,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
     image = next(one for one in grid.images.images if one.id == chosen)
+    # drawn and not recorded, so that its hash is not needed
     shard = Shard((image,), ("",))
     names = [_label_row(variant, grid.variants[0]) for variant in grid.variants]
     label_in = 0.3 + LETTER_IN * max(len(line) for name in names for line in name.split("\n"))
@@ -208,6 +209,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     figure.subplots_adjust(left, bottom=0.01, right=0.995, top=top, wspace=0.06, hspace=0.06)
     ranks = {(one.variant, one.recogniser, (one.corruption, one.severity)): one.ranks for one in benchmark.cells}
     for row, variant, name in zip(panels, grid.variants, names, strict=True):
+        # each variant is shown as its own network sees it
         pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
         images = apply_variant(pixels, shard, usable, variant, grid.config)
         for panel, condition in zip(row, conditions, strict=True):
@@ -279,6 +281,7 @@ def evaluate_benchmark(
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
     variants, notes = open_variants(workspace, config.patches, classifier, load)
+    # only classes of which every set has a picture: all variants see the same images
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)

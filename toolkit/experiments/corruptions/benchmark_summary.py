@@ -262,6 +262,7 @@ def judge_benchmark(summary: "Summary") -> list[Verdict]:
 def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     what, share, ci95 = "corrupted", row.top1, row.top1_ci95
     wrong, not_decoded = row.wrong, row.not_decoded
+    # without any of the fifteen corruptions, clean images are what there is to judge
     if share is None:
         what, share, ci95, wrong, not_decoded = "clean", row.clean_top1, None, row.clean_wrong, row.clean_not_decoded
     if share is None:

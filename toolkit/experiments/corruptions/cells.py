@@ -107,6 +107,7 @@ def open_variants(
     distinct = {(one.name, one.weights.sha256): one for one in networks.values()}
     names = [name for name, _ in distinct]
     for name in names:
+        # results are kept by the network's name
         if names.count(name) > 1:
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
     variants = [Variant(UNPATCHED, None, classifier)]
@@ -120,6 +121,7 @@ def open_variants(
 def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
     if patches.code_kind is None:
         return [], []
+    # the codes of a set are of one kind: the first tells which
     code = next(iter(patches.patches.values())).record.settings["code"]
     return find_readers(code["kind"], code.get("dictionary", ""))
 
@@ -176,6 +178,7 @@ def make_key(
     """Hash of everything that the ranks of a shard's images in a cell depend on."""
     how = variant.classifier.preprocessing
     patches = variant.patches
+    # by the pictures' hashes: a set that is trained anew has other cells
     pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
     given = None
     if condition != NOT_CORRUPTED:
@@ -183,6 +186,7 @@ def make_key(
         chosen = choose_parameters(how.crop_px, how.crop_px)
         # the numbers themselves, not only the severity: other parameters are another cell
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
+    # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
         None if patches is None else config.placement.model_dump(),
@@ -252,6 +256,7 @@ def apply_variant(
 
     used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
     ids = [one.id for one in used]
+    # by the seed and the image's name alone, so that all variants lie alike on an image
     seeds = [image_seed(config.seed, id) for id in ids]
     classes = np.array([one.class_index for one in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))

@@ -145,6 +145,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for r, recogniser in enumerate(variant.recognisers)
         for condition in grid.config.conditions
     }
+    # cells of the same inputs have one key, and are computed once
     wanted = {key: cell for cell, key in keys.items()}
     log = RecordLog(cells_file, CellLine, required=False, compact=True)
     cache = RecordCache(log, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
@@ -194,6 +195,7 @@ def _list_units(
         for v, in_variant in _group(in_shard, lambda cell: cell.variant).items():
             variant = grid.variants[v]
             images = engine.share(apply_variant(pixels, shards[s], usable, variant, grid.config))
+            # those who are asked go to the workers once, not with every condition
             asked: dict[tuple[int, ...], Shared[list[Recogniser]]] = {}
             for condition, cells in _group(in_variant, lambda cell: cell.condition).items():
                 chosen = tuple(cell.recogniser for cell in cells.values())
@@ -292,6 +294,7 @@ def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[
     if patches is None:
         return about
     image_px = variant.classifier.preprocessing.crop_px
+    # where each patch was laid, drawn once more from the same seeds
     seeds = [image_seed(grid.config.seed, id) for id in ids]
     whole = is_whole(grid.config.placement.place_seeded(seeds, patches.n_px, image_px), patches.n_px, image_px)
     return about | {

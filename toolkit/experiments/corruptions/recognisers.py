@@ -97,6 +97,7 @@ class Reader:
             return ()
         # grey for all: pyzbar takes the first channel of an array for it, and zxing-cpp expects BGR
         grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
+        # OpenCV gives an empty text where it reads none
         return tuple(text for text in self.decode(grey) if text)
 
 

@@ -63,6 +63,7 @@ class TrainingBoost:
             )
         chosen = [self._find(labels[index], index) for index in used]
         pixels = torch.from_numpy(np.stack([patch.pixels for patch in chosen]).transpose(0, 3, 1, 2).copy())
+        # a class's place among the pictures, by its index among all labels
         slots = np.full(len(labels), -1)
         slots[list(used)] = np.arange(len(chosen))
 
@@ -76,6 +77,7 @@ class TrainingBoost:
         patches = self.pictures.patches
         same = [own for own, patch in patches.items() if patch.record.class_name == label]
         if same:
+            # several classes may bear one label: the one of the same index is meant, if there is one
             return patches[index if index in same else same[0]]
         known = [patch.record.class_name for patch in patches.values()]
         hint = str(one_of("class", label, known)).partition(": ")[2]

@@ -64,6 +64,7 @@ class Axis:
         """A value as a folder is called after it: `dim`, `1.5x`, `160px`, `44mm`, `seed3`."""
         if self.name == "seed":
             return f"seed{value}"
+        # ten digits, so that values that differ have folders that differ
         return value if isinstance(value, str) else f"{value:.10g}{self.unit}"
 
 
@@ -224,6 +225,7 @@ def plan_units(
         for value, setup in setups.items()
         for item in items.values()
     ]
+    # what no variant wears cannot be varied: all values would be one picture
     if axis.name == "coverage" and all(unit.covered is None and unit.refused is None for unit in units):
         raise FieldError("the axis 'coverage' varies the wrap: name the variant 'wrapped'", {"variants": variants})
     if axis.name == "size" and all(unit.patch_mm is None for unit in units):

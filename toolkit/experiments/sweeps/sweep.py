@@ -117,6 +117,7 @@ def _shoot_units(
     shot = kept = 0
     stale: set[str] = set()
     failed: list[tuple[str, str]] = []
+    # one bar over all values, not one for each
     with progress("shooting", len(units)) as bar, quietly():
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")
@@ -128,6 +129,7 @@ def _shoot_units(
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
             failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
+            # what was shot for one value may serve the next
             stored |= index_images(result.source_dir)
             bar.advance()
     return shot, kept, stale, failed

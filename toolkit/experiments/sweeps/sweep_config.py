@@ -43,6 +43,7 @@ class SweepConfig(Config):
 
     @model_validator(mode="after")
     def _check_values(self) -> "SweepConfig":
+        # parsed here, so that a value that cannot be is refused before anything is shot
         axis, _ = self.parse()
         if self.trained and axis.name != "size":
             raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})

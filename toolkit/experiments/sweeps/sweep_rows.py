@@ -63,6 +63,7 @@ class Sweep:
     @cached_property
     def groups(self) -> list[Group]:
         """As an evaluation has them, value by value."""
+        # stable: within a value the order stays the evaluation's
         return sorted(self.findings.groups, key=lambda group: list(self.values).index(group.source))
 
     @cached_property
@@ -222,6 +223,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     for i, variant in enumerate(sweep.variants):
         groups = [own for own in sweep.groups if (own.object, own.variant) == (name, variant) and own.n]
         colour = colour_of((PATCHED, *sweep.variants), variant)  # in every sweep the patch has the same
+        # without a scale the variants stand side by side, or their bars would hide each other
         shift = 0.0 if has_scale else min(DODGE, SPREAD / len(sweep.variants)) * (i - (len(sweep.variants) - 1) / 2)
         x = [places[group.source] + shift for group in groups]
         y = [100 * (group.top1 or 0.0) for group in groups]
@@ -239,6 +241,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     ticks = [_format_tick(sweep, name, label) for label in sweep.values]
     tilted = not has_scale and max(map(len, ticks)) > LONG_NAME and len(ticks) > MANY_TICKS
     panel.set_xticks(list(places.values()), ticks, rotation=30 if tilted else 0, ha="right" if tilted else "center")
+    # a logarithmic axis has ticks of its own at values that were not tried
     panel.minorticks_off()
     panel.tick_params(labelsize=9)
     panel.set_xlim(*_span(list(places.values()), sweep.axis))
@@ -253,8 +256,10 @@ def _span(places: list[float], axis: Axis) -> tuple[float, float]:
     if not axis.is_ordered:
         return low - 0.5, high + 0.5
     if axis.is_log:
+        # in proportion: the axis is logarithmic
         margin = max((high / low) ** 0.05, 1.05)
         return low / margin, high * margin
+    # a single value has no span to take a share of
     margin = 0.05 * (high - low) or 0.05 * high
     return low - margin, high + margin
 

@@ -172,6 +172,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
             training, shooting and judging raise.
     """
     by_name = {one.name: one for one in networks}
+    # two networks of one name would share a folder
     if len(by_name) < max(2, len(networks)):
         raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
     groups = group_networks(networks)
@@ -186,6 +187,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
         others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        # a workspace of its own: its boosters are called as those that were trained without another network
         space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
         for name in objects:
             for kind in config.kinds:
@@ -193,6 +195,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
             _judge(space, judge, left_out, others, config)
+    # also of networks that an earlier run left out
     rows = [row for name in groups for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
     about = {"run": config.run, "settings": config.record(), "networks": {
         name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
@@ -239,6 +242,7 @@ def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge
     """Ask one network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [one.name for one in others]
+    # the manifest's hash stands for all images: it holds theirs
     parts = (
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
         config.objects, config.corruptions,

@@ -99,6 +99,7 @@ class Asked:
 
 
 def _hash_sky(sky: Sky) -> str:
+    # by the light itself: another file of the same name may hold another sky
     light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure, sky.lamps])
     return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
 
@@ -254,6 +255,7 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
     answers: dict[str, Answer] = {}
     for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
         answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
+        # the last of its weathers makes a frame whole
         if weather == tasks[at].weathers[-1]:
             yield AnsweredFrame(answers, files)
             answers = {}

@@ -170,6 +170,7 @@ def find_reasons(
 
 def _aim(world: World, placed: Placed, shape: Shape, camera: Camera, index: int, position: np.ndarray) -> GridCamera:
     centre = placed.centre
+    # rounded, as it goes into hashes and files
     pose = np.round(look_at(position, centre), 9)
     away = (position - centre) @ placed.stand.turn
     distance = float(np.linalg.norm(away))
@@ -200,6 +201,7 @@ def measure_sight(
     steps = (np.arange(LATTICE) + 0.5) / LATTICE
     x, y = np.meshgrid(low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1]))
     rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
+    # rays are turned into the object's frame, not its mesh into the world: one ray scene serves all places
     local = np.concatenate(
         [(rays[:, :3] - placed.stand.place) @ placed.stand.turn, rays[:, 3:] @ placed.stand.turn], axis=1
     ).astype(np.float32)

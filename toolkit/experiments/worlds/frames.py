@@ -153,6 +153,7 @@ class WorldVariant:
     @classmethod
     def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
         """A variant of a bare mesh: faces with a picture that the bare one lacks are boosted."""
+        # by identity: a variant has the bare mesh's own textures, and new ones beside them
         own = {id(material.texture) for material in bare.materials}
         new = np.array([id(material.texture) not in own for material in mesh.materials])
         return cls(mesh, new[mesh.face_material])
@@ -220,6 +221,7 @@ def render_frame(stage: Stage, task: PictureTask, renderer: RaycastRenderer) -> 
 def classify_pixels(stage: Stage, variant: str, found: dict[str, np.ndarray]) -> np.ndarray:
     """(h, w) uint8 what each pixel's middle shows: a `SceneClass`, `OBJECT_ID`, `BOOSTER_ID` or `SKY_ID`."""
     classes = np.full(found["mesh"].shape, SKY_ID, np.uint8)
+    # the renderer's mesh 0 is the object, mesh 1 what stands around it
     around, own = found["mesh"] == 1, found["mesh"] == 0
     classes[around] = stage.world.face_class[found["face"][around]]
     boosted = stage.variants[variant].boosted[found["face"][own]]

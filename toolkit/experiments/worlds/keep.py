@@ -112,6 +112,7 @@ class KeptFrames:
             return True
         names = [name_picture(weather) for weather in task.weathers]
         folder = self.folder / record.path
+        # the line and the file itself: either may be missing
         return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
 
     def describe_renderers(self, tasks: Iterable[PictureTask]) -> str:
@@ -147,6 +148,7 @@ class KeptFrames:
         for name, content in files.items():
             write_bytes(self.folder / path / name, content)
         before = self._known.get(path)
+        # another run in other weathers adds its pictures to the same frame
         if before is not None and before.frame == task.frame:
             names = list(dict.fromkeys([*before.weathers, *names]))
         record = self._describe(path, task, names)
@@ -173,6 +175,7 @@ class KeptFrames:
 def encode_frame(frame: Frame) -> dict[str, bytes]:
     """The files of a kept frame by name: a picture for each weather, depth and classes."""
     pictures = zip(frame.task.weathers, frame.pictures, strict=True)
+    # OpenCV writes blue first
     files = {f"{name_picture(weather)}.png": _encode(picture[..., ::-1]) for weather, picture in pictures}
     if frame.depth_m is not None and frame.classes is not None:
         files |= {"depth.png": _encode(encode_depth(frame.depth_m)), "classes.png": _encode(frame.classes)}
@@ -182,6 +185,7 @@ def encode_frame(frame: Frame) -> dict[str, bytes]:
 def choose_shown(place: PlaceCameras) -> GridCamera:
     """The camera of a place whose pictures are shown: the object whole, from a little above, three quarters ahead."""
     best = max(camera.visible_share for camera in place.cameras)
+    # whole, or as much of it as any camera sees
     seeing = [camera for camera in place.cameras if camera.visible_share >= min(0.9, best)]
     length = float(np.ptp(place.placed.mesh.bounds, axis=0).max())
     azimuth, elevation, lengths = SHOWN_AT

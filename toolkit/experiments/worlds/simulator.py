@@ -72,6 +72,7 @@ def shoot_missing(
         stand = stage.places[task.place].stand
         where = list(stand.place), stand.turn_deg, task.camera.T_world_camera.tolist()
         frame = task._replace(frame=hash_inputs(shared, meshes[task.variant], *where), is_kept=True)
+        # weather by weather: a run that was stopped leaves a part of a frame's
         weathers = tuple(one for one in task.weathers if kept.lacks(frame._replace(weathers=(one,))))
         missing += [frame._replace(weathers=weathers)] if weathers else []
     todo = sum(len(task.weathers) for task in missing)
@@ -110,6 +111,7 @@ def shoot_frames(
     standing = ""
     for (place, variant), own in groupby(tasks, lambda task: (task.place, task.variant)):
         group, actor = list(own), "" if variant == ABSENT else name_actor(name, variant)
+        # the variant before would stand in the picture
         if standing and standing != actor:
             simulator.place(standing, None)
         standing, colour = actor, None
@@ -167,7 +169,9 @@ def find_object(simulator: AirSim, stage: Stage, place: PlaceCameras, variant: s
     seen = outline & (expected_m < around_m)
     agrees = seen.copy()
     off_m = np.abs(shot.depth_m[seen] - expected_m[seen])
+    # in proportion to the distance, and never less than 5 cm
     agrees[seen] = off_m <= np.maximum(DEPTH_SLACK * expected_m[seen], DEPTH_SLACK_M)
+    # too small in this camera to tell
     if seen.sum() < LEAST_PIXELS:
         return None
     share = float(agrees.sum() / seen.sum())
@@ -177,9 +181,11 @@ def find_object(simulator: AirSim, stage: Stage, place: PlaceCameras, variant: s
             f"on {share:.0%} of its pixels; import {actor}.glb in metres and unturned, the world's GLB at the origin, "
             "or say where that lies: airsim://HOST?origin=NORTH,EAST,DOWN"
         )
+    # the commonest colour where the depth says that it is the object
     colours, counts = np.unique(shot.segmentation[agrees], axis=0, return_counts=True)
     colour = colours[counts.argmax()]
     elsewhere = (shot.segmentation[~outline] == colour).all(axis=-1)
+    # a colour that much else has tells nothing of the object
     if len(elsewhere) and elsewhere.mean() > MOST_ELSEWHERE:
         return None
     red, green, blue = (int(one) for one in colour)

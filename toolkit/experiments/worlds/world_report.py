@@ -48,6 +48,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
     rows = pooled(summary)
     halves = {(row["variant"], row["weather"]): row for row in summary["half_lost"]}
     for panel, (kind, ladder) in zip(panels, ladders.items(), strict=True):
+        # per kilometre, as weathers are described
         x = 1e3 * list_extinctions(ladder)
         for variant in results.variants:
             colour = colour_of(results.variants, variant)
@@ -175,6 +176,7 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     figure.subplots_adjust(label_in / width, 0.005, 0.995, 1 - 0.38 / height, wspace=0.05, hspace=0.05)
     for line, (k, variant) in zip(panels, rows, strict=True):
         camera = kept.shown[names[k]]
+        # answers stand in the order of the places, and in each of its cameras
         number = int(np.flatnonzero(results.place_of == k)[0]) + results.places[k].cameras.index(camera)
         folder = kept.folder / kept.path_of(names[k], variant, camera)
         for panel, weather in zip(line, weathers, strict=True):

@@ -168,6 +168,7 @@ def judge_world(summary: Summary) -> list[Verdict]:
         row = groups[variant, CLEAR[0], CLEAR[1]]
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
+        # without the object there is nothing that could help or harm
         tone, why = ("open", "") if variant == ABSENT else _judge_pair(pairs.get((variant, *CLEAR)))
         found.append(Verdict(tone, f"{sentence}{why}"))
     return found + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
@@ -212,6 +213,7 @@ def _judge_half(row: Row) -> Verdict:
         f"{what}{half}; that is {times} the {row['weather']} that halves the bare object. As many as the bare object "
         f"then keeps are still recognised in {same_times} that {row['weather']}."
     )
+    # a ratio of 1 is no effect
     return Verdict(find_tone(row["same_times_ci95"], none=1), sentence)
 
 

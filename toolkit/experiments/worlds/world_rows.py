@@ -83,6 +83,7 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
         Infinite where a level is not reached, NaN where there is nothing to lose.
     """
     below = shares <= levels[:, None]
+    # the first step at or below the level; -1 where there is none
     first = np.where(below.any(axis=1), below.argmax(axis=1), -1)
     before = np.maximum(first - 1, 0)
     rows = np.arange(len(shares))
@@ -128,6 +129,7 @@ def measure_half(
     if bare is None:
         return half
     reference = find_level(extinctions, bare, HALF * bare[:, 0])
+    # the bare object loses its half nowhere, or at once: there is nothing to compare with
     if not np.isfinite(reference[0]) or reference[0] == 0:
         return half
     same = find_level(extinctions, shares, HALF * bare[:, 0])
@@ -329,6 +331,7 @@ def _each_curve(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[di
                 for weather in results.weathers:
                     found = results.answers[variant, weather]
                     top5, interval = sampler.estimate(found.right(5), own)
+                    # open ends of the outer bins are told as what cameras there are; azimuth goes round, and has none
                     yield {
                         "axis": axis, "low": max(low, float(values.min())) if axis != "azimuth_deg" else low,
                         "high": min(high, float(values.max())) if axis != "azimuth_deg" else high,

@@ -109,6 +109,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
             raise FieldError("goes with {renderer} raycast: a simulator has a sky of its own", {"time": config.time})
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
+    # all variants stand in the same places, so the widest decides
     radius = max(find_radius(one.mesh) for one in variants.values())
     spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
@@ -142,6 +143,7 @@ def plan_places(stage: Stage, config: WorldEvalConfig) -> tuple[PlaceCameras, ..
     found = []
     with progress("planning cameras (places)", len(stage.places)) as bar:
         for k, placed in enumerate(stage.places):
+            # a stream of draws for each place; 51 keeps it apart from the seed's other uses
             rng = np.random.default_rng([config.seed, 51, k])
             grid, extent = config.grid, config.extent
             found.append(plan_cameras(stage.world, placed, stage.camera, grid, extent, config.sample, rng))

@@ -150,6 +150,7 @@ def retake_list(
             key = (finding.object, finding.variant, finding.pose_id, finding.path)
             failed.setdefault(key, []).append(finding.result)
     begun = {(photo.object, photo.variant) for photo in photos}
+    # a pose that failed a gate is not missing besides
     known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
     places: dict[tuple[str, str, int | None], int] = {
         (step.object, step.variant, step.pose_id): step.number for step in walk
@@ -372,6 +373,7 @@ class _Judge:
     def judge(self, capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
         photo = read_photo(capture.file)
         pixels = load_pixels(photo)
+        # a manifest's camera is believed only for the very image that it was written for
         if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
             return inspect_photo(pixels, self._expecter.expect_record(record))
         return inspect_photo(pixels, self._expect_sorted(capture, photo, pixels))

@@ -121,6 +121,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     if sighting is None and expectation.board is not None:
         sighting = find_board(small, expectation.board)
     silhouette = _find_object(small, expectation)
+    # blur and exposure are judged on the object, where it is known: the table may be as dark as it likes
     region = middle_of(small) if silhouette is None else silhouette
     pixels = small[region]
     light = [
@@ -189,6 +190,7 @@ def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> 
 
 def _why_blind(light: Sequence[GateResult], framing: Sequence[GateResult]) -> str | None:
     """Which failed gate explains that no patch is found."""
+    # off centre is left out: a patch can be found outside the middle square
     reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
     return f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
 
@@ -300,6 +302,7 @@ class ExpectationBuilder:
             item = load_object(self._workspace.object_spec(object_name))
         except ToolkitError:
             return None, None, f"the object '{object_name}' is not known"
+        # a variant of the user's own: its silhouette is judged all the same
         if variant not in VARIANTS:
             return Solid(item.mesh), None, f"what '{variant}' has on it is not known"
         try:

@@ -98,6 +98,7 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
             misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
     moves: list[float | None] = []
     for row in misses.reshape(len(photos), -1, CELLS**2):
+        # of a sheet the median, as a cell may lie in glare; of several the worst, as each is taped alone
         sheets = [float(np.nanmedian(cells)) for cells in row if np.isfinite(cells).sum() >= LEAST_CELLS]
         moves.append(max(sheets, default=None))
     return moves
@@ -136,12 +137,15 @@ def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         origins: (n, 3) a point of each.
         directions: (n, 3) unit vectors, not all parallel.
     """
+    # I - d d^T takes from a vector its part along d: what is left is the distance from the line
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     weight = np.ones(len(origins))
     point = origins.mean(axis=0)
     for _ in range(ROUNDS):
         weighted = across * weight[:, None, None]
+        # normal equations of the point with the least sum of squared distances to the lines, each with its weight
         point = np.linalg.solve(weighted.sum(axis=0), (weighted @ origins[:, :, None]).sum(axis=0))[:, 0]
+        # 1 / distance turns squares into distances; `SOFT_MM` keeps a line through the point from taking all weight
         weight = 1 / np.maximum(_miss(point, origins, directions), SOFT_MM)
     return point
 
@@ -153,6 +157,7 @@ def _miss(point: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.
 
 def _spread_deg(directions: np.ndarray) -> float:
     """The widest angle between two of them."""
+    # the widest angle has the smallest cosine
     return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
 
 

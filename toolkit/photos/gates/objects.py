@@ -72,11 +72,13 @@ def silhouette_px(solid: Solid, view: PosedCamera) -> np.ndarray:
 
     Empty where no part of the object is in front of the camera.
     """
+    # R^T applied from the right: world vectors into the camera's axes
     local = (solid.mesh.vertices - view.position_mm) @ view.T_world_camera[:3, :3]
     ahead = local[local[:, 2] > 1e-3 * np.abs(local).max()]
     if len(ahead) == 0:
         return np.zeros((0, 2))
     flat = ahead[:, :2] / ahead[:, 2:]
+    # a point beside the camera would stretch the grid to infinity
     low, high = np.clip(flat.min(axis=0), -WIDEST, WIDEST), np.clip(flat.max(axis=0), -WIDEST, WIDEST)
     step = max(float((high - low).max()) / CANVAS_PX, 1e-9)
     x, y = (np.arange(low[axis] + step / 2, high[axis], step) for axis in (0, 1))
@@ -147,6 +149,7 @@ class KnownObjects:
         if len(self._templates) < 2:
             return OBJECT.skip("the plan has no other object to compare with")
         scores = self._compare(image)
+        # an object of the same class is no wrong one, and may look the same
         rivals = {one: score for one, score in scores.items() if self._classes[one] != self._classes[name]}
         return judge_likeness(name, scores[name], rivals)
 
@@ -157,6 +160,7 @@ def judge_likeness(name: str, own: float, rivals: Mapping[str, float]) -> GateRe
         return OBJECT.skip("the plan has no object of another class to compare with")
     rival = max(rivals, key=lambda one: rivals[one])
     lead = rivals[rival] - own
+    # checked before the lead: of two poor likenesses one is always ahead
     if max(own, rivals[rival]) < LEAST_LIKENESS:
         return OBJECT.skip("it looks like none of the plan's objects for sure")
     if abs(lead) < OBJECT.threshold:

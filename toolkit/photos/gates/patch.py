@@ -138,6 +138,7 @@ def look_for_patches(
         if name != likely and _is_supported(photo, pixels)
     }
     ranked = sorted(((one.confidence, name) for name, one in sightings.items() if one is not None), reverse=True)
+    # of two patches that fit about as well both are named, as either may be what is there
     sure = len(ranked) < 2 or ranked[0][0] - ranked[1][0] >= LEAD
     return PatchesSeen(found, " or ".join(name for _, name in ranked[: 1 if sure else 2]) or None)
 
@@ -166,6 +167,7 @@ def _find_each(
                 np.inf if place is None else np.linalg.norm(sighting.corners_px - place, axis=1).mean()
                 for place in places
             ]
+            # the same patch is on other sheets too: what lies nearer to another's place is that one's sighting
             sighting = sighting if int(np.argmin(away)) == number else None
         found.append(sighting)
     return tuple(found)
@@ -271,6 +273,7 @@ def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
         array[: 2 * count].reshape(count, 2, -1).astype(float)
         for array in (sheet.mesh.vertices, sheet.mesh.normals, sheet.mesh.uv)
     )
+    # the sheet bends along one of its texture's axes, and the grid runs along that one
     along_u = abs(uv[-1, 0, 0] - uv[0, 0, 0]) > 0.5
     side = sheet.size_mm + 2 * TAPE_MARGIN_MM
 

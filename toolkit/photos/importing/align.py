@@ -66,6 +66,7 @@ def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
         costs: (n, m) of photograph i being shot j, m shots in order; infinite where it cannot be.
     """
     n, m = costs.shape
+    # the cheapest way through (i, j) is the cheapest up to it plus the cheapest from it on, found backwards
     before, behind = _accumulate(costs), _accumulate(costs[::-1, ::-1])[::-1, ::-1]
     through = before[:n, :m] + costs + behind[1:, 1:]
     without = np.array([float((before[i] + EXTRA + behind[i + 1]).min()) for i in range(n)])
@@ -84,6 +85,7 @@ def _accumulate(costs: np.ndarray) -> np.ndarray:
     for i in range(1, n + 1):
         least[i, 0] = i * EXTRA
         for j in range(1, m + 1):
+            # the three steps of Needleman and Wunsch: a match, a photograph too many, a shot without one
             least[i, j] = min(least[i - 1, j - 1] + costs[i - 1, j - 1], least[i - 1, j] + EXTRA, least[i, j - 1] + GAP)
     return least
 
@@ -125,6 +127,7 @@ class Clues:
         """A photograph that plainly shows another object is no shot of this one, but one too many."""
         pixels = load_pixels(one.candidate.photo)
         is_wrong = {name: self._known.check(pixels, name).failed for name in {shot.object for shot in shots}}
+        # dearer than to leave it out: the photograph takes no shot from another one
         return np.array([WRONG + EXTRA if is_wrong[shot.object] else 0.0 for shot in shots])
 
     def _off(self, one: Evidence, shot: CaptureKey) -> float:
@@ -141,6 +144,7 @@ class Clues:
         found = np.array([scores.get(shot, np.nan) for shot in shots])
         if np.isnan(found).all() or np.nanmax(found) < LEAST_SCORE:
             return np.zeros(len(shots))
+        # against the best of these shots: how alike any picture is depends on light and backdrop
         return np.minimum(LIKE * (np.nanmax(found) - np.nan_to_num(found, nan=-1)), WRONG)
 
     def _weigh_patches(self, one: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
@@ -189,6 +193,7 @@ class Clues:
 def rate_corners(one_px: np.ndarray, other_px: np.ndarray) -> float:
     """What it costs that corners (4, 2) lie so, and not as others: of their turn, and of what then is left."""
     turn_deg, off = _compare_shapes(one_px, other_px)
+    # log(1 + x²): about squared within the tolerance, and slow beyond, as a Cauchy distribution has it
     return float(np.log1p((turn_deg / TURN_DEG) ** 2) + np.log1p((off / SHAPE) ** 2))
 
 
@@ -197,9 +202,11 @@ def _compare_shapes(one_px: np.ndarray, other_px: np.ndarray) -> tuple[float, fl
 
     Place and size are taken out: least squares over similarities (Umeyama, 1991).
     """
+    # corners as complex numbers: a turn is then one factor
     one, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (one_px, other_px))
     one, other = one - one.mean(), other - other.mean()
     one, other = one / max(np.abs(one).mean(), 1e-9), other / max(np.abs(other).mean(), 1e-9)
+    # the least-squares turn of two centred shapes is the angle of their inner product
     turn = np.angle((one * other.conj()).sum())
     return abs(float(np.degrees(turn))), float(np.sqrt((np.abs(one - other * np.exp(1j * turn)) ** 2).mean()))
 

@@ -98,6 +98,7 @@ def collect_evidence(
                 every[i] = replace(every[i], unusable=error.reason)
             bar.advance(note=candidates[i].label)
     if settings.match == "auto":
+        # names and boards show that nobody kept the order: then it says nothing of those without either, too
         for part in (*groups.values(), ungrouped):
             known = [i for i in part if i in set(new)]
             if not is_followed([every[i] for i in known], plan):

@@ -111,6 +111,7 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
     dropped: dict[int, str] = {}
     for group in groups.values():
         stills = [one for one in group if one.photo.kind != "video"]
+        # the lowest rank is kept; a raw file comes last, as only its preview would be taken
         stills.sort(key=lambda one: COMPANION_RANK.get(one.photo.kind, len(COMPANION_RANK)))
         for one in group:
             if not stills or one is stills[0]:
@@ -118,6 +119,7 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
             best = stills[0]
             if one.photo.kind == "video" and _is_live(one.photo):
                 dropped[id(one)] = f"the film of the live photo {best.label}"
+            # the same name alone is not enough: counters of cameras start again at 1
             elif one.photo.taken is not None and one.photo.taken == best.photo.taken:
                 dropped[id(one)] = f"the same shot as {best.label}, in another format"
     rest = [one for one in candidates if id(one) not in dropped]
@@ -127,6 +129,7 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
 def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
     """Candidates as they were taken, and whether the camera's times say so; by name where one has no time."""
     times = [one.photo.taken for one in candidates]
+    # one without a time could stand anywhere, so times order all or none
     if not times or any(taken is None for taken in times):
         return sorted(candidates, key=_name_key), False
     zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
@@ -305,6 +308,7 @@ def drop_records(source_dir: Path, paths: set[str]) -> None:
     file = source_dir / MANIFEST
     if not paths or not file.is_file():
         return
+    # decoded with replacement: a cut last line of a killed run must not stop the others
     lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
     kept = [line for line in lines if line.strip() and _path_in(line) not in paths]
     if len(kept) < sum(1 for line in lines if line.strip()):

@@ -59,6 +59,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     if not is_folder_name(variant):
         raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
     known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
+    # near a known name but not it: a typing error would make a folder of its own
     if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
         raise one_of("variant", variant, known)
     return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
@@ -123,6 +124,7 @@ def measure_coverage(
         if object_name not in plan.objects:
             continue
         ids = [pose.id for pose in plan.objects[object_name]]
+        # the pair is always listed, so that a half that was never shot shows as missing
         for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
             there = list_poses(index, object_name, variant, ids)
             own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
@@ -261,6 +263,7 @@ def _import_photos(
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
     resolved = drop_copies(resolved, refused)
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
+    # photographs without a measured board count as pale: there is nothing to warn of
     black = sum(record.made.get("board_ink", 1.0) < BLACK_INK for record in imported)
     if black:
         notes.append(
@@ -302,6 +305,7 @@ def _finish(
     if gathered.others:
         more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
         notes.append(f"not photographs, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
+    # read anew: what was replaced and stored meanwhile is in the files, not in the old index
     after = index_source(index.source_dir)
     whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]
     if whole:
@@ -349,6 +353,7 @@ def _read_steps(workspace: Workspace, plan: CapturePlan, settings: ImportSetting
     try:
         return read_shots(file, plan).steps
     except ToolkitError as error:
+        # object and variant were said, so the list is not needed to know what is shown
         if not (settings.object and settings.variant):
             raise
         notes.append(f"the shot list is not used: {error}")

@@ -110,6 +110,7 @@ def _decide_by_claims(
     poses = sorted(set(claims.values()))
     if not poses:
         why = evidence.no_order
+        # for the way that was asked for: who asked for names is not helped by word of the board
         reasons = {
             "auto": f"{evidence.no_board}, its name says no pose" + (f", and {why}" if why else ""),
             "board": evidence.no_board,
@@ -127,6 +128,7 @@ def _decide_by_claims(
 def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> Decision | Doubt:
     possible = possible_poses(match)
     choices = tuple(CaptureKey(*group, pose) for pose in dict.fromkeys((*possible, *claims.values())))
+    # a board off by one pose from the name is a swap, of which only the user knows which is right
     against = [f"its {what} says pose {pose}" for what, pose in claims.items() if pose not in possible]
     if against:
         return Doubt(f"the board shows {match.describe()}, but {' and '.join(against)}", choices)
@@ -134,6 +136,7 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     if len(claimed) > 1:
         return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)
     chosen = next(iter(claimed)) if claimed else match.pose_id
+    # far from every pose is forgiven where something else names this very pose: the user stood badly, but meant it
     vouched = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
     if (match.ambiguous and not claimed) or (match.far and not vouched):
         return Doubt(f"the board shows {match.describe()}", choices)

@@ -52,6 +52,7 @@ def resolve_photos(
             refused.append((one.candidate.label, outcome.reason))
         else:
             resolved.append((one, outcome))
+    # "replace" says that the latest counts, so two of one pose need no question
     if not settings.replace:
         resolved = _resolve_doubles(resolved, refused, ask)
     return resolve_occupied(resolved, refused, index, settings, ask), refused
@@ -135,6 +136,7 @@ def resolve_occupied(
         path, record_taken, original = there
         came = f" (from {original})" if original else ""
         taken = candidate.photo.taken
+        # wall clocks, since one of the two may have no zone
         if taken and record_taken and _wall(taken) < _wall(record_taken):
             refused.append((candidate.label, f"{key} has the later photograph {path}{came}"))
         elif settings.replace or (
@@ -154,6 +156,7 @@ def _find_other(photo: Photo, key: CaptureKey, index: SourceIndex) -> tuple[str,
         record = index.records.get(path)
         if record is None or record.image_sha256 != sha256_file(file):
             # a run that was killed between image and record left this photograph itself
+            # bytes are compared, not names: the image is there and its line is not
             if sha256_file(file) == sha256_bytes(encode_photo(photo)):
                 continue
             return path, None, None
@@ -201,9 +204,11 @@ def read_pairs(file: Path) -> list[PairRow]:
         ToolkitError: no such file, a column or a value is missing, a name cannot be one, or two lines contradict.
     """
     try:
+        # -sig: spreadsheets begin UTF-8 files with a byte order mark
         text = read_bytes(file, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ToolkitError(f"{file}: expected a table in UTF-8: save it as CSV UTF-8") from None
+    # spreadsheets write semicolons where the decimal sign is a comma
     lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=";" if ";" in text.partition("\n")[0] else ",")
     heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
     if missing := [name for name in COLUMNS if name not in heading]:
@@ -253,6 +258,7 @@ def number_poses(rows: Sequence[PairRow]) -> dict[tuple[str, str], int]:
     numbers = {}
     for name, poses in names.items():
         are_numbers = all(pose.isdecimal() and 1 <= int(pose) <= 99_999 for pose in poses)
+        # "1" and "01" are different words and one number
         unique = len({int(pose) for pose in poses}) == len(poses) if are_numbers else False
         for i, pose in enumerate(poses, 1):
             numbers[name, pose] = int(pose) if unique else i
@@ -279,6 +285,7 @@ def match_pairs(
         if wanted in duplicates:
             continue
         found = [one for one in candidates if wanted in (one.label, one.photo.path.name)]
+        # a full path wins over the same file name in another folder
         found = [one for one in found if one.label == wanted] or found
         if len(found) != 1:
             what = "several photographs have that name: name it with its folder" if found else "no such photograph"

@@ -57,9 +57,11 @@ def store_photo(
         gates = {one.name: None if one.value is None else float(one.value) for one in verdicts}
         made = {**record.made, "gates": gates, **({"retake": advice} if advice else {})}
         record = record.model_copy(update={"made": made})
+    # the very file that is to be written may be there from a killed run: it is not old
     old = [one for one in find_images(index, key) if not (one == file and sha256_file(one) == record.image_sha256)]
     for one in old:
         _keep_aside(index, one, key)
+    # a link is refused across disks, and then the bytes are copied
     linked = link and content_is_file(photo) and link_file(photo.path, file, root)
     if not linked:
         write_bytes(file, content, root)
@@ -122,6 +124,7 @@ def _keep_aside(index: SourceIndex, file: Path, key: CaptureKey) -> None:
     sha256 = sha256_bytes(content)
     aside = index.source_dir / REPLACED
     path = f"{key.object}/{key.variant}/{file.stem}-{sha256[:8]}{file.suffix}"
+    # the name holds the content's hash, so a call that was interrupted does not keep it twice
     if not ((aside / path).is_file() and sha256_file(aside / path) == sha256):
         write_bytes(aside / path, content, index.source_dir)
     record = index.records.get(show_path((key.object, key.variant, file.name)))

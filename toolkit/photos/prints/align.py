@@ -35,7 +35,9 @@ class PatchWarp:
         back = np.linalg.inv(self.homography)
         uv = map_points(back, pixels)
         if self.bend.any():
+            # the bend is small beside the homography, so going back and forth converges
             for _ in range(INVERSE_STEPS):
+                # clipped: far outside of the patch the cubic terms grow without bound
                 uv = map_points(back, pixels - bend_terms(np.clip(uv, -0.3, 1.3)) @ self.bend)
         return uv
 
@@ -78,6 +80,7 @@ def is_plausible(warp: PatchWarp, shape: tuple[int, ...]) -> bool:
     H = warp.homography
     if not (np.isfinite(H).all() and np.isfinite(warp.bend).all()) or abs(np.linalg.det(H)) < 1e-12:
         return False
+    # the depth of all corners has one sign where the whole patch is in front of the camera
     depth = UNIT_CORNERS @ H[2, :2] + H[2, 2]
     if (depth <= 1e-3 * depth.max()).any():
         return False
@@ -106,8 +109,10 @@ def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: fl
         The fit, or `start` where the pairs do not say enough.
     """
     flat = not np.isfinite(stiffness)
+    # a homography has 8 numbers and a pair gives two; the bend has 14 more
     if len(uv) < (8 if flat else 12):
         return start
+    # a homography is known up to a factor: its last number is kept at 1
     scale = start.homography[2, 2]
     h = (start.homography / scale).ravel()[:8]
     bend = FLAT if flat else start.bend
@@ -115,6 +120,7 @@ def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: fl
     for _ in range(FIT_STEPS):
         raised = np.c_[uv, np.ones(len(uv))] @ np.append(h, 1.0).reshape(3, 3).T
         miss = pixels - raised[:, :2] / raised[:, 2:] - terms @ bend
+        # Cauchy's weight: half at `near_px`, and a wrong pair hardly counts
         weight = 1 / (1 + (miss**2).sum(axis=1) / near_px**2)
         jacobian = _jacobian(uv, raised, None if flat else terms)
         step = _solve_step(jacobian, miss, weight, None if flat else (stiffness, bend))
@@ -132,6 +138,7 @@ def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> n
     for axis in (0, 1):
         jacobian[axis, :, 3 * axis : 3 * axis + 2] = uv / depth[:, None]
         jacobian[axis, :, 3 * axis + 2] = 1 / depth
+        # of u / w and v / w by the last row's numbers: the quotient rule
         jacobian[axis, :, 6:8] = -uv * (raised[:, axis] / depth**2)[:, None]
         if terms is not None:
             jacobian[axis, :, 8 + BEND_TERMS * axis : 8 + BEND_TERMS * (axis + 1)] = terms
@@ -156,9 +163,11 @@ def _solve_step(
     right = rows.T @ (miss.T.ravel() * both)
     if bending is not None:
         stiffness, bend = bending
+        # the more pairs there are, the more a bend costs, so that stiffness means the same for few and many
         cost = stiffness * weight.sum() / 10
         normal[8:, 8:] += cost * np.eye(2 * BEND_TERMS)
         right[8:] -= cost * bend.T.ravel()
+    # scaled to ones on the diagonal: pixels and bends are numbers of other sizes, and the system is badly conditioned
     size = np.sqrt(np.maximum(np.diag(normal), 1e-12))
     scaled = normal / size[:, None] / size[None] + 1e-9 * np.eye(count)
     return np.linalg.solve(scaled, right / size) / size
@@ -272,6 +281,7 @@ def _enlarge(patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
     n = patch.shape[0]
     repeat = int(np.clip(np.ceil(samples.max() / n), 1, max(1, 1600 // n)))
     source = patch.repeat(repeat, axis=0).repeat(repeat, axis=1)
+    # less than the footprint, as the samples of a pixel are averaged afterwards
     sigma = 0.4 * n * repeat / samples
     if sigma.max() < 0.5:
         return source
@@ -306,6 +316,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[P
         score = float(agreement(grey[..., None], patch_grey, warp).mean())
         if score < HOPELESS and best_score < HOPELESS:
             break
+        # not before the sheet may bend: a flat round that wins little is followed by one that bends
         converged = stiffness < 0.02 and score < best_score + CONVERGED
         if score > best_score:
             best, best_score = warp, score
@@ -318,6 +329,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[P
 def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (uv, pixels) of points on the patch and where the photo shows them, both (k, 2)."""
     theirs = _equalise(drawn.cut(grey))
+    # outside of the patch nothing is known: the photo stands in for it, so that the rim does not look moved
     ours = np.where(drawn.inside, _equalise(drawn.picture[..., 0]), theirs)
     steps = (np.arange(GRID) + 0.5) / GRID
     uv = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
@@ -328,11 +340,13 @@ def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray,
     uv, at = uv[kept], at[kept]
     if len(at) == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
+    # three deviations to each side as 8 bits, which OpenCV's tracker takes
     first, second = ((128 + 40 * np.clip(picture, -3, 3)).astype(np.uint8) for picture in (ours, theirs))
     points = (at - 0.5).astype(np.float32)[:, None]
     window = (WINDOW_PX, WINDOW_PX)
     there = points.copy()
     moved, found, _ = cv2.calcOpticalFlowPyrLK(first, second, points, there, winSize=window, maxLevel=2)
+    # followed there and back: a point that does not return was lost on the way
     back, returned, _ = cv2.calcOpticalFlowPyrLK(second, first, moved, moved.copy(), winSize=window, maxLevel=2)
     close = np.linalg.norm((back - points)[:, 0], axis=1) < 0.7
     good = (found.ravel() > 0) & (returned.ravel() > 0) & close
@@ -343,6 +357,7 @@ def _equalise(picture: np.ndarray) -> np.ndarray:
     """Each pixel as its distance from the local mean, in local standard deviations."""
     mean = cv2.GaussianBlur(picture, (0, 0), LOCAL_PX)
     spread = np.sqrt(np.maximum(cv2.GaussianBlur((picture - mean) ** 2, (0, 0), LOCAL_PX), 0))
+    # 0.01 keeps an even texel's noise from being raised to a pattern
     return (picture - mean) / (spread + 0.01)
 
 
@@ -365,6 +380,7 @@ def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarr
         sums = [np.bincount(cell, values[:, c], CELLS**2) for c in range(values.shape[1])]
         return np.stack(sums, -1) / np.maximum(count, 1)[:, None]
 
+    # the cell's own mean is taken out, so that a shadow over a cell does not make it unlike
     ours, theirs = ours - mean(ours)[cell], theirs - mean(theirs)[cell]
     both, one, other = (mean(a * b).sum(axis=1) for a, b in ((ours, theirs), (ours, ours), (theirs, theirs)))
     size = np.sqrt(one * other)

@@ -222,7 +222,9 @@ def _fit_paper(light: np.ndarray, uv: np.ndarray) -> np.ndarray | None:
         # what hides paper is darker than it: the brighter side is trusted more
         scale = np.maximum(np.median(np.abs(miss)), 0.01) * np.where(miss < 0, 1.0, 3.0)
         weight = 1 / (1 + (miss / scale) ** 2)
+    # relative to the light in the middle, so that a dark photograph and a bright one are judged alike
     spread = np.sqrt((weight * miss**2).sum() / weight.sum()) / fit[2].mean()
+    # the slope may not cross zero within the patch, or it was fitted to something else
     corners = _slope(np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])) @ fit
     return None if spread > PAPER_SPREAD or (corners <= 0.01).any() else fit
 
@@ -244,6 +246,7 @@ def cube_weights(colours: np.ndarray, nodes: int = NODES) -> sparse.csr_matrix:
     share = at - low
     rows = np.arange(len(at))
     parts = []
+    # the eight corners of the cell that the colour lies in; weights are products of the shares along each side
     for step in np.ndindex(2, 2, 2):
         weight = np.prod(np.where(step, share, 1 - share), axis=1)
         node = (low + step) @ [nodes * nodes, nodes, 1]
@@ -260,6 +263,7 @@ def bending(nodes: int = NODES) -> np.ndarray:
     identity = sparse.identity(nodes)
     slope = sparse.diags([-1.0, 1.0], [0, 1], shape=(nodes - 1, nodes))
     curve = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(nodes - 2, nodes))
+    # Kronecker products: one small difference matrix for the side that is differenced, identities for the others
     cost = sparse.csr_matrix((nodes**3, nodes**3))
     for axis in range(3):
         sides = [identity] * 3
@@ -311,6 +315,7 @@ def solve_cube(weights: sparse.csr_matrix, seen: np.ndarray, trust: np.ndarray) 
         found = np.linalg.solve((rows @ weighted).toarray() + cost, rows @ (weight[:, None] * seen))
         nodes = usual @ found[:-m] + found[-m:]
         miss = np.linalg.norm(seen - weights @ nodes, axis=1)
+        # three times the median: half of the texels lie well within it whatever the noise
         scale = 3 * np.median(miss[trust > 0]) + TINY
         weight = trust / (1 + (miss / scale) ** 2)
     return nodes, weight

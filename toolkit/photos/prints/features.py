@@ -68,12 +68,15 @@ def find_features(grey: np.ndarray) -> Features:
     found, descriptors = sift.detectAndCompute(grey, None)
     if descriptors is None:
         return Features(np.zeros((0, 2, 3)), np.zeros((0, 128), np.float32))
+    # OpenCV's keypoints have pixel centres at integers
     place = np.array([point.pt for point in found]) + 0.5
+    # a keypoint's size is its diameter
     radius = np.array([point.size for point in found]) / 2
     angle = np.radians([point.angle for point in found])
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     frames = np.stack([np.stack([x, -y, place[:, 0]], -1), np.stack([y, x, place[:, 1]], -1)], axis=1)
     shares = descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6)
+    # roots of shares have unit length, so that a dot product is a likeness from 0 to 1
     return Features(frames, np.sqrt(shares).astype(np.float32))
 
 
@@ -85,6 +88,7 @@ def describe_patch(pixels: np.ndarray) -> Features:
 @lru_cache(maxsize=16)
 def _describe_patch(content: bytes, n: int) -> Features:
     pixels = np.frombuffer(content, np.uint8).reshape(n, n, 3)
+    # at least twice the view's side, so that shrinking to it averages texels and does not alias
     repeat = max(1, -(-2 * VIEW_PX // n))
     grey = cv2.cvtColor(pixels.repeat(repeat, 0).repeat(repeat, 1), cv2.COLOR_RGB2GRAY)
     upright = cv2.resize(grey, (VIEW_PX, VIEW_PX), interpolation=cv2.INTER_AREA)
@@ -173,6 +177,7 @@ def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]
     px, uv = photo.frames[of_photo, :, 2], patch.frames[of_patch, :, 2]
     affine = _compose(photo.frames[of_photo], _invert(patch.frames[of_patch]))
     stretch = np.linalg.svd(affine[:, :, :2], compute_uv=False)
+    # a positive determinant: a print is not seen mirrored
     sane = (stretch[:, 0] < MAX_SHEAR * stretch[:, 1]) & (np.linalg.det(affine[:, :, :2]) > 0)
     # measured on the patch itself, so that a slanted guess is not lenient along its short side
     back = _invert(np.where(sane[:, None, None], affine, np.eye(2, 3)))
@@ -196,6 +201,7 @@ def _count_places(votes: np.ndarray, uv: np.ndarray) -> np.ndarray:
     cells = (np.clip(uv, 0, 0.999) * 12).astype(int) @ [12, 1]
     one_of = np.zeros((len(uv), 144), np.float32)
     one_of[np.arange(len(uv)), cells] = 1
+    # the number of votes only breaks ties between guesses with as many places
     return ((votes.astype(np.float32) @ one_of) > 0).sum(axis=1) + votes.sum(axis=1) * 1e-3
 
 
@@ -207,6 +213,7 @@ def _refine(affine: np.ndarray, uv: np.ndarray, px: np.ndarray, voters: np.ndarr
         for _ in range(5):
             fit = np.linalg.lstsq(a * weight[:, None], px[voters] * weight[:, None], rcond=None)[0].T
             miss = np.linalg.norm(px[voters] - a @ fit.T, axis=1)
+            # the root, as least squares squares it: these are Cauchy's weights
             weight = 1 / np.sqrt(1 + (miss / max(np.median(miss), 0.5)) ** 2)
         stretch = np.linalg.svd(fit[:, :2], compute_uv=False)
         if np.linalg.det(fit[:, :2]) > 0 and stretch[0] < MAX_SHEAR * stretch[1]:

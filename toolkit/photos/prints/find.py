@@ -140,6 +140,7 @@ def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndar
         fitted = fit_warp(guess.uv, guess.px, flat, float("inf"), near_px)
         bent = fit_warp(guess.uv, guess.px, fitted, MATCHES_STIFFNESS, near_px)
         shape = tuple(round(side * photo.scale) for side in photo.image.shape[:2])
+        # a homography of few matches may be wild: the affine map is the last resort
         good = [one.scaled(1 / photo.scale) for one in (bent, fitted, flat) if is_plausible(one, shape)]
         starts.append(good[:2])
     if expected_px is not None:
@@ -179,7 +180,9 @@ def shrink_image(image: np.ndarray, scale: float) -> np.ndarray:
     size = (max(1, round(w * scale)), max(1, round(h * scale)))
     if max(abs(size[0] - w * scale), abs(size[1] - h * scale)) < 1e-6:
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    # what the smaller size cannot hold is blurred away before sampling
     blurred = cv2.GaussianBlur(image, (0, 0), 0.4 / scale)
+    # pixel centres lie at halves: this offset keeps (0.5, 0.5) scaled where the other size has it
     half = 0.5 / scale - 0.5
     T = np.array([[1 / scale, 0, half], [0, 1 / scale, half]])
     return np.asarray(cv2.warpAffine(
@@ -233,6 +236,7 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
     ):
         return None
     best: PageMeasure | None = None
+    # nobody knows which way round the sheet lies: on the right one the patch comes out square
     for width, height in ((paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)):
         sheet = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
         T_mm_px = cv2.getPerspectiveTransform(page.astype(np.float32), sheet).astype(float)
@@ -259,6 +263,7 @@ def find_page(image: np.ndarray) -> np.ndarray | None:
     largest = cv2.convexHull(max(outlines, key=cv2.contourArea))
     if cv2.contourArea(largest) < LEAST_SHARE * size[0] * size[1]:
         return None
+    # the approximation's tolerance follows the sheet's size, so that creased or rounded corners stay one
     rough = cv2.approxPolyDP(largest, 0.03 * cv2.arcLength(largest, True), True).reshape(-1, 2)
     if len(rough) != 4 or _touches_edge(rough, size):
         return None
@@ -300,6 +305,7 @@ def _sharpen(grey: np.ndarray, corners: np.ndarray, reach_px: float) -> np.ndarr
         if line is None:
             return None
         lines.append(line)
+    # lines as homogeneous vectors: their cross product is where they meet
     meets = [np.cross(lines[k - 1], lines[k]) for k in range(4)]
     return np.array([meet[:2] / meet[2] for meet in meets])
 

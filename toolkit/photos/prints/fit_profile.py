@@ -194,6 +194,7 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
     for (file, _, trust), number in zip(patches, which, strict=True):
         n = file.shape[0]
         rows, columns = np.mgrid[:n, :n] * CELLS // n
+        # a step of two columns a row: neighbouring cells never lie in one fold
         cells = ((columns + 2 * rows) % FOLDS).ravel()
         folds.append((cells if len(set(which)) == 1 else np.full(n * n, number))[trust > 0])
         files.append(file.reshape(-1, 3)[trust > 0] / 255.0)
@@ -214,6 +215,7 @@ def _fit_samples(samples: _Samples) -> FittedColours:
     }
     best_power = {name: min(POWERS, key=lambda power: answers[name, power].median) for name in MODELS}
     tried = {name: answers[name, power].median for name, power in best_power.items()}
+    # from few terms to many, so that the first that is good enough is the simplest
     name = next(name for name in MODELS if tried[name] <= SIMPLER * min(tried.values()))
     power, exponents = best_power[name], MODELS[name]
     coefficients = _solve(_columns(samples, power, exponents), samples.seen, samples.weight)
@@ -248,6 +250,7 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
             rows[power].append(raise_terms(stated, power, MODELS["cubic"]))
         meant.append(srgb_to_linear(stated))
         seen.append(strip.seen_linear[good] / strip.white_linear)
+        # divided by cells and strips: together they weigh `STRIP_SHARE` of all pixels
         weight.append(np.full(good.sum(), STRIP_SHARE * pixels / len(strips) / good.sum()))
         fold.append(np.full(good.sum(), -1))
     return _Samples(
@@ -260,6 +263,7 @@ def _find_blur(part: PrintedColours, file: np.ndarray, kept: np.ndarray) -> floa
     """How much the lens blurs, pixels: at which a matrix fits the photo best."""
 
     def misfit(blur_px: float) -> float:
+        # a matrix is enough to compare blurs with: what it misses of the inks, it misses at each blur
         terms = np.c_[np.ones(len(kept)), part.draw(srgb_to_linear(file), blur_px)[kept]]
         fit = np.linalg.lstsq(terms, part.seen[kept], rcond=None)[0]
         return float(((part.seen[kept] - terms @ fit) ** 2).mean())
@@ -294,6 +298,7 @@ def _solve(terms: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarra
         for channel in range(3):
             both = eye[:, channel, None] * trust
             normal = terms.T @ (terms * both)
+            # a ridge that follows the size of the system: terms that the patch does not hold stay small
             ridge = TINY * np.trace(normal) / len(normal) * np.eye(len(normal))
             fit[:, channel] = np.linalg.solve(normal + ridge, terms.T @ (seen[:, channel, None] * both)[:, 0])
         miss = np.sqrt((eye / weight * (seen - terms @ fit) ** 2).sum(axis=1))

@@ -66,6 +66,7 @@ class FittedPhoto:
 
     def with_patches(self, patches: Sequence[KnownPatch], draws: Draws) -> list[np.ndarray]:
         """The photograph with each patch in the printed one's place, (h, w, 3) uint8 sRGB."""
+        # one scene for all patches: what hides the printed one is found once
         scene, pictures = Scene(self.image, self.look, self.patch.pixels), []
         for patch in patches:
             part = scene.put(patch.pixels, draws.of(f"noise {patch.name}"))
@@ -122,6 +123,7 @@ def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
     sighting, patch = max(seen, key=lambda one: one[0].confidence)
     if sighting.shown < LEAST_SHOWN:
         raise ToolkitError(f"only {sighting.shown:.0%} of the patch '{patch.name}' shows, {LEAST_SHOWN:.0%} are needed")
+    # with the first place's features gone, what is still found is a second print
     elsewhere = _without(searched, sighting)
     if find_patch(elsewhere, patch.pixels) is not None:
         raise ToolkitError(f"the patch '{patch.name}' is there twice: hide one of them")
@@ -196,6 +198,7 @@ def view_photos(
     for number, one in enumerate(fitted):
         with_hidden = _add_hidden(one)
         for k in range(each):
+            # each window has its own draws: more views of one photograph do not change those of the others
             rng = Draws(seed, number * each + k, "found views").of("window")
             views.append(_view(one, with_hidden, image_px, (size_px, size_mm), rng))
     from toolkit.boosters.mounted import stack_views  # torch, which only training needs
@@ -259,6 +262,7 @@ def _make_linear(picture: np.ndarray, scene: Scene, hidden: np.ndarray, sheet: t
     return LinearView(
         behind=np.zeros_like(dark), dark=dark.astype(np.float32), coverage=coverage,
         pixel=((rows + scene.top) * picture.shape[1] + columns + scene.left).astype(np.int32),
+        # v runs upwards in texture coordinates, rows downwards in the patch
         uv=np.stack([place[:, 0], 1 - place[:, 1]], axis=1).astype(np.float32),
         lod=np.log2(texels).astype(np.float32),
         gain=(_before_shoulder(white) * share[rows, columns, None]).astype(np.float32),

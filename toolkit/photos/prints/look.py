@@ -174,6 +174,7 @@ def read_texels(image: np.ndarray, sighting: PatchSighting, n: int) -> tuple[np.
     steps = (np.arange(n * samples) + 0.5) / (n * samples)
     at = warp.to_pixels(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)).reshape(n * samples, -1, 2)
     values = sample_image(small, at).astype(np.float32).reshape(n, samples, n, samples, 3).mean(axis=(1, 3)) / 255
+    # a texel that the frame cuts would be the mean of what is repeated beyond it
     within = ((at > 0) & (at < np.array(small.shape[1::-1]))).all(axis=-1)
     within = within.reshape(n, samples, n, samples).all(axis=(1, 3))
     cells = np.arange(n) * len(sighting.agreement) // n
@@ -217,6 +218,7 @@ def _fit_colours(
             for channel in range(3):
                 columns = np.stack([move @ flat[:, channel] for move in around], axis=1)
                 found = np.linalg.lstsq(columns * weight[:, None], even[:, channel] * weight, rcond=None)[0]
+                # shares add up to one, so that an even area keeps its colour; a sum near 0 tells nothing
                 shares[channel] = found / found.sum() if abs(found.sum()) > 0.2 else shares[channel]
     lit = linear_to_srgb(srgb_to_linear(np.clip(said @ RGB.T, 0, 1)) * np.exp(terms @ light)).astype(float)
     return nodes, light, lit, weight
@@ -232,11 +234,13 @@ def _shift(n: int, down: int, right: int) -> sparse.csr_matrix:
 def _fit_light(terms: np.ndarray, seen: np.ndarray, said: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(5, 3) coefficients: the logarithm of what was seen over what the cube says, bright texels counting most."""
     there, meant = srgb_to_linear(seen).astype(float), srgb_to_linear(np.clip(said, 0, 1)).astype(float)
+    # `DARK` in both keeps noise in the blacks from being a factor of the light
     ratio = np.log((there + DARK) / (meant + DARK))
     light = np.zeros((terms.shape[1], 3))
     columns = np.c_[terms, np.ones(len(terms))]
     for channel in range(3):
         root = np.sqrt(weight) * meant[:, channel]
+        # the constant column is dropped: overall brightness is the cube's
         light[:, channel] = np.linalg.lstsq(columns * root[:, None], ratio[:, channel] * root, rcond=None)[0][:-1]
     return np.clip(light, -MOST_GAIN, MOST_GAIN)
 
@@ -275,6 +279,7 @@ class Scene:
         self.seen = _to_ycc(self._cut / np.float32(255))
         outside = (self.cover < 0.01).astype(np.float32)
         light = LINEAR_OF_CODE[self._cut]
+        # a normalised blur: the mean of what lies outside alone, also under the rim
         near = cv2.GaussianBlur(outside, (0, 0), 3.0)[..., None]
         around = cv2.GaussianBlur(light * outside[..., None], (0, 0), 3.0) / np.maximum(near, 1e-3)
         self.around = np.where(outside[..., None] > 0, light, around)
@@ -313,12 +318,15 @@ class Scene:
         mean = cv2.GaussianBlur(small, (0, 0), scale * texel_px) / near[..., None]
         size = np.linalg.norm(mean, axis=-1)
         size = cv2.resize(size, inside.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        # both an absolute least and one that follows this photograph's own misfit
         least = max(HIDES[0], HIDES[1] * float(np.median(size[inside])))
+        # hysteresis, as Canny's: weak pixels count where they hang together with a strong one
         weak = ((size > least / 2) & inside).astype(np.uint8)
         count, labels = cv2.connectedComponents(weak)
         strong = np.bincount(labels[(size > least) & inside], minlength=count)
         area = np.bincount(labels.ravel(), minlength=count)
         kept = (strong > 0) & (area > LEAST_HIDDEN * texel_px**2)
+        # label 0 is all that is not weak
         kept[0] = False
         hidden = kept[labels].astype(np.float32)
         return np.clip(2 * cv2.GaussianBlur(hidden, (0, 0), texel_px / 3), 0, 1)
@@ -337,6 +345,7 @@ class Scene:
         change = inner * (new - self.seen) + (1 - inner) * (other - self.drawn)
         ycc = self.seen + (1 - self.hidden[..., None]) * change
         encoded = np.clip(ycc @ RGB.T.astype(np.float32), 0, 1)
+        # a kernel carries the change so far beyond the patch's rim; further out the photo's bytes stay as they are
         reached = cv2.dilate((self.cover > 0).astype(np.uint8), np.ones((KERNEL_PX, KERNEL_PX), np.uint8))
         return np.where(reached[..., None] > 0, np.rint(encoded * 255).astype(np.uint8), self._cut)
 
@@ -376,6 +385,7 @@ def draw_texels(texels: np.ndarray, uv: np.ndarray, step: np.ndarray) -> np.ndar
     wide = float(np.median(step) * n)
     source: np.ndarray = texels.astype(np.float32)
     if wide > 1:  # several texels in a pixel: the line below is a texel wide, the rest is blurred here
+        # a square of width w has a variance of w² / 12; the line of one texel has 1 / 12 of it already
         source = cv2.GaussianBlur(source, (0, 0), np.sqrt((wide**2 - 1) / 12) + 1e-3, borderType=cv2.BORDER_REPLICATE)
     place = uv * n - 0.5
     low = np.floor(place)
@@ -433,6 +443,7 @@ def _fit_kernels(scene: Scene) -> np.ndarray:
     good = (scene.cover > 0.99) & (scene.hidden < 0.01)
     good[:reach], good[-reach:], good[:, :reach], good[:, -reach:] = False, False, False, False
     rows, columns = np.nonzero(good)
+    # ten pixels for each number of the kernel, or noise would be fitted
     if len(rows) < 10 * KERNEL_PX**2:
         return scene.look.kernels
     some = np.linspace(0, len(rows) - 1, min(len(rows), KERNEL_SAMPLES)).round().astype(int)
@@ -449,6 +460,7 @@ def _fit_kernels(scene: Scene) -> np.ndarray:
         weight = 1 / (1 + (miss / (3 * np.median(np.abs(miss)) + 1e-6)) ** 2)
         normal = apart.T @ (apart * weight[:, None])
         normal += KERNEL_RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+        # less its own mean: a shift of brightness is no blur
         moved = np.linalg.solve(normal, apart.T @ (weight * (miss - np.average(miss, weights=weight))))
         moved[centre.size // 2] = 0
         kernels.append((centre * (1 - moved.sum()) + moved).reshape(KERNEL_PX, KERNEL_PX))
@@ -461,6 +473,7 @@ def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarra
     # about the mean of so many pixels each way: what the colours miss is no noise
     wide = WIDE_PX if texel_px > 1.5 * WIDE_PX else NARROW_PX
     apart = miss - cv2.blur(miss, (wide, wide))
+    # n / (n - 1): the mean is of the same pixels
     spread = np.sqrt(np.maximum(cv2.blur(apart**2, (wide, wide)), 0) * wide**2 / (wide**2 - 1))
     good = (scene.cover > 0.99) & (scene.hidden < 0.01)
     if good.sum() < 100:
@@ -496,4 +509,5 @@ def _smooth_noise(white: np.ndarray, sigma_px: float) -> np.ndarray:
         return white
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(3 * sigma_px)) + 1, sigma_px)
     blurred = cv2.sepFilter2D(white, -1, kernel, kernel, borderType=cv2.BORDER_REFLECT_101)
+    # white noise of deviation 1 through a kernel has the root of the kernel's sum of squares, once along each axis
     return np.asarray(blurred / float((kernel**2).sum()))

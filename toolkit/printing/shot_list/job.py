@@ -82,6 +82,7 @@ def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
 def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
     """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
     shots = {shot.variant: shot for shot in stop.shots}
+    # `unpatched` first, so that pictures of one kind stand below each other on every card
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
     # one picture keeps the size that it has beside another
     cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
@@ -169,6 +170,7 @@ def build_shot_list(
         name, plan = session.item.name, session.poses_sha256[:HASH_DIGITS]
         for index, page in enumerate(pages, 1):
             number += 1
+            # what the order follows from stands on the page, so that a printed list can be told from a later one
             made = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {number}/{total}"
             with pdf.page():
                 _draw_header(pdf, area, session, page)
@@ -213,6 +215,7 @@ def name_bands(session: ObjectSession) -> list[str]:
     for before, after in zip(legs, [*legs[1:], None], strict=True):
         change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
         onward = "" if after else "done"
+        # the next round begins elsewhere than where the last one ended: one has to walk
         if after is not None and after.stops[0] != before.stops[1] + 1:
             onward = f"go on with pose {session.stops[after.stops[0] - 1].pose.id}"
         if next_steps := ", ".join(filter(None, (change, onward))):
@@ -311,6 +314,7 @@ def write_shot_list(
         if variant not in VARIANTS:
             raise one_of("variant", variant, list(VARIANTS))
     paper, order = parse_paper(config.paper), config.order
+    # before objects are loaded and rendered: a paper that is too small fails at once
     _check_paper(paper)
     items: dict[str, TableObject] = {}
     with progress("reading the objects", len(set(objects))) as bar:
@@ -332,9 +336,11 @@ def write_shot_list(
             papers = Papers(board, printed[name][0], missing.get(name))
             sessions.append(prepare_session(item, plan, own, boosters[name], papers, bar))
         content, pages = build_shot_list(sessions, paper, seed, order, bar)
+    # the PDF first: where it cannot be written, the order in use stays as it is
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
     shots = list_shots(plan, steps, seed, order)
+    # before the file is replaced that it is compared with
     replaced = _is_other(shots_file, shots)
     write_shots(shots_file, shots)
     return WrittenShotList(
@@ -366,6 +372,7 @@ def _find_page(workspace: Workspace, name: str, boosters: dict[str, Worn | None]
     wrong: str | None = None
     if not isinstance(patch, Print):
         return None, None
+    # the object's own page first, as it has the object's own size
     for file in (workspace.print_dir / f"{name}.pdf", workspace.print_dir / f"{patch.name}.pdf"):
         stated, shown = read_page(file), str(file.relative_to(workspace.root))
         if stated is None:

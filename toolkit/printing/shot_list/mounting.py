@@ -60,6 +60,7 @@ def draw_views(
         renderer = RaycastRenderer(apply_booster(item, booster), studio, DETAIL)
         lights = renderer.render_many((small, pose.matrix()) for pose in poses)
         for pose, light in zip(poses, lights, strict=True):
+            # no noise and no vignette: the card is to be compared with, not to look like a photograph
             picture = tone_map(light, (0, pose.id), noise=0, falloff=0)
             views[variant, pose.id] = encode_jpeg(picture)
             bar.advance(note=f"{item.name} {variant}")
@@ -138,9 +139,11 @@ def _draw_mounting(item: TableObject, sheets: Sequence[MountedSheet], index: int
     half = len(sheet.mesh.vertices) // 2  # the printed face; the other half is the paper's back
     face = sheet.mesh.vertices[:half] @ flat
     cut_mm = sheet.size_mm + 2 * TAPE_MARGIN_MM
+    # along one straight edge and back along the other: the outline of the sheet's face
     edge = np.concatenate([face[0::2], face[1::2][::-1]])
     patch = _inset(face, sheet.mesh.uv[:half], TAPE_MARGIN_MM / cut_mm)
     middle = face.mean(axis=0)
+    # on top the page's arrow runs along the sheet's u, on a side its upper edge is v
     axis = sheet.T_object_sheet[:3, 0 if mount.at == "top" else 1] @ flat
     body = item.mesh.vertices @ flat
     extremes = body[[body[:, 0].argmin(), body[:, 1].argmin(), body[:, 0].argmax(), body[:, 1].argmax()]]
@@ -165,6 +168,7 @@ def _inset(points: np.ndarray, uv: np.ndarray, inner: float) -> np.ndarray:
     first, second = points[0::2], points[1::2]
     # one of u and v runs along the bend, the other from one straight edge to the other
     run = uv[0::2][:, 0] if np.ptp(uv[0::2][:, 0]) > 0.5 else uv[0::2][:, 1]
+    # the patch's rim is bent as the sheet is: points between the sheet's own vertices are interpolated
     kept = np.concatenate([[inner], run[(run > inner) & (run < 1 - inner)], [1 - inner]])
     along = [np.stack([np.interp(kept, run, line[:, k]) for k in range(2)], axis=1) for line in (first, second)]
     low, high = along[0] + inner * (along[1] - along[0]), along[1] + inner * (along[0] - along[1])
@@ -187,6 +191,7 @@ def _photograph(
     width, height = (max(16, round(side * px_per_mm)) for side in size)
     fov = 2 * float(np.degrees(np.arctan(width / px_per_mm / 2 / far)))
     T_world_camera = look_at(target + normal * far, target)
+    # the drawing's own axes: for a view straight down `look_at` has any azimuth to choose from
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
     renderer = RaycastRenderer(attach(item.mesh, *sheets), make_light_studio(item, None), DETAIL)
@@ -262,4 +267,5 @@ def _draw_chain(
         pdf.line(*corner, x + way[0], y + way[1])
         pdf.setDash()
     for (start, end), mm in zip(pairwise(places), lengths, strict=True):
+        # below half a millimetre a ruler shows nothing
         pdf.dimension(start, end, f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0"))

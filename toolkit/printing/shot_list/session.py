@@ -103,6 +103,7 @@ def prepare_session(
     stops = find_stops(poses, steps)
     views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
     wraps = [b.wrap for b in boosters.values() if isinstance(b, Sheets)]
+    # `patched` before the others: it is the sheet that the pages show how to stick
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
@@ -121,6 +122,7 @@ PHONE_MM = 25.0
 
 def equivalent_focal_mm(camera: Camera) -> float:
     """The 35 mm equivalent focal length with the camera's field of view, by the diagonal."""
+    # f / diagonal is the same for all formats with one diagonal angle of view
     return FILM_DIAGONAL_MM * camera.fx / float(np.hypot(camera.width, camera.height))
 
 
@@ -264,6 +266,7 @@ def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountD
     pdf.ink(SHEET, 0.4, fill=WHITE)
     pdf.rect(sheet.x, sheet.y, side, side, stroke=1, fill=1)
     inner = side * drawing.size_mm / drawing.cut_mm
+    # enlarged by whole repeats: texels stay crisp squares in the JPEG
     repeat = max(1, 400 // len(booster.pixels))
     enlarged = booster.pixels.repeat(repeat, 0).repeat(repeat, 1)
     pdf.picture(encode_jpeg(enlarged, 88), sheet.centre(inner, inner), None)
@@ -326,6 +329,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
         rows.append((f"{leg.variant}, {_name_poses(session, leg.stops)}", shots_there))
         before = leg.variant
     step = min(7.6, (y - area.y) / (len(rows) + 1))
+    # after the last round the sheet comes off, or it would be on the next object's first shots
     if before not in (None, "unpatched"):
         rows.append((name_change(before, "unpatched", session.sheets), ""))
     for words, right in rows:

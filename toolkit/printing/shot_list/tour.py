@@ -48,6 +48,7 @@ def measure_place(pose: Pose) -> CameraPlace:
     target = np.array(pose.target_mm)
     return CameraPlace(
         azimuth_deg=round(float(azimuth), 3) % 360,
+        # the third column is the line of sight: its z tells how far it looks down
         tilt_deg=float(np.degrees(np.arcsin(np.clip(-T_world_camera[2, 2], -1, 1)))), roll_deg=pose.roll_deg,
         distance_mm=float(np.linalg.norm(T_world_camera[:3, 3] - target)), height_mm=z, out_mm=out_mm,
         target_height_mm=float(target[2]),
@@ -98,6 +99,7 @@ def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
 
 def goes_round(legs: Sequence[TourLeg], stops: Sequence[Stop]) -> bool:
     """Whether the camera goes round once per variant, with few changes; false where variants alternate."""
+    # half before and half after is two legs a variant; alternating variants have one leg a shot
     return len(legs) <= 2 * max(len(stop.shots) for stop in stops)
 
 
@@ -152,6 +154,7 @@ def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndar
     points = mesh.vertices @ np.stack([right, up], axis=1).astype(np.float32)
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     step = max(float(size.max()) / SAMPLES, 1e-6)
+    # a rim of two pixels round the outline, and one more for rounding
     shape = np.ceil(size / step).astype(int) + 5
     mask = np.zeros((shape[1], shape[0]), np.uint8)
     # OpenCV takes fixed point: 16 parts of a pixel are the 4 bits of fraction below
@@ -206,6 +209,7 @@ def survey(mesh: Mesh, places: Sequence[CameraPlace]) -> Surroundings:
         azimuth: trace_outline(mesh, orbit_direction(azimuth, 0.0), up)
         for azimuth in dict.fromkeys(place.azimuth_deg for place in places)
     }
+    # seen from above, the front down the page: right is +y, up is -x
     above = trace_outline(mesh, np.array([0.0, 1.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
     return Surroundings(mesh, above, sides, tuple(places))
 
@@ -240,11 +244,13 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
     pdf.ink(CAMERA, 0.25)
     pdf.line(*centre, *at)
     arc = max(0.36 * radius, 5.5)
+    # at the front there is no angle to draw
     if place.azimuth_deg > 0.5:
         pdf.setLineWidth(0.3)
         pdf.arc_about(centre, arc, FRONT_DEG, place.azimuth_deg)
         pdf.head(_towards(angle, arc, centre), angle + 90 - np.degrees(0.8 / arc), 1.7)
     pdf.camera(at, angle + 180)
+    # a narrow angle's number stands beside the arc, a wide one's in it
     middle = FRONT_DEG + (place.azimuth_deg / 2 if place.azimuth_deg > 50 else place.azimuth_deg + 42)
     pdf.write_on_white(f"{place.azimuth_deg:.0f}°", *_towards(middle, arc, centre), 3.0, BOLD, CAMERA)
 
@@ -253,6 +259,7 @@ def draw_from_side(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPlac
     """The object on the table, the camera on the right of it, and the four numbers of its place."""
     left_mm, right_mm = around.reach_mm, around.farthest_mm
     below, above, beside = 5.2, 4.6, 11.0
+    # one scale for all cards of an object, from the farthest and the highest of its places
     scale = min((area.width - beside - 3.5) / (left_mm + right_mm), (area.height - below - above) / around.highest_mm)
     spare = area.width - beside - 3.5 - (left_mm + right_mm) * scale
     x, y = area.x + left_mm * scale + 0.5 + spare / 2, area.y + below  # the object's middle on the table
@@ -297,15 +304,18 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
     centre = (area.x + area.width / 2, area.y + area.height / 2 + 1.8)
     radius = min(area.width, area.height - 3.6) / 2
     lowest = min(stop.place.tilt_deg for stop in stops)
+    # elevation 90° is the middle; the lowest ring leaves room for a place's disc
     per_degree = (radius - 4.6) / max(90 - lowest, 1)
     at = [
         _towards(page_angle(stop.place.azimuth_deg), (90 - stop.place.tilt_deg) * per_degree, centre) for stop in stops
     ]
     apart = [float(np.hypot(a[0] - b[0], a[1] - b[1])) for i, a in enumerate(at) for b in at[:i]]
+    # discs shrink where places are close, so that they do not cover each other
     size = float(np.clip(0.42 * min(apart, default=9.0), 1.2, 3.1))
     pdf.ink(WASH)
     pdf.circle(*centre, radius, stroke=0, fill=1)
     tilts = sorted({round(stop.place.tilt_deg) for stop in stops})
+    # many different elevations are no rings
     tilts = tilts if len(tilts) <= 4 else []
     for tilt in tilts:
         pdf.ink(FAINT, 0.2)
@@ -319,6 +329,7 @@ def draw_walk(pdf: Pdf, area: Rect, around: Surroundings, stops: Sequence[Stop])
     for a, b in zip(at, at[1:] + at[:1], strict=True):
         way = np.subtract(b, a)
         length = float(np.hypot(*way))
+        # an arrow between discs that touch would be all head
         if length > 2 * size + 0.8:
             unit = way / length * size
             pdf.arrow(tuple(np.add(a, unit)), tuple(np.subtract(b, unit * 1.12)), 1.7)
@@ -348,4 +359,5 @@ def _distance(point: Point, start: Point, end: Point) -> float:
     """From a point to a line between two others."""
     way, off = np.subtract(end, start), np.subtract(point, start)
     share = float(np.clip(off @ way / max(float(way @ way), 1e-9), 0, 1))
+    # rounded, so that of equal distances the first is taken on every machine
     return round(float(np.hypot(*(off - share * way))), 6)
