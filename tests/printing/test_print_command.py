@@ -165,7 +165,7 @@ def test_read_only_folder_leaves_the_old_file(space, monkeypatch):
     plain_open = os.open
 
     def refuse_to_write(path, flags, *arguments, **more):
-        if flags & os.O_WRONLY:
+        if flags & (os.O_WRONLY | os.O_RDWR):
             raise OSError(errno.EROFS, "Read-only file system")
         return plain_open(path, flags, *arguments, **more)
 

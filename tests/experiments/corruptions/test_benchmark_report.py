@@ -106,7 +106,8 @@ def test_hostile_names_of_variants(tmp_path):
     assert "<script>alert" not in files.report.read_text(encoding="utf-8")
     assert all(file.parent == tmp_path / "run" / "figures" for file in files.figures)
     assert len({file.name.lower() for file in files.figures}) == 3
-    assert name in str(build_summary_table(read_summary(files.summary)).columns[0]._cells)
+    shown = str(build_summary_table(read_summary(files.summary)).columns[0]._cells)
+    assert name in shown.replace("/ ", "/")  # a long name may be broken after a slash
 
 
 def test_cells_table_has_every_cell(made):
