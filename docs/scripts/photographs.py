@@ -1,6 +1,6 @@
 """What is measured on photographs by others, into docs/records/photographs: python docs/scripts/photographs.py PART.
 
-The photographs lie in a folder beside the repository (`TOOLKIT_SHARED`); none of them comes into it.
+The photographs lie in a folder beside the repository (`../shared`); none of them comes into it.
 """
 
 import csv
@@ -28,7 +28,7 @@ from toolkit.photos.prints.fitted_photo import fit_photo, read_known
 from toolkit.photos.retexture import encode_like
 
 RECORDS = Path(__file__).parents[1] / "records" / "photographs"
-SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
+SHARED = Path(__file__).resolve().parents[3] / "shared"
 STICKERS = SHARED / "photos" / "stickers-keyboard"
 PATCHES = sorted((STICKERS / "originals").glob("*.png"))
 LEVELS = (0, 64, 160, 250)

@@ -1,7 +1,6 @@
 """The patch in rendered and pasted photographs, against where the renderer or the paste put it."""
 
 import json
-import os
 from io import BytesIO
 from pathlib import Path
 
@@ -292,7 +291,7 @@ RECORDS = Path(__file__).parents[2] / "docs" / "records" / "photographs"
 @pytest.mark.slow
 def test_real_stickers_lie_where_a_hand_marked_their_corners() -> None:
     """A percent of the side is asked; the marks are sure to half a pixel."""
-    shared = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared")) / "photos" / "stickers-keyboard"
+    shared = Path(__file__).resolve().parents[3] / "shared" / "photos" / "stickers-keyboard"
     if not shared.is_dir():
         pytest.skip(f"the photographs of printed stickers are not in {shared}")
     marked = json.loads((RECORDS / "corners.json").read_text())["marked_px"]

@@ -1,6 +1,5 @@
 """Another patch put into a photograph of a printed one: renders whose truth is known, and real photographs."""
 
-import os
 import subprocess
 import sys
 from itertools import product
@@ -22,7 +21,7 @@ from toolkit.photos.prints.look import _smooth_noise, draw_texels
 from toolkit.photos.retexture import retexture
 from toolkit.photos.settings import RetextureConfig
 
-SHARED = Path(os.environ.get("TOOLKIT_SHARED", "/work/shared"))
+SHARED = Path(__file__).resolve().parents[3] / "shared"
 N, SIDE = 24, 240
 CORNERS = np.array([[150, 110], [385, 128], [372, 366], [140, 340]], np.float32)
 INKS = np.array([[0.70, 0.05, 0.02], [0.04, 0.62, 0.08], [0.03, 0.10, 0.66]])
