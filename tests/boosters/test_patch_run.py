@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 from tiny_network import tiny_classifier, tiny_config, train_tiny, write_photos
 
+from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.patch import PatchTask
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
@@ -122,18 +123,9 @@ def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, 
     assert files_below(tmp_path / "killed") == files_below(tmp_path / "whole"), "nothing lost, nothing twice"
 
 
-def test_ctrl_c_keeps_what_is_done(tmp_path, photos, monkeypatch):
-    loss = PatchTask.loss
-
-    def interrupted(self, step):
-        if step == 3:
-            raise KeyboardInterrupt
-        return loss(self, step)
-
-    monkeypatch.setattr(PatchTask, "loss", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+def test_ctrl_c_keeps_what_is_done(tmp_path, photos):
+    with stopped_at(PatchTask, 3):
         run(tmp_path / "w", photos)
-    monkeypatch.undo()
     assert run(tmp_path / "w", photos).resumed_from == 3
 
 

@@ -12,6 +12,7 @@ import torch
 from texture_parts import TEXELS, crate_config, make_crate
 from tiny_network import tiny_classifier, write_photos
 
+from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.pixels import PixelTask, Target
 from toolkit.boosters.texture import TextureTask, train_texture
 from toolkit.boosters.texture_objects import load_objects
@@ -180,19 +181,10 @@ def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done(space, monkeypatch):
+def test_ctrl_c_keeps_what_is_done(space):
     whole = run(space, name="whole")
-    loss = TextureTask.loss
-
-    def interrupted(self, step):
-        if step == 2:
-            raise KeyboardInterrupt
-        return loss(self, step)
-
-    monkeypatch.setattr(TextureTask, "loss", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with stopped_at(TextureTask, 2):
         run(space)
-    monkeypatch.undo()
     assert (made := run(space)).resumed_from == 2
     assert np.array_equal(made.texture.pixels, whole.texture.pixels)
 

@@ -8,6 +8,7 @@ from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from torchvision.transforms.functional import InterpolationMode, rotate
 
+from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.detectors import DetectorNetwork, meet_networks
 from toolkit.boosters.patch import PatchTask
 from toolkit.boosters.patch_config import PatchConfig
@@ -165,7 +166,7 @@ class TestFeatureMixup:
             own = slice(2 * rank, 2 * rank + 2)
             assert torch.equal(part.apply(features[0][own], features[1], np.random.default_rng(3)), whole[own])
 
-    def test_the_network_is_left_as_it_was_and_a_stopped_run_ends_in_the_same_bytes(self, tmp_path, monkeypatch):
+    def test_the_network_is_left_as_it_was_and_a_stopped_run_ends_in_the_same_bytes(self, tmp_path):
         photos, network = write_photos(tmp_path / "photos", 6), tiny_classifier()
 
         def state():
@@ -178,19 +179,12 @@ class TestFeatureMixup:
             config = tiny_config(6, feature_mixup=FeatureMixup(probability=0.5))
             return train_tiny(tmp_path / name, photos, config, networks=[network], checkpoint_every_s=0)
 
-        before, loss = state(), PatchTask.loss
+        before = state()
         whole = train("whole")
         assert state() == before
 
-        def interrupted(self, step):
-            if step == 3:
-                raise KeyboardInterrupt
-            return loss(self, step)
-
-        monkeypatch.setattr(PatchTask, "loss", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with stopped_at(PatchTask, 3):
             train("stopped")
-        monkeypatch.undo()
         stopped = train("stopped")
         assert stopped.resumed_from == 3 and state() == before
         assert stopped.files.png.read_bytes() == whole.files.png.read_bytes()

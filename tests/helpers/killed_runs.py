@@ -1,4 +1,4 @@
-"""Commands that die at one of their writes, as a kill -9 or a power cut ends them, and are run again."""
+"""Commands that die at one of their writes, as a kill -9 or a power cut ends them, and trainings that Ctrl-C stops."""
 
 import ctypes
 import os
@@ -6,7 +6,11 @@ import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 RUN = """
 import os, signal, sys
@@ -61,3 +65,18 @@ def be_nobody_special() -> None:
     """For `begin`: even root asks for permission, as everybody else."""
     for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
         ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP
+
+
+@contextmanager
+def stopped_at(task: type, step: int) -> Iterator[None]:
+    """Ctrl-C as a training of this kind begins the step; that it stops there is checked."""
+    loss = task.loss
+
+    def interrupted(self, at):
+        if at == step:
+            raise KeyboardInterrupt
+        return loss(self, at)
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(task, "loss", interrupted)
+        yield

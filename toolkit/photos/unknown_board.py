@@ -33,7 +33,6 @@ LEAST_AGREE = 0.9
 WORST_FIT = 0.2
 """Of the step from marker to marker, how far the markers may lie from their rows and columns."""
 CHESS_SEED = (3, 3)
-MOST_CORNERS = 40
 FAMILIES = tuple(
     name for name in (
         "DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5",
