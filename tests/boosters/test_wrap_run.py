@@ -199,6 +199,19 @@ def test_pieces_that_add_nothing_are_dropped(split):
             run(split, pieces=wrong)
 
 
+def test_a_shipped_wrap_is_the_plan_and_stays_as_it_is(split, tmp_path, monkeypatch):
+    shipped = tmp_path / "data" / "wraps" / "crate"
+    shipped.parent.mkdir(parents=True)
+    split.wrap("crate").rename(shipped)
+    for module in ("core.workspace", "objects.wrap", "boosters.wrap_task"):
+        monkeypatch.setattr(f"toolkit.{module}.PACKAGE_DATA", tmp_path / "data")
+    before = {file.name: file.read_bytes() for file in shipped.iterdir()}
+    made = run(split, pieces="1..2")
+    assert split.wrap("crate") == split.wraps_dir / "crate" and made.wrap.record.plan
+    assert read_wrap(split.wrap("crate")).record.map_sha256 == read_wrap(shipped).record.map_sha256
+    assert {file.name: file.read_bytes() for file in shipped.iterdir()} == before
+
+
 def test_settings_that_the_plan_decides_are_refused():
     for change in ({"size_px": 40, "keep": ("glass",)}, {"unwrap": True}, {"start": "x.png"}):
         with pytest.raises(ToolkitError):
