@@ -344,4 +344,4 @@ def describe_data(data: TrainingData) -> None:
     if not data.is_held_out:
         notice("data: there is one image only: it serves for training and for validation")
     elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
-        notice(f"data: {len(data.train)} images to train on are few: backgrounds 'all' takes every image")
+        notice(f"data: {len(data.train)} images to train on, which is few: backgrounds 'all' takes every image")

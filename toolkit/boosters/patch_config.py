@@ -90,7 +90,7 @@ class PatchConfig(PixelConfig):
     mounted_fill: Annotated[Range, Rising(0.05, 1), Flag(group=RIG)] = Field(
         (0.6, 0.95), description="Share of the frame that the object fills in these views."
     )
-    without_effect: dict[str, float] = Field({}, description="Named by the recipe's source, and moves nothing.")
+    without_effect: dict[str, float] = Field({}, description="Named by the recipe's source; it has no effect.")
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
     @field_serializer("camera")

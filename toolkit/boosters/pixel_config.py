@@ -71,8 +71,8 @@ class PixelConfig(Config):
     )
     feature_mixup: Annotated[FeatureMixup | None, Later, Flag("--feature-mixup", group=TRANSFER)] = Field(
         None,
-        description="Inside each network, mix features with those of other photographs without the booster; a step "
-        "asks it once more.",
+        description="Inside each network, mix features with those of other photographs without the booster; each step "
+        "then runs the network once more.",
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
         0.0, description="How much of the earlier steps' direction each step keeps."
@@ -104,7 +104,7 @@ class PixelConfig(Config):
         "the TOML of a kit.",
     )
     world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
-        1, description="Seed of the world; world-eval has 0 as default."
+        1, description="Seed of the world. The default of world-eval is another one, 0."
     )
     world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
         1.0, description="Metres in one unit of your own mesh."

@@ -65,7 +65,7 @@ def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list
         return "no board is seen"
     choice = choose_lens(photo, lenses)
     if choice.lens is None:
-        return f"a board is seen, but not the lens known: {choice.note}"
+        return f"a board is seen, but the lens is not known: {choice.note}"
     pose = solve_pose(sighting, choice.lens)
     if pose is None:
         return "a board is seen, but its corners fit no camera above the table"

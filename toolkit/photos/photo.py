@@ -195,6 +195,6 @@ def _open_header(path: Path, content: bytes | None) -> tuple[int, int, str, Exif
     except Exception as error:  # decoders raise nearly every built-in exception on hostile files
         raise UnreadableImage(path, explain_damage(error)) from None
     if kind is None:
-        raise UnreadableImage(path, "not a kind of photograph that is read here: export it as JPEG, PNG or TIFF")
+        raise UnreadableImage(path, "this kind of photograph cannot be read here: export it as JPEG, PNG or TIFF")
     width, height = size[::-1] if facts.orientation in QUARTER_TURNED else size
     return width, height, kind, facts

@@ -14,7 +14,7 @@ class RetextureConfig(Config):
     """What is put into which photographs."""
 
     found: Annotated[tuple[str, ...], Field(min_length=1), Flag("--found", metavar="PATCH")] = Field(
-        description="The patch that is printed there: its name, or a PNG of its texels. Several are told apart."
+        description="The patch printed in the photographs: its name, or a PNG of its texels. May be repeated."
     )
     given: Annotated[tuple[str, ...], Flag("--as", metavar="PATCH")] = Field(
         (), description="What takes its place, by name or PNG: first 'patched', then 'other-patch', then by name."
@@ -23,9 +23,10 @@ class RetextureConfig(Config):
         None, description="Name of what is photographed. Default: the folder's."
     )
     bare: Annotated[tuple[Path, ...], Flag("--bare", metavar="PHOTO")] = Field(
-        (), description="True photographs without a patch; as many as with one are paired in order of name."
+        (),
+        description="Photographs without a patch. If there are as many as with one, they are paired in order of name.",
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of the noise and of the random patch.")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of the noise and of the random patch.")
 
 
 Source = Annotated[
@@ -56,7 +57,7 @@ class ImportSettings(Config):
         "auto", description="What tells the pose: board, name (pose_07), order (of time), render, or auto."
     )
     first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="Number of the first photograph's shot, if these are only a part of the shot list."
+        None, description="Shot number of the first photograph, if these are only a part of the shot list."
     )
     pairs: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
         None,
@@ -67,7 +68,8 @@ class ImportSettings(Config):
         False, description="A retake replaces the earlier photograph, which is kept aside."
     )
     every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
-        None, description="From a video, take one frame every so many seconds. Default: one for each moment of rest."
+        None,
+        description="From a video, take one frame every so many seconds. Default: one whenever the camera rests.",
     )
     source: Source = Field("real", description="Folder below captures/.")
 

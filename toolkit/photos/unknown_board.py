@@ -203,7 +203,7 @@ def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
                         steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
     numbers = sorted({number for pair in steps for number in pair})
     if not numbers:
-        raise ToolkitError("markers are seen, but none near another: expected a board whose markers lie side by side")
+        raise ToolkitError("markers are seen, but no two side by side: expected a board whose markers lie side by side")
     index = {number: i for i, number in enumerate(numbers)}
     rows = np.zeros((len(steps) + 1, len(numbers)))
     values = np.zeros((len(steps) + 1, 2))

@@ -236,7 +236,7 @@ class _Reader:
             logging.setLogLevel(level)
         self._next = 0
         if not self._capture.isOpened():
-            raise UnreadableImage(self.path, "a damaged video, or of a kind that is not decoded here")
+            raise UnreadableImage(self.path, "a damaged video, or a kind that cannot be decoded here")
 
     def _read_facts(self) -> VideoFacts:
         cv2, get = self._cv2, self._capture.get

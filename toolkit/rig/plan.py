@@ -236,7 +236,7 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
         position = pose.matrix()[:3, 3]
         where = f"plan: object '{item.name}', pose {pose.id}"
         if np.all(position > low) and np.all(position < high):
-            raise ToolkitError(f"{where}: the camera is inside the object: expected distance_mm over its extent")
+            raise ToolkitError(f"{where}: the camera is inside the object: expected a larger distance_mm")
         if position[2] <= 0:
             raise ToolkitError(f"{where}: the camera is below the table top: expected an elevation that keeps it above")
         least = distance_to_fill(

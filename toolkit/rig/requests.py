@@ -44,7 +44,7 @@ class Pattern(Config):
         (25.0, 65.0), description="Lowest and highest elevation, degrees."
     )
     fill: Annotated[float, Field(ge=0.05, le=0.95), Flag()] = Field(
-        0.8, description="Share of the frame's shorter side that the object reaches across."
+        0.8, description="Share of the frame's shorter side that the object fills."
     )
     distance_mm: Annotated[
         Annotated[Range, AfterValidator(_check_distances)] | None,
@@ -52,7 +52,7 @@ class Pattern(Config):
         Flag("--distance", metavar="NEAR FAR", typed=Range),
     ] = Field(None, description="Nearest and farthest distance, mm, spread over the poses. Default: as {fill} says.")
     jitter_deg: Annotated[float, Field(ge=0, le=45), Flag("--jitter", metavar="DEGREES")] = Field(
-        0.0, description="Random change of azimuth and elevation, its standard deviation."
+        0.0, description="Standard deviation of a random change of azimuth and elevation."
     )
     seed: int = 0
 
@@ -104,10 +104,10 @@ class Misfit(Config):
         1.0, description="Each piece lies beside its place by up to this, to the side and up, mm."
     )
     turn_deg: Annotated[float, Field(ge=0, le=45), Flag("--misfit-deg", group=STUCK_ON)] = Field(
-        1.0, description="It is turned by up to this, degrees."
+        1.0, description="Each piece is turned by up to this, degrees."
     )
     scale: Annotated[float, Field(ge=0, le=0.1), Flag("--misfit-scale", group=STUCK_ON)] = Field(
-        0.005, description="It is larger or smaller by up to this share."
+        0.005, description="Each piece is larger or smaller by up to this share."
     )
 
 

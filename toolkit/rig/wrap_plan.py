@@ -126,9 +126,9 @@ def _fit_sheet(
     best = boxes[np.arange(len(large)), boxes[..., 1].argmin(axis=1)].max(axis=0) + 2 * spare_mm + 1e-3
     short, long = np.maximum(np.sort(sheet_mm), best)
     notice(
-        f"{item.name}: {len(large)} triangles with {worth[large].sum() / worth.sum():.0%} of what cameras see are "
-        f"larger than the sheet of {sheet_mm[0]:g} × {sheet_mm[1]:g} mm: pieces may have {short:.0f} × {long:.0f} mm, "
-        "and are printed in tiles; smaller triangles, split in a modelling program, need none"
+        f"{item.name}: {len(large)} triangles, {worth[large].sum() / worth.sum():.0%} of what cameras see, are larger "
+        f"than the sheet of {sheet_mm[0]:g} × {sheet_mm[1]:g} mm: pieces may be up to {short:.0f} × {long:.0f} mm and "
+        "are printed in tiles; to have none, split these triangles in a modelling program"
     )
     return (short, long) if sheet_mm[0] <= sheet_mm[1] else (long, short)
 

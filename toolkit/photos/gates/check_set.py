@@ -236,7 +236,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFin
                 findings.append(SetFinding(name, variant, pose_id, PARTNER.judge(0), photo.path))
     for photo in photos:
         if photo.variant in PAIR and photo.pose_id is None:
-            result = PARTNER.skip("no pose: it is not known which pose it shows")
+            result = PARTNER.skip("its pose is not known")
             findings.append(SetFinding(name, photo.variant, None, result, photo.path))
     return findings
 

@@ -162,7 +162,7 @@ def judge_likeness(name: str, own: float, rivals: Mapping[str, float]) -> GateRe
     lead = rivals[rival] - own
     # checked before the lead: of two poor likenesses one is always ahead
     if max(own, rivals[rival]) < LEAST_LIKENESS:
-        return OBJECT.skip("it looks like none of the plan's objects for sure")
+        return OBJECT.skip("it does not clearly look like any of the plan's objects")
     if abs(lead) < OBJECT.threshold:
         return OBJECT.skip(f"it looks about as much like '{rival}' as like '{name}'")
     return OBJECT.judge(lead, f"it looks like '{rival}', not like '{name}': put '{name}' there, or sort the photo anew")

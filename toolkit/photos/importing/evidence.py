@@ -20,7 +20,7 @@ from toolkit.rig.variants import VARIANTS
 
 FOLLOWED_SHARE = 0.75
 """Share of the photographs with a board or a telling name that must agree with the order before it is believed."""
-NOT_FOLLOWED = "the boards or names of the photographs show that they were not taken in this order"
+NOT_FOLLOWED = "by their boards or names, the photographs were not taken in this order"
 Group = tuple[str, str]
 """Object and variant."""
 

@@ -392,7 +392,7 @@ def _store_all(
             except UnreadableImage as error:
                 broken.append((candidate.label, error.reason))
             except FileNotFoundError:
-                broken.append((candidate.label, "it is gone since it was read"))
+                broken.append((candidate.label, "it was removed after it was read"))
             else:
                 records[record.path] = index.records[record.path] = record
                 copied |= settings.link and not linked

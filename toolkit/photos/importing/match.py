@@ -114,7 +114,7 @@ def _decide_by_claims(
         reasons = {
             "auto": f"{evidence.no_board}, its name says no pose" + (f", and {why}" if why else ""),
             "board": evidence.no_board,
-            "name": "its name holds no pose of the plan: expected one such as pose_07",
+            "name": "its name gives no pose of the plan: expected one such as pose_07",
             "order": why or "its place in the order is not known",
         }
         return Doubt(reasons[how])

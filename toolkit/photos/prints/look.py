@@ -133,7 +133,7 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
     n = patch_pixels.shape[0]
     seen, trust = read_texels(image, sighting, n)
     if (trust > 0).sum() < LEAST_TEXELS:
-        raise ToolkitError(f"only {int((trust > 0).sum())} texels of the patch are to be seen, {LEAST_TEXELS} needed")
+        raise ToolkitError(f"only {int((trust > 0).sum())} texels of the patch can be seen, {LEAST_TEXELS} needed")
     nodes, light, said, weight = _fit_colours(patch_pixels, seen, trust)
     lab = [lab_of_linear(srgb_to_linear(values[weight > 0])) for values in (seen, said)]
     delta_e = float(np.median(delta_e2000(*lab)))
