@@ -117,6 +117,15 @@ def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):
     assert "Traceback" not in out + err
 
 
+def test_eval_misses_its_folder_before_it_loads_a_network(run, monkeypatch):
+    def load(*_, **__):
+        raise AssertionError("a network was loaded")
+
+    monkeypatch.setattr("toolkit.models.load.load_classifier", load)
+    code, _, err = run("eval", "captres")
+    assert code == 2 and err.startswith("error: captres does not exist: expected a folder of images")
+
+
 def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt

@@ -47,20 +47,23 @@ def evaluate(
     With --corrupt, also classify each image with ImageNet-C's fog, blur, noise ...: in sources SOURCE-fog-3.
     """
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.evaluate import evaluate_captures
-    from toolkit.models.load import load_classifier
-
-    space = open_workspace(workspace)
+    from toolkit.imaging.read import expect_folder
     from toolkit.models.find import may_be_detector
 
+    space = open_workspace(workspace)
+    folder = captures or space.captures_dir
+    expect_folder(folder)
     if may_be_detector(model):
         from toolkit.models.load_detector import is_detector
 
         if is_detector(model):
-            _detect(captures or space.captures_dir, space, (str(model), weights, device), config, as_json)
+            _detect(folder, space, (str(model), weights, device), config, as_json)
             return
+    from toolkit.evaluation.evaluate import evaluate_captures
+    from toolkit.models.load import load_classifier
+
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    done = evaluate_captures(captures or space.captures_dir, space, classifier, config)
+    done = evaluate_captures(folder, space, classifier, config)
     if as_json:
         show_json(done.summary)
     else:
