@@ -117,6 +117,14 @@ def test_what_cannot_be_exported_is_a_line(workspace, evaluated):
     assert "night holds no boxes (kind 'eval'): expected a run of a detector" in str(done.exception)
     done = CliRunner().invoke(app, [*call, "--to", "fiftyone", "--captures", str(workspace.root / "nowhere")])
     assert "none of the images of fog, night is there" in str(done.exception)
+    done = CliRunner().invoke(app, [*call, "--out", str(workspace.root / "night.csv")])
+    assert "night.csv: parquet would be written under a name of csv: give --to csv" in str(done.exception)
+    assert not (workspace.root / "night.csv").exists()
+
+
+def test_one_run_is_not_several(evaluated, tmp_path):
+    call = ["export", "night", "--to", "csv", "--out", str(tmp_path / "x.csv"), "--workspace", str(evaluated.root)]
+    assert "predictions of 1 run: " in CliRunner().invoke(app, call).output
 
 
 BOX, FITTING = (10.0, 20.0, 50.0, 60.0), (12.0, 20.0, 52.0, 60.0)
@@ -172,7 +180,7 @@ def test_cocos_own_reader_reads_the_boxes(detected, tmp_path):
     coco = pytest.importorskip("pycocotools.coco", reason="needs pycocotools: pip install pycocotools")
     call = ["export", "--to", "coco", "--out", str(tmp_path), "--workspace", str(detected.root)]
     done = CliRunner().invoke(app, call)
-    assert done.exit_code == 0 and "2 images, 1 runs" in done.stdout and "left out 1 answers" in done.stderr
+    assert done.exit_code == 0 and "2 images, 1 run" in done.stdout and "left out 1 answers" in done.stderr
     truth = coco.COCO(str(tmp_path / "yolo/instances.json"))
     found = truth.loadRes(str(tmp_path / "yolo/results.json"))
     assert [one["bbox"] for one in truth.loadAnns(truth.getAnnIds())] == [[10, 20, 40, 40]] * 2

@@ -58,7 +58,7 @@ class Exported:
 
     def lines(self) -> Iterator[str]:
         """What lies where, in a sentence."""
-        runs = f"{len(self.runs)} runs"
+        runs = f"{len(self.runs)} run{'s' * (len(self.runs) != 1)}"
         if self.form == "fiftyone":
             yield f"{self.count} images, {runs}; with FiftyOne: python {self.place / 'load.py'}"
         elif self.form == "coco":
@@ -91,6 +91,9 @@ def export_predictions(
     """
     if form not in FORMS:
         raise FieldError("expected parquet, csv, fiftyone or coco", {"to": form})
+    said = out.suffix.lower().removeprefix(".") if out else ""
+    if said != form and said in ("parquet", "csv"):
+        raise FieldError(f"{form} would be written under a name of {said}: give {{to}} {said}", {"out": out})
     refused: Sequence[tuple[str, str]] = ()
     if names:
         runs = [open_run(workspace, name) for name in names]
