@@ -24,8 +24,7 @@ from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
-from toolkit.evaluation.results import list_corrupted
-from toolkit.evaluation.seen import describe_unseen, find_training
+from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec

@@ -10,8 +10,8 @@ from toolkit.evaluation.contact_sheet import make_thumbnails
 from toolkit.evaluation.metrics import Pair, index_poses, list_flips
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.predictions_csv import find_captures_dir, read_predictions
 from toolkit.evaluation.runs import Run, describe_condition
-from toolkit.evaluation.stored import find_captures_dir, read_predictions
 
 THUMBNAIL_PX = 144
 MAX_FLIPS_OF_RUN, MAX_FLIPS = 16, 320

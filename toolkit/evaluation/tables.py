@@ -18,8 +18,7 @@ from toolkit.core.tables import (
     format_rank,
 )
 from toolkit.evaluation.metrics import OTHER_PLAN, Comparison, Group, Pair
-from toolkit.evaluation.results import Findings
-from toolkit.evaluation.seen import Training, describe_unseen, mark_seen
+from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 
 if TYPE_CHECKING:

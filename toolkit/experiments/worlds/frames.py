@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
-from toolkit.engine.resume import RecordCache
+from toolkit.engine.units import RecordCache
 from toolkit.experiments.worlds.cameras import GridCamera
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
