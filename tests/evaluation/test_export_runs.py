@@ -21,7 +21,7 @@ from toolkit.evaluation.predictions_csv import (
     predictions_table,
     read_predictions,
 )
-from toolkit.evaluation.runs import open_run
+from toolkit.evaluation.summaries import open_run
 from toolkit.imaging.read import read_image
 
 parquet = pytest.importorskip("pyarrow.parquet")

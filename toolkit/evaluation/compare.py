@@ -32,8 +32,7 @@ from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
-from toolkit.evaluation.runs import Run
-from toolkit.evaluation.summaries import SUMMARY
+from toolkit.evaluation.summaries import SUMMARY, Run
 from toolkit.evaluation.verdict import describe_unsure
 
 if TYPE_CHECKING:

@@ -89,9 +89,9 @@ def mean_average_precision(images: Sequence[ScoredBoxes]) -> float | None:
     return None if not images else float(np.mean([one for one in found if one is not None]))
 
 
-def recall_at(images: Sequence[ScoredBoxes], iou: float = 0.5) -> float | None:
-    """Share of the images where some detection of the class overlaps the object so far, however weak."""
-    return None if not images else float(np.mean([bool((one.ious >= iou).any()) for one in images]))
+def recall_at(images: Sequence[ScoredBoxes]) -> float | None:
+    """Share of the images where some detection of the class overlaps the object by half, however weak."""
+    return None if not images else float(np.mean([bool((one.ious >= FOUND_IOU).any()) for one in images]))
 
 
 @dataclass(frozen=True)

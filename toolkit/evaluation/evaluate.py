@@ -35,7 +35,7 @@ from toolkit.evaluation.results import (
 )
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, draw_saliency
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
-from toolkit.evaluation.summaries import Kind
+from toolkit.evaluation.summaries import PREDICTIONS, Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
@@ -89,7 +89,9 @@ def evaluate_captures(
     training = find_training(folder.captures, workspace, classifier.weights.sha256)
     findings = replace(findings, training=training)
     name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
-    run_dir = choose_run_dir(workspace.eval_dir / name, findings, config.replace)
+    # predictions decide whether it is the same result: all else follows from them
+    content = encode_predictions(findings.predictions).encode()
+    run_dir = find_run_dir(workspace.eval_dir / name, PREDICTIONS, content, config.replace)
     done = write_evaluation(run_dir, classifier, findings, folder.notes, config)
     if run_dir.name == name:
         return done
@@ -106,23 +108,13 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     return "-".join(slug for slug in slugs if slug)
 
 
-def choose_run_dir(wanted: Path, findings: Findings, overwrite: bool = False) -> Path:
-    """`wanted`, or the first of RUN-2, RUN-3 … that is free or holds these very predictions."""
-    # predictions decide whether it is the same result: all else follows from them
-    return find_run_dir(wanted, "predictions.csv", encode_predictions(findings.predictions).encode(), overwrite)
-
-
 def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = False) -> Path:
     """`wanted`, or the first of RUN-2, RUN-3 … that has no file `name`, or one of this very content."""
     number, folder = 1, wanted
-    while not overwrite and _holds_other(folder / name, content):
+    while not overwrite and (folder / name).is_file() and (folder / name).read_bytes() != content:
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
     return folder
-
-
-def _holds_other(file: Path, content: bytes) -> bool:
-    return file.is_file() and file.read_bytes() != content
 
 
 def write_evaluation(
@@ -138,7 +130,7 @@ def write_evaluation(
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_text(run_dir / "predictions.csv", encode_predictions(findings.predictions))
+    write_text(run_dir / PREDICTIONS, encode_predictions(findings.predictions))
     write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done

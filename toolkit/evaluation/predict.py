@@ -17,15 +17,15 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.captures.corrupted_copy import SEED, Corruption
-from toolkit.captures.read import Capture
+from toolkit.captures.read import Capture, read_crop
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.engine.units import RecordCache
-from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
 
 OK = "ok"
@@ -246,12 +246,9 @@ def _decode_files(captures: Sequence[Capture], how: Preprocessing, ahead: int) -
         if capture.refused is not None:
             return capture.refused
         try:
-            pixels = read_image(capture.file, how.resize_px)
+            return read_crop(capture, how)
         except UnreadableImage as error:
             return error.reason
-        # a file that was cut to the network's size is not resized once more
-        is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
-        return pixels if is_cut else resize_and_crop(pixels, how)
 
     return read_ahead(captures, decode, ahead)
 

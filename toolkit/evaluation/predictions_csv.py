@@ -19,7 +19,7 @@ from toolkit.core.limits import without_collector
 from toolkit.core.tables import decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
-from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
+from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
 
 if TYPE_CHECKING:
     import pandas

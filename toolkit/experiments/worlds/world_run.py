@@ -19,7 +19,7 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
 from toolkit.experiments.worlds.frames import (
@@ -120,25 +120,11 @@ def _hash_sky(sky: Sky) -> str:
     return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
 
 
-@dataclass(frozen=True)
-class Said:
-    """What is known of every picture after a run.
-
-    Attributes:
-        places: the cameras whose pictures were all answered; a place without any is left out.
-        answers: by variant and weather, of all cameras of these places, in order.
-        computed, kept: answers that were computed now, and taken from before.
-        failed: (what, reason) of units that could not be done; the next run tries them again.
-    """
-
-    places: tuple[PlaceCameras, ...]
-    answers: dict[tuple[str, WeatherKey], ViewAnswers]
-    computed: int
-    kept: int
-    failed: tuple[tuple[str, str], ...]
+Answers = tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], ViewAnswers]]
+"""The cameras whose pictures were all answered, a place without any left out; by variant and weather what was said."""
 
 
-def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> Said:
+def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> tuple[Answers, Ran]:
     """All answers, those that are not in the log computed and added to it.
 
     Memory holds the units that wait, and in one process a batch of pictures and a few frames, whatever the size of the
@@ -174,15 +160,13 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
     units = list_units(asked, missing, engine)
     ran = run_resumable("evaluating (pictures)", wanted, missing, units, keep, engine, lambda task: len(task.weathers))
-    places, answers = _gather(asked, tasks, cache.known)
-    if not places:
+    found = _gather(asked, tasks, cache.known)
+    if not found[0]:
         raise ToolkitError(ran.failed[0][1])
-    return Said(places, answers, ran.made, ran.kept, ran.failed)
+    return found, ran
 
 
-def _gather(
-    asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]
-) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], ViewAnswers]]:
+def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]) -> Answers:
     """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
@@ -331,18 +315,13 @@ def evaluate_world(
         if config.renderer != RIG:
             shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)
             asked, renderer = replace(asked, shots=shots), shots.renderer
-        said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers)
+        (places, answers), ran = ask_missing(
+            asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers
+        )
     results = WorldResults(
-        config,
-        classifier,
-        asked.item,
-        asked.true_index,
-        stage=asked.stage,
-        places=said.places,
-        answers=said.answers,
-        renderer=renderer,
+        config, classifier, asked.item, asked.true_index, asked.stage, places=places, answers=answers, renderer=renderer
     )
-    return WorldRun(results, write_results(run_dir, results, kept), said.computed, said.kept, said.failed)
+    return WorldRun(results, write_results(run_dir, results, kept), ran.made, ran.kept, ran.failed)
 
 
 def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> Asked:
