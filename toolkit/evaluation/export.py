@@ -115,7 +115,7 @@ def export_predictions(
     return Exported(place, form, count, tuple(run.name for run in runs), left_out, refused)
 
 
-def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None) -> int:
+def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
     """Write the predictions of runs as one Parquet table, a row per run and image; returns how many.
 
     Columns are those of `predictions.csv` after run, network, condition and severity, of detectors those of
@@ -147,7 +147,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
     return len(rows)
 
 
-def write_csv(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None) -> int:
+def write_csv(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
     """Write the table of `write_parquet` as CSV: right or wrong as 1 or 0, a box as x1 y1 x2 y2, unknown left empty."""
     columns, rows = _list_rows(workspace, runs, captures_dir)
     write_text(path, encode_csv(list(columns), ([_as_cell(row.get(name)) for name in columns] for row in rows)))
