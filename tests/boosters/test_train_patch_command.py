@@ -2,19 +2,16 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 
 import pytest
 from tiny_network import tiny_classifier, write_photos
 
-from toolkit.cli import main
-
 QUICK = ["--steps", "3", "--batch", "2", "--size-px", "16", "--quiet"]
 
 
 @pytest.fixture
-def type_command(tmp_path, monkeypatch, capsys):
+def type_command(tmp_path, monkeypatch, type_toolkit):
     """Run `toolkit train-patch ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     loaded = []
 
@@ -26,10 +23,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("toolkit.models.load.load_classifier", load_tiny)
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["toolkit", "train-patch", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return (int(stopped.value.code or 0), *capsys.readouterr())
+        return type_toolkit("train-patch", *arguments)
 
     run.loaded = loaded
     return run
