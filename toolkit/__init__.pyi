@@ -45,7 +45,7 @@ from toolkit.evaluation.predictions_csv import predictions_table as predictions_
 from toolkit.evaluation.ground_truth import load_captures as load_captures
 from toolkit.core.statistics import wilson_interval as wilson_interval
 from toolkit.core.statistics import mcnemar_p as mcnemar_p
-from toolkit.corruptions.draws import image_seed as image_seed
+from toolkit.core.draws import image_seed as image_seed
 from toolkit.training.machine import check_machine as check_machine
 from toolkit.core.console import quietly as quietly
 from toolkit.core.errors import ToolkitError as ToolkitError

@@ -101,11 +101,10 @@ def test_pose_number_in_a_name(name, pose_id):
 
 
 def test_equal_names_pair(tmp_path):
-    put(tmp_path, *(f"real/mug/{variant}/desk_over.jpg" for variant in ("unpatched", "bear1")))
-    put(tmp_path, "real/mug/bear2/Desk_Over.JPG")
+    same = ("unpatched/desk_over.jpg", "bear1/DESK_OVER.jpg", "bear2/Desk_Over.JPG")
+    put(tmp_path, *(f"real/mug/{name}" for name in same))
     put(tmp_path, "real/mug/bear1/4in_side.jpg", "real/mug/unpatched/7.jpg", "real/cup/bear1/desk_over.jpg")
     poses = {one.path.removeprefix("real/"): one.pose_id for one in read_captures(tmp_path).captures}
-    same = ("unpatched/desk_over.jpg", "bear1/desk_over.jpg", "bear2/Desk_Over.JPG")
     assert {poses[f"mug/{name}"] for name in same} == {8}
     assert poses["mug/bear1/4in_side.jpg"] is poses["cup/bear1/desk_over.jpg"] is None, "nothing to pair with"
 

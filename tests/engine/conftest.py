@@ -63,7 +63,7 @@ def train(tmp_path):
     from hue_network import make_hue_classifier, write_photos
 
     from toolkit.boosters.class_patches import train_class_patches
-    from toolkit.boosters.class_patches_config import ClassPatchesConfig, make_flat_config
+    from toolkit.boosters.patch_sets import ClassPatchesConfig, make_flat_config
     from toolkit.boosters.transforms.placement import Placement
     from toolkit.core.workspace import make_workspace
     from toolkit.training.images import open_images

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from toolkit.boosters.class_patches_config import ClassPatchesConfig
 from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images
 from toolkit.boosters.patch_config import PatchConfig, check_size
-from toolkit.boosters.patch_sets import name_class
+from toolkit.boosters.patch_sets import ClassPatchesConfig, name_class
 from toolkit.boosters.pixels import Network
 from toolkit.core.console import notice, quietly
 from toolkit.core.draws import Draws

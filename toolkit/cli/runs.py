@@ -181,7 +181,7 @@ def export(
     if objects:
         if names:
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
-        from toolkit.rig.export import export_objects
+        from toolkit.rig.variants import export_objects
 
         chosen = [one for one, is_asked in formats.items() if is_asked] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)

@@ -296,9 +296,9 @@ def corrupt_images(captures: Sequence[Capture], crops: Sequence[np.ndarray], dev
         crops: (h, w, 3) uint8 sRGB of each, all of one size.
         device: cpu or cuda; the same but for float rounding.
     """
+    from toolkit.core.draws import image_seed
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.digital import from_bytes, to_bytes
-    from toolkit.corruptions.draws import image_seed
 
     corruption = find_pending(captures[0]) if captures else None
     if corruption is None:
