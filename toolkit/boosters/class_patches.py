@@ -21,8 +21,7 @@ from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.local import InProcess
-from toolkit.engine.resume import run_resumable
-from toolkit.engine.units import Engine, Shared, Unit, give
+from toolkit.engine.units import Engine, Shared, Unit, give, run_resumable
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch

@@ -17,8 +17,7 @@ from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.corruptions.catalogue import choose_parameters, find_note
 from toolkit.engine.local import InProcess
-from toolkit.engine.resume import Ran, RecordCache, run_resumable
-from toolkit.engine.units import Engine, Shared, Unit
+from toolkit.engine.units import Engine, Ran, RecordCache, Shared, Unit, run_resumable
 from toolkit.experiments.corruptions.benchmark_config import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.cells import (
     FAILED,
