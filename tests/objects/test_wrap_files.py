@@ -62,6 +62,20 @@ def test_the_canvas_keeps_sizes_and_pieces_apart(item: TableObject, wrap: Wrap) 
         lay_out([(3000.0, 10.0)], 1.0)
 
 
+def test_a_shipped_wrap_counts_where_it_fits_alone(item: TableObject, wrap: Wrap, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "data")
+    monkeypatch.setattr("toolkit.objects.wrap.PACKAGE_DATA", tmp_path / "data")
+    space = make_workspace(tmp_path / "space")
+    shipped = write_wrap(tmp_path / "data" / "wraps" / "carton", wrap)
+    assert find_wrap(space, item).record == shipped.record
+    # the user's own object may have the name of a shipped one
+    other = TableObject(item.spec, place_on_table(box(60, 40, 31)))
+    with pytest.raises(ToolkitError, match="no wrap is for 'carton'"):
+        find_wrap(space, other)
+    write_wrap(space.wraps_dir / "carton", wrap)
+    assert space.wrap("carton") == space.wraps_dir / "carton"
+
+
 def test_another_mesh_is_told(item: TableObject, wrap: Wrap, tmp_path: Path) -> None:
     space = make_workspace(tmp_path)
     write_wrap(space.wraps_dir / "carton", wrap)

@@ -19,12 +19,13 @@ from toolkit.boosters.wrap_config import WrapTrainConfig
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_json, sha256_bytes
-from toolkit.core.workspace import Workspace
+from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import GROUND, Atlas
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.wrap import (
+    MAP_FILE,
     RECORD_FILE,
     RankedPiece,
     Wrap,
@@ -33,6 +34,7 @@ from toolkit.objects.wrap import (
     check_wrap,
     choose_pieces,
     read_wrap,
+    wrap_folder,
     write_wrap,
 )
 from toolkit.rig.requests import Misfit
@@ -118,15 +120,16 @@ def open_plan(workspace: Workspace, item: TableObject, whole: bool = False) -> W
     Raises:
         ToolkitError: the plan is broken or of another mesh, or no piece lies flat.
     """
-    known = workspace.wraps()
-    # the wrap of the object's own name first: others may be planned for it as well
-    for name in sorted(known, key=lambda name: (name != item.name, name)):
-        if read_json(known[name] / RECORD_FILE, WrapRecord).object == item.name:
-            # pictures may be half written by a run that was killed
-            wrap = read_wrap(known[name], with_pixels=False, whole_plan=whole)
-            check_wrap(wrap, item)
-            return wrap
-    wrap = write_wrap(workspace.wraps_dir / item.name, plan_wrap(item))
+    found, own = wrap_folder(workspace, item), workspace.wraps_dir / item.name
+    if found is not None:
+        # pictures may be half written by a run that was killed
+        wrap = read_wrap(found, with_pixels=False, whole_plan=whole)
+        check_wrap(wrap, item)
+        if found.is_relative_to(PACKAGE_DATA):
+            # a wrap of fewer pieces keeps the map of all
+            write_bytes(own / MAP_FILE, (found / MAP_FILE).read_bytes())
+        return wrap
+    wrap = write_wrap(own, plan_wrap(item))
     record = wrap.record
     notice(f"planned {len(record.pieces)} pieces on {record.covered:.0%} of what cameras see of '{item.name}'")
     return wrap

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.names import FileName
-from toolkit.core.workspace import Workspace
+from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Material as SurfaceMaterial
@@ -444,19 +444,31 @@ def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = Fals
 
 
 def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
-    """The wrap of an object: the one of its name, else the first whose record names it.
+    """The wrap of an object, see `wrap_folder`.
 
     Raises:
         ToolkitError: there is none, it is broken, or it is of another mesh.
     """
+    folder = wrap_folder(workspace, item)
+    if folder is None:
+        raise ToolkitError(f"no wrap is for '{item.name}': make one with 'toolkit wrap --object {item.name}'")
+    wrap = read_wrap(folder)
+    check_wrap(wrap, item)
+    return wrap
+
+
+def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
+    """Folder of an object's wrap: the one of its name, else the first whose record names it; None where none does.
+
+    Of those that come with the package only one that fits: the user's own object may have a shipped one's name.
+    """
     known = workspace.wraps()
-    first = [item.name] if item.name in known else []
-    for name in [*first, *(name for name in known if name != item.name)]:
-        wrap = read_wrap(known[name])
-        if wrap.record.object == item.name:
-            check_wrap(wrap, item)
-            return wrap
-    raise ToolkitError(f"no wrap is for '{item.name}': make one with 'toolkit wrap --object {item.name}'")
+    for name in sorted(known, key=lambda name: (name != item.name, name)):
+        record = read_json(known[name] / RECORD_FILE, WrapRecord)
+        is_own = not known[name].is_relative_to(PACKAGE_DATA)
+        if record.object == item.name and (is_own or record.mesh_sha256 == item.shape_sha256):
+            return known[name]
+    return None
 
 
 def hash_wrap(wrap: Wrap) -> str:

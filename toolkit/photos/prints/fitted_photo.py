@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import cv2
 import numpy as np
 
-from toolkit.boosters.data_config import count_held_out
+from toolkit.boosters.pixel_config import count_held_out
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
