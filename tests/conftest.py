@@ -13,6 +13,31 @@ import pytest
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+@pytest.fixture
+def type_toolkit(monkeypatch, capsys):
+    """A function (words) -> exit code, stdout and stderr of `toolkit WORDS` in this process."""
+    from toolkit.cli import main
+
+    def run(*words) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["toolkit", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (int(ended.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def one_thread():
+    """For bytes that are compared with another process's: a sum depends on how it is split."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of photographs and meshes for development; its tests are skipped where it is absent."""

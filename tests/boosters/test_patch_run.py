@@ -1,53 +1,33 @@
 """From request to files, through kills."""
 
 import os
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from killed_runs import files_below, stopped_at, train_killed
 from PIL import Image
 from tiny_network import tiny_classifier, tiny_config, train_tiny, write_photos
 
-from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.patch import PatchTask
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import read_patch
 
-HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
+from dying import die, die_at_checkpoint
 import toolkit.objects.records as records
-import torch
-torch.set_num_threads(1)
 from tiny_network import train_tiny
-from toolkit.training.checkpoint import Checkpoint
 
-when, folder, photos = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
-write, count = Checkpoint.write, 0
-
-def write_then_die(self, arrays, kind, steps_done):
-    global count
-    count += 1
-    if count == 6:
-        (self.folder / f".{self.file.name}.{os.getpid()}.partial").write_bytes(b"half of a checkp")
-        os.kill(os.getpid(), signal.SIGKILL)
-    write(self, arrays, kind, steps_done)
-
-def die(*arguments):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-if when == "checkpoint":
-    Checkpoint.write = write_then_die
+if sys.argv[1] == "checkpoint":
+    die_at_checkpoint(6)
 else:
     records.write_json = die  # between the patch's picture and its record
-train_tiny(folder, photos, checkpoint_every_s=0)
+train_tiny(Path(sys.argv[2]), Path(sys.argv[3]), checkpoint_every_s=0)
 """
 
 
@@ -61,10 +41,6 @@ def run(folder: Path, photos: Path, **changes):
     options = {key: changes.pop(key) for key in names if key in changes}
     with quietly():
         return train_tiny(folder, photos, tiny_config(**changes), **options)
-
-
-def files_below(folder: Path) -> list[str]:
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 def test_patch_record_and_preview_are_written_and_nothing_else_is_left(tmp_path, photos):
@@ -98,24 +74,13 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path, photo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("when", ["checkpoint", "record"])
-def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when, capsys):
-    environment = os.environ | {"PYTHONPATH": str(HELPERS)}
-    command = [sys.executable, "-c", KILLED, when, str(tmp_path / "killed"), str(photos)]
-    died = subprocess.run(command, env=environment, capture_output=True, timeout=120)
-    assert died.returncode == -signal.SIGKILL, died.stderr.decode()
+def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when, capsys, one_thread):
+    train_killed(KILLED, when, tmp_path / "killed", photos)
     left = files_below(tmp_path / "killed")
     assert any(name.endswith(".partial") for name in left) == (when == "checkpoint")
-
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as the killed process: the sum of a convolution depends on how it is split
-    try:
-        resumed = train_tiny(tmp_path / "killed", photos)
-        told = capsys.readouterr().err
-        whole = run(tmp_path / "whole", photos)
-    finally:
-        torch.set_num_threads(threads)
+    resumed = train_tiny(tmp_path / "killed", photos)
+    told = capsys.readouterr().err
+    whole = run(tmp_path / "whole", photos)
     assert resumed.resumed_from == (5 if when == "checkpoint" else 12)
     assert f"going on after step {resumed.resumed_from} of 12; restart begins again" in told
     assert resumed.files.png.read_bytes() == whole.files.png.read_bytes()

@@ -1,18 +1,12 @@
 """From request to files, through kills."""
 
-import os
-import signal
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
+from killed_runs import files_below, stopped_at, train_killed
 from texture_parts import TEXELS, crate_config, make_crate
 from tiny_network import tiny_classifier, write_photos
 
-from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.pixels import PixelTask, Target
 from toolkit.boosters.texture import TextureTask, train_texture
 from toolkit.boosters.texture_objects import load_objects
@@ -24,39 +18,22 @@ from toolkit.objects.records import read_texture
 from toolkit.rig.views import ViewStream
 from toolkit.training.loop import fit
 
-HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
-import torch
-torch.set_num_threads(1)
+from dying import die, die_at_checkpoint
 import toolkit.objects.records as records
 from texture_parts import crate_config
 from tiny_network import tiny_classifier
 from toolkit.boosters.texture import train_texture
 from toolkit.core.workspace import Workspace
-from toolkit.training.checkpoint import Checkpoint
 
-when, folder = sys.argv[1], Path(sys.argv[2])
-write, count = Checkpoint.write, 0
-
-def write_then_die(self, arrays, kind, steps_done):
-    global count
-    count += 1
-    if count == 4:
-        (self.folder / f".{self.file.name}.{os.getpid()}.partial").write_bytes(b"half of a checkp")
-        os.kill(os.getpid(), signal.SIGKILL)
-    write(self, arrays, kind, steps_done)
-
-def die(*arguments):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-if when == "checkpoint":
-    Checkpoint.write = write_then_die
+if sys.argv[1] == "checkpoint":
+    die_at_checkpoint(4)
 else:
     records.write_json = die  # between the texture's picture and its record
-train_texture(crate_config(optimiser=sys.argv[3]), [tiny_classifier()], Workspace(folder), class_name="jet", workers=0,
-              checkpoint_every_s=0)
+train_texture(crate_config(optimiser=sys.argv[3]), [tiny_classifier()], Workspace(Path(sys.argv[2])), class_name="jet",
+              workers=0, checkpoint_every_s=0)
 """
 
 
@@ -69,10 +46,6 @@ def run(space, config=None, class_name="jet", quiet=True, **options):
     with quietly(quiet):
         config = config or crate_config()
         return train_texture(config, [tiny_classifier()], space, class_name=class_name, workers=0, **options)
-
-
-def files_below(folder: Path) -> list[str]:
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.mark.slow
@@ -157,27 +130,18 @@ def _probability(pixels: np.ndarray, views) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("optimiser", ["sign", "sgd", "adam"])
 def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(
-    tmp_path, space, make_crate_space, optimiser, capsys
+    tmp_path, space, make_crate_space, optimiser, capsys, one_thread
 ):
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        whole = run(space, crate_config(optimiser=optimiser))
-        other = make_crate_space(tmp_path / "killed")
-        for when in ("checkpoint", "record") if optimiser == "sign" else ("checkpoint",):
-            ended = subprocess.run(
-                [sys.executable, "-c", KILLED, when, str(other.root), optimiser],
-                env=os.environ | {"PYTHONPATH": str(HELPERS)}, capture_output=True,
-            )  # fmt: skip
-            assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
-        resumed = run(other, crate_config(optimiser=optimiser), quiet=False)
-        assert "going on after step" in capsys.readouterr().err
-        assert resumed.resumed_from > 0
-        assert np.array_equal(resumed.texture.pixels, whole.texture.pixels)
-        assert resumed.texture.record.final == whole.texture.record.final
-        assert files_below(other.textures_dir) == files_below(space.textures_dir)
-    finally:
-        torch.set_num_threads(threads)
+    whole = run(space, crate_config(optimiser=optimiser))
+    other = make_crate_space(tmp_path / "killed")
+    for when in ("checkpoint", "record") if optimiser == "sign" else ("checkpoint",):
+        train_killed(KILLED, when, other.root, optimiser)
+    resumed = run(other, crate_config(optimiser=optimiser), quiet=False)
+    assert "going on after step" in capsys.readouterr().err
+    assert resumed.resumed_from > 0
+    assert np.array_equal(resumed.texture.pixels, whole.texture.pixels)
+    assert resumed.texture.record.final == whole.texture.record.final
+    assert files_below(other.textures_dir) == files_below(space.textures_dir)
 
 
 @pytest.mark.slow

@@ -2,19 +2,16 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 
 import pytest
 from tiny_network import tiny_classifier, write_photos
 
-from toolkit.cli import main
-
 QUICK = ["--steps", "3", "--batch", "2", "--size-px", "16", "--quiet"]
 
 
 @pytest.fixture
-def type_command(tmp_path, monkeypatch, capsys):
+def type_command(tmp_path, monkeypatch, type_toolkit):
     """Run `toolkit train-patch ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     loaded = []
 
@@ -26,10 +23,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("toolkit.models.load.load_classifier", load_tiny)
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["toolkit", "train-patch", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return (int(stopped.value.code or 0), *capsys.readouterr())
+        return type_toolkit("train-patch", *arguments)
 
     run.loaded = loaded
     return run
@@ -255,8 +249,8 @@ def test_without_an_object_class_and_data_are_asked_for(type_command):
 
 
 def test_the_sheet_met_in_training_is_as_large_as_the_specs():
-    from toolkit.boosters.data_config import DataConfig
     from toolkit.boosters.patch_config import limit_renders, make_config, size_by_spec
+    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.objects.spec import ObjectSpec
 
     spec = ObjectSpec.model_validate(
@@ -275,8 +269,8 @@ def test_the_sheet_met_in_training_is_as_large_as_the_specs():
 
 def test_a_patch_is_trained_for_its_size_on_paper():
     """Pose, ink and object know it; without it record and hash are as they were."""
-    from toolkit.boosters.data_config import DataConfig
     from toolkit.boosters.patch_config import make_config, size_by_spec
+    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.objects.spec import ObjectSpec
 
     data = DataConfig(sources=("rig:moka",))

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -10,13 +9,12 @@ from PIL import Image
 from tiny_network import tiny_classifier
 
 from toolkit.boosters.texture_config import RECIPES
-from toolkit.cli import main
 
 QUICK = ["--class", "jet", "--steps", "2", "--batch", "2", "--size-px", "16", "--workers", "0"]
 
 
 @pytest.fixture
-def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
+def type_command(tmp_path, monkeypatch, type_toolkit, make_crate_space):
     """Run `toolkit train-texture ARGUMENTS` in a workspace with a crate; returns exit code, stdout and stderr."""
     space = make_crate_space(tmp_path / "w")
     monkeypatch.chdir(space.root)
@@ -25,10 +23,7 @@ def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
         monkeypatch.setitem(RECIPES, name, recipe.model_copy(update={"studios": 1, "per_studio": 2}))
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["toolkit", "train-texture", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return (int(stopped.value.code or 0), *capsys.readouterr())
+        return type_toolkit("train-texture", *arguments)
 
     run.space = space
     return run

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from killed_runs import stopped_at
 from red_seeker import red_seeker
 from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from torchvision.transforms.functional import InterpolationMode, rotate
 
-from tests.helpers.killed_runs import stopped_at
 from toolkit.boosters.detectors import DetectorNetwork, meet_networks
 from toolkit.boosters.patch import PatchTask
 from toolkit.boosters.patch_config import PatchConfig

@@ -1,7 +1,6 @@
 """Training in a world as it is typed: what is made and recorded, and what is refused in one line."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from PIL import Image
 from tiny_network import tiny_classifier
 
 from toolkit.boosters import patch_config, texture_config
-from toolkit.cli import main
 
 SPOTS = ["--world", "yard.glb", "--quiet"]
 TEXTURE = ["train-texture", "--object", "crate", "--class", "jet", "--steps", "2", "--batch", "2", "--size-px", "16"]
@@ -31,7 +29,7 @@ def write_yard(file, extents=(60, 50, 1)) -> None:
 
 
 @pytest.fixture
-def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
+def type_command(tmp_path, monkeypatch, type_toolkit, make_crate_space):
     """Run `toolkit ARGUMENTS` in a workspace with a crate of 5 m and a yard; returns exit code, stdout and stderr."""
     space = make_crate_space(tmp_path / "w")
     spec = space.objects_dir / "crate.toml"
@@ -43,14 +41,8 @@ def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
         monkeypatch.setitem(texture_config.RECIPES, name, recipe.model_copy(update=less))
     write_yard(space.root / "yard.glb")
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["toolkit", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        return (int(stopped.value.code or 0), *capsys.readouterr())
-
-    run.space = space
-    return run
+    type_toolkit.space = space
+    return type_toolkit
 
 
 def test_a_texture_of_a_world_in_weather(type_command):

@@ -1,15 +1,13 @@
 """Training of what is on a wrap: from request to files, through a kill, and what the pieces meet."""
 
-import os
-import signal
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from killed_runs import read_folder, train_killed
 from tiny_network import tiny_classifier
 
 from toolkit.boosters.wrap_config import RECIPES, make_config
@@ -17,6 +15,7 @@ from toolkit.boosters.wrap_task import paint_pieces, rank_pieces, train_wrap, wr
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
 from toolkit.rig.requests import Misfit, WrapConfig
@@ -24,61 +23,51 @@ from toolkit.rig.views import ViewSettings, ViewStream
 from toolkit.rig.wrap_plan import draw_paint, plan_wrap
 from toolkit.rig.wrapped import find_canvas
 
-HELPERS = Path(__file__).parents[1] / "helpers"
 QUICK = {
     "objects": ("crate",), "steps": 4, "batch": 2, "lr": 0.1, "studios": 1, "per_studio": 4, "reuse": 2, "held_out": 1,
 }  # fmt: skip
-KILLED = """
-import os, signal, sys
+KILLED = f"""
+import sys
 from pathlib import Path
-import torch
-torch.set_num_threads(1)
+from dying import die, die_at_checkpoint
 import toolkit.objects.wrap as wraps
-from test_wrap_run import QUICK
 from tiny_network import tiny_classifier
 from toolkit.boosters.wrap_task import train_wrap
 from toolkit.boosters.wrap_config import make_config
 from toolkit.core.workspace import Workspace
-from toolkit.training.checkpoint import Checkpoint
 
-when, folder = sys.argv[1], Path(sys.argv[2])
-write, count = Checkpoint.write, 0
-
-def write_then_die(self, arrays, kind, steps_done):
-    global count
-    count += 1
-    if count == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    write(self, arrays, kind, steps_done)
-
-def die(*arguments):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-if when == "checkpoint":
-    Checkpoint.write = write_then_die
+if sys.argv[1] == "checkpoint":
+    die_at_checkpoint(3)
 else:
     wraps.write_json = die  # the pieces' pictures are there, and not the record
-train_wrap(make_config("default", QUICK), [tiny_classifier()], Workspace(folder), class_name="jet", workers=0,
-           checkpoint_every_s=0)
+train_wrap(make_config("default", {QUICK}), [tiny_classifier()], Workspace(Path(sys.argv[2])), class_name="jet",
+           workers=0, checkpoint_every_s=0)
 """
 
 
-@pytest.fixture
-def space(tmp_path, make_crate_space):
-    return make_planned_space(tmp_path / "w", make_crate_space)
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory, make_crate_space):
+    """Two workspaces with a planned wrap: in pieces as they come, and in pieces of one or two sides."""
+    made = {}
+    for name, config in (("whole", None), ("split", WrapConfig(sheet_mm=(62.0, 102.0)))):
+        made[name] = make_crate_space(tmp_path_factory.mktemp(name) / "w")
+        with quietly(True):
+            write_wrap(made[name].wraps_dir / "crate", plan_wrap(load_object(made[name].object_spec("crate")), config))
+    return made
+
+
+def copy_space(original: Workspace, folder: Path) -> Workspace:
+    return Workspace(shutil.copytree(original.root, folder))
 
 
 @pytest.fixture
-def split(tmp_path, make_crate_space):
-    """As `space`, in pieces of one or two sides."""
-    return make_planned_space(tmp_path / "s", make_crate_space, WrapConfig(sheet_mm=(62.0, 102.0)))
+def space(planned, tmp_path):
+    return copy_space(planned["whole"], tmp_path / "w")
 
 
-def make_planned_space(folder, make_crate_space, config=None):
-    space = make_crate_space(folder)
-    with quietly(True):
-        write_wrap(space.wraps_dir / "crate", plan_wrap(load_object(space.object_spec("crate")), config))
-    return space
+@pytest.fixture
+def split(planned, tmp_path):
+    return copy_space(planned["split"], tmp_path / "s")
 
 
 def run(space, quiet=True, restart=False, **changes):
@@ -109,25 +98,15 @@ def test_pictures_of_the_pieces_and_the_record_are_written_and_nothing_else_is_l
 
 
 @pytest.mark.slow
-def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, space, make_crate_space, capsys):
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        whole = run(space)
-        other = make_planned_space(tmp_path / "killed", make_crate_space)
-        for when in ("checkpoint", "record"):
-            ended = subprocess.run(
-                [sys.executable, "-c", KILLED, when, str(other.root)],
-                env=os.environ | {"PYTHONPATH": f"{HELPERS}:{Path(__file__).parent}"}, capture_output=True,
-            )  # fmt: skip
-            assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
-        resumed = run(other, quiet=False)
-        assert resumed.resumed_from > 0 and "going on after step" in capsys.readouterr().err
-        np.testing.assert_array_equal(resumed.wrap.pixels, whole.wrap.pixels)
-        for one in sorted((space.wraps_dir / "crate").iterdir()):
-            assert (other.wraps_dir / "crate" / one.name).read_bytes() == one.read_bytes(), one.name
-    finally:
-        torch.set_num_threads(threads)
+def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, planned, space, capsys, one_thread):
+    whole = run(space)
+    other = copy_space(planned["whole"], tmp_path / "killed")
+    for when in ("checkpoint", "record"):
+        train_killed(KILLED, when, other.root)
+    resumed = run(other, quiet=False)
+    assert resumed.resumed_from > 0 and "going on after step" in capsys.readouterr().err
+    np.testing.assert_array_equal(resumed.wrap.pixels, whole.wrap.pixels)
+    assert read_folder(other.wraps_dir / "crate") == read_folder(space.wraps_dir / "crate")
 
 
 @pytest.mark.slow

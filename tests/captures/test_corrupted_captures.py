@@ -2,8 +2,8 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +14,6 @@ from toolkit.captures.corrupted_copy import corrupt_source, cut_intrinsics
 from toolkit.captures.manifest import MANIFEST, append_record, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.captures.shoot import ShootSettings, shoot_plan
-from toolkit.cli import main
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
@@ -47,14 +46,11 @@ def space(shot, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def type_command(monkeypatch, capsys):
+def type_command(type_toolkit):
     def run(*arguments, code=0):
-        monkeypatch.setattr(sys, "argv", ["toolkit", "capture-sim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        said = capsys.readouterr()
-        assert int(stopped.value.code or 0) == code, said
-        return said
+        found, *said = type_toolkit("capture-sim", *arguments)
+        assert found == code, said
+        return SimpleNamespace(out=said[0], err=said[1])
 
     return run
 

@@ -1,7 +1,6 @@
 """`toolkit baseline` as it is typed."""
 
 import json
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,14 +9,13 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.cli import main
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 
 
 @pytest.fixture
-def type_command(tmp_path, monkeypatch, capsys):
+def type_command(tmp_path, monkeypatch, type_toolkit):
     """Run `toolkit baseline ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     module = torch.nn.Sequential(torch.nn.AdaptiveAvgPool2d(2), torch.nn.Flatten(), torch.nn.Linear(12, 2))
     how = Preprocessing(64, 64, (0.5,) * 3, (0.25,) * 3)
@@ -28,11 +26,8 @@ def type_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_: tiny)
 
     def run(*arguments: str) -> SimpleNamespace:
-        monkeypatch.setattr(sys, "argv", ["toolkit", "baseline", *arguments])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        said, told = capsys.readouterr()
-        return SimpleNamespace(code=int(stopped.value.code or 0), said=said, told=told)
+        code, said, told = type_toolkit("baseline", *arguments)
+        return SimpleNamespace(code=code, said=said, told=told)
 
     return run
 

@@ -5,23 +5,13 @@ import sys
 
 import pytest
 
-from toolkit.cli import main
-
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
+def run(monkeypatch, type_toolkit, tmp_path):
     """A function (arguments) -> exit code, stdout, stderr of `toolkit ...` in an empty folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["toolkit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out = capsys.readouterr()
-        return ended.value.code or 0, out.out, out.err
-
-    return call
+    return type_toolkit
 
 
 def in_a_process(code, *arguments, cwd=None):

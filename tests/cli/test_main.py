@@ -8,14 +8,13 @@ import sys
 
 import pytest
 
-from toolkit.cli import main
 from toolkit.core.errors import ToolkitError
 
 TOOLKIT = [sys.executable, "-m", "toolkit"]
 
 
 @pytest.fixture
-def end(monkeypatch, capsys, tmp_path):
+def end(monkeypatch, type_toolkit, tmp_path):
     """A function (error, *words) -> exit code and stderr of `toolkit init here`, which ends in that error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("TOOLKIT_DEBUG", raising=False)
@@ -25,10 +24,8 @@ def end(monkeypatch, capsys, tmp_path):
             raise error
 
         monkeypatch.setattr("toolkit.core.workspace.make_workspace", fail)
-        monkeypatch.setattr(sys, "argv", ["toolkit", "init", "here", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, capsys.readouterr().err
+        code, _, err = type_toolkit("init", "here", *words)
+        return code, err
 
     return call
 

@@ -5,7 +5,6 @@ import csv
 import io
 import json
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +13,9 @@ import torch
 from PIL import Image
 
 from toolkit.captures.read import read_captures
-from toolkit.cli import main
+from toolkit.core.draws import image_seed
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt_picture
-from toolkit.corruptions.draws import image_seed
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
@@ -136,12 +134,9 @@ def test_an_unreadable_image_is_listed_under_each(put, workspace, colour_classif
 @pytest.mark.parametrize(
     ("words", "told"), [("fogg:3", "did you mean fog"), ("fog:6", "severity '6'"), ("fog:", "severity ''")]
 )
-def test_bad_words_are_one_line_and_exit_code_2(words, told, monkeypatch, capsys, tmp_path):
+def test_bad_words_are_one_line_and_exit_code_2(words, told, type_toolkit, tmp_path):
     space = make_workspace(tmp_path / "lab")
-    for command in (["eval"], ["capture-sim"], ["train-patch", "--class", "jet", "--data", str(tmp_path)]):
-        monkeypatch.setattr(sys, "argv", ["toolkit", *command, "--workspace", str(space.root), "--corrupt", words])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        said = capsys.readouterr()
-        assert stopped.value.code == 2 and said.out == ""
-        assert told in said.err and said.err.count("\n") == 1
+    for command in (["eval"], ["capture-sim"], ["train-patch", "--class", "jet", "--data", tmp_path]):
+        code, out, err = type_toolkit(*command, "--workspace", space.root, "--corrupt", words)
+        assert code == 2 and out == ""
+        assert told in err and err.count("\n") == 1

@@ -41,6 +41,14 @@ def run(words, cwd, at=0, cut=False, begin=None) -> subprocess.CompletedProcess[
                           env=os.environ | {"OMP_NUM_THREADS": "1"})  # fmt: skip
 
 
+def train_killed(program: str, *arguments) -> None:
+    """Run a program that imports `dying`, and check that it was killed."""
+    path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+    ended = subprocess.run([sys.executable, "-c", program, *map(str, arguments)], capture_output=True, check=False,
+                           env=os.environ | {"PYTHONPATH": path}, timeout=300)  # fmt: skip
+    assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
+
+
 def end_in_spite_of_kills(words, cwd, kills: int) -> int:
     """Run until the command ends, killed at its first write, then at its second, and so on; says how often it died."""
     for died in range(kills + 1):
@@ -49,6 +57,11 @@ def end_in_spite_of_kills(words, cwd, kills: int) -> int:
             assert done.returncode == 0, done.stderr.decode()[-2000:]
             return died
     raise AssertionError("killed by something else")
+
+
+def files_below(root: Path) -> list[str]:
+    """The names of a folder's files, from it on."""
+    return sorted(str(file.relative_to(root)) for file in root.rglob("*") if file.is_file())
 
 
 def read_folder(root: Path) -> dict[str, bytes]:

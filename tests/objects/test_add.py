@@ -9,6 +9,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
+from killed_runs import files_below
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
@@ -54,10 +55,6 @@ def write_gltf(folder, **uris):
         tree[key] = [{"uri": uri}]
     file.write_text(json.dumps(tree))
     return file
-
-
-def files_below(folder):
-    return sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
 
 
 def test_an_obj_comes_with_all_that_it_names(space, elsewhere):

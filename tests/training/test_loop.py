@@ -2,13 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from killed_runs import train_killed
 from tiny_regressor import STEPS, Regressor, train_regressor
 
 from toolkit.core.errors import ToolkitError
@@ -18,26 +17,15 @@ from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 
 HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
+from dying import die_at_step
 from tiny_regressor import Regressor, train_regressor
 
-class Killed(Regressor):
-    def loss(self, step):
-        if step == 9:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().loss(step)
-
-train_regressor(Path(sys.argv[1]), Killed())
+die_at_step(Regressor, 9)
+train_regressor(Path(sys.argv[1]))
 """
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as the killed process: a sum depends on how it is split
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def test_a_regressor_finds_the_line_that_its_data_lie_on():
@@ -46,9 +34,7 @@ def test_a_regressor_finds_the_line_that_its_data_lie_on():
 
 
 def test_kill_9_then_the_same_again_ends_with_the_same_bytes(tmp_path):
-    command = [sys.executable, "-c", KILLED, str(tmp_path / "killed")]
-    died = subprocess.run(command, env=os.environ | {"PYTHONPATH": _path()}, capture_output=True, timeout=120)
-    assert died.returncode == -signal.SIGKILL, died.stderr.decode()
+    train_killed(KILLED, tmp_path / "killed")
     whole, resumed = (train_regressor(tmp_path / name) for name in ("whole", "killed"))
     assert (whole.resumed_from, resumed.resumed_from) == (0, 9)
     assert all(np.array_equal(whole.made[name], resumed.made[name]) for name in whole.made)
@@ -262,10 +248,6 @@ def test_a_parameter_that_the_loss_does_not_use_stays(tmp_path):
     task = Unused()
     fit(task, FitConfig(steps=3, lr=0.1, weight_decay=0.1))
     assert torch.equal(task.unused, torch.ones(2, 2))
-
-
-def _path() -> str:
-    return os.pathsep.join(filter(None, [str(HELPERS), os.environ.get("PYTHONPATH")]))
 
 
 def test_a_checkpoint_is_named_by_its_hash(tmp_path):

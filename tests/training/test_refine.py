@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from colour_folder import write_colours
+from killed_runs import train_killed
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from tiny_network import tiny_config, train_tiny, write_photos
@@ -29,42 +29,26 @@ from toolkit.models.load import load_classifier
 from toolkit.training.augment import find_worst_images
 from toolkit.training.images import find_photographs
 from toolkit.training.loop import FitConfig, TrainingTask, fit, make_steps
-from toolkit.training.refine import refine_network
+from toolkit.training.refine import RefineTask, distill_loss, refine_network
 from toolkit.training.refine_config import RefineConfig
-from toolkit.training.refine_task import RefineTask, distill_loss
 
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
-import torch
+from dying import die_at_step
 from toolkit.core.workspace import open_workspace
 from toolkit.models.load import load_classifier
 from toolkit.training.refine import refine_network
 from toolkit.training.refine_config import RefineConfig
-from toolkit.training.refine_task import RefineTask
+from toolkit.training.refine import RefineTask
 
-torch.set_num_threads(1)
-loss = RefineTask.loss
-
-def die(self, step):
-    if step == 4:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return loss(self, step)
-
-RefineTask.loss = die
+die_at_step(RefineTask, 4)
 space = open_workspace(Path(sys.argv[1]))
 config = RefineConfig(name="new", data=(sys.argv[2],), **eval(sys.argv[3]))
 teacher = load_classifier("own", device="cpu", folder=space.classifiers_dir)
 refine_network(config, space, teacher, checkpoint_every_s=0)
 """
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +134,7 @@ def test_the_attack_stays_in_the_ball_and_raises_the_loss(colours, tmp_path, mon
         seen.append((images, worst, measure))
         return worst
 
-    monkeypatch.setattr("toolkit.training.refine_task.find_worst_images", attack)
+    monkeypatch.setattr("toolkit.training.refine.find_worst_images", attack)
     refine(make_space(tmp_path / "space"), colours, robust="l2:0.5", steps=6)
     trained = seen[:6]
     for images, worst, _ in trained:
@@ -253,11 +237,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(settings, colours, tmp_path):
     whole, killed = make_space(tmp_path / "whole"), make_space(tmp_path / "killed")
     refine(whole, colours, **settings)
     given = repr({"steps": 8, "batch": 6, "lr": 0.05, **settings})
-    died = subprocess.run(
-        [sys.executable, "-c", KILLED, str(killed.root), str(colours), given], capture_output=True, check=False,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
-    assert died.returncode == -signal.SIGKILL, died.stderr
+    train_killed(KILLED, killed.root, colours, given)
     made = refine(killed, colours, **settings)
     assert made.resumed_from == 4
     assert read_written(killed) == read_written(whole)

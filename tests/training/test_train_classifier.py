@@ -1,14 +1,12 @@
 """Training a classifier: it learns what there is, resumes to the same bytes, and its record tells the truth."""
 
 import json
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import torch
 from colour_folder import write_colours
+from killed_runs import train_killed
 from PIL import Image
 from safetensors.torch import load_file
 
@@ -97,23 +95,15 @@ def test_the_same_again_is_nothing_to_do_and_another_seed_is_not(trained, space,
 
 
 KILLED = """
-import os, signal, sys
+import sys
 from pathlib import Path
-import torch
-torch.set_num_threads(1)
+from dying import die_at_step
 from toolkit.core.workspace import make_workspace
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.classifier_task import ClassifierTask
 
-loss = ClassifierTask.loss
-
-def die_at_the_fourth(self, step):
-    if step == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return loss(self, step)
-
-ClassifierTask.loss = die_at_the_fourth
+die_at_step(ClassifierTask, 3)
 config = ClassifierConfig(
     name="tiny", data=(sys.argv[2],), arch="mobilenet_v3_small", image_px=32, epochs=1, batch=16, lr=0.02
 )
@@ -122,20 +112,13 @@ train_classifier(config, make_workspace(Path(sys.argv[1])), device="cpu", checkp
 
 
 @pytest.mark.slow
-def test_kill_9_then_the_same_again_ends_with_the_same_bytes(colours, tmp_path, capsys):
-    command = [sys.executable, "-c", KILLED, str(tmp_path / "resumed"), str(colours)]
-    died = subprocess.run(command, capture_output=True, timeout=300)
-    assert died.returncode == -signal.SIGKILL, died.stderr.decode()[-2000:]
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as the killed process: the sum of a convolution depends on how it is split
-    try:
-        straight = train_classifier(tiny_config(colours), make_workspace(tmp_path / "straight"), **CPU)
-        space = Workspace(tmp_path / "resumed")
-        assert not (space.classifiers_dir / "tiny.safetensors").exists()
-        capsys.readouterr()
-        resumed = train_classifier(tiny_config(colours), space, **CPU)
-    finally:
-        torch.set_num_threads(threads)
+def test_kill_9_then_the_same_again_ends_with_the_same_bytes(colours, tmp_path, capsys, one_thread):
+    train_killed(KILLED, tmp_path / "resumed", colours)
+    straight = train_classifier(tiny_config(colours), make_workspace(tmp_path / "straight"), **CPU)
+    space = Workspace(tmp_path / "resumed")
+    assert not (space.classifiers_dir / "tiny.safetensors").exists()
+    capsys.readouterr()
+    resumed = train_classifier(tiny_config(colours), space, **CPU)
     assert straight.resumed_from == 0
     assert resumed.resumed_from == 3 and "going on after step 3 of 6" in capsys.readouterr().err
     for suffix in (".safetensors", ".json"):
@@ -146,21 +129,20 @@ def test_kill_9_then_the_same_again_ends_with_the_same_bytes(colours, tmp_path, 
 
 def test_ctrl_c_in_the_middle_of_a_step_keeps_the_steps_before_it(colours, tmp_path, monkeypatch):
     """The forward pass has moved the statistics of batch normalisation by then: they are put back."""
-    real = ClassifierTask.loss
+    config = tiny_config(colours, arch="cifar_resnet8", image_px=16)
 
-    def interrupted(self, step):
-        found = real(self, step)
+    def interrupted(self, step, usual=ClassifierTask.loss):
+        found = usual(self, step)
         if step == 2:
             raise KeyboardInterrupt
         return found
 
     space = make_workspace(tmp_path / "stopped")
-    monkeypatch.setattr(ClassifierTask, "loss", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        train_classifier(tiny_config(colours), space, **CPU)
-    monkeypatch.undo()
-    resumed = train_classifier(tiny_config(colours), space, **CPU)
-    whole = train_classifier(tiny_config(colours), make_workspace(tmp_path / "whole"), **CPU)
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(ClassifierTask, "loss", interrupted)
+        train_classifier(config, space, **CPU)
+    resumed = train_classifier(config, space, **CPU)
+    whole = train_classifier(config, make_workspace(tmp_path / "whole"), **CPU)
     assert resumed.resumed_from == 2
     assert resumed.file.read_bytes() == whole.file.read_bytes()
 

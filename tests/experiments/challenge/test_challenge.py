@@ -17,13 +17,12 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, sha256_file, write_bytes
-from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import make_workspace
 from toolkit.engine.local import LocalPool
 from toolkit.experiments.challenge import entry as entries
-from toolkit.experiments.challenge import score as scoring
 from toolkit.experiments.challenge.board import rank_entries, write_board
 from toolkit.experiments.challenge.entry import check_entry, init_entry, open_space, read_entry
+from toolkit.experiments.challenge.judging import choose_corruptions, run_entry
 from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
@@ -33,11 +32,9 @@ from toolkit.experiments.challenge.score import (
     SCORE_FILE,
     Judge,
     JudgedPicture,
-    choose_corruptions,
-    count_score,
     read_judged,
     rescore,
-    run_entry,
+    write_score,
 )
 from toolkit.models.load import load_classifier
 from toolkit.objects.records import encode_png
@@ -86,7 +83,7 @@ def claim_pixels(file, side_px):
     record.write_text(json.dumps(json.loads(record.read_text()) | changes))
 
 
-def write_score(folder, boosted, *, bare=0.25, name=None):
+def make_up_score(folder, boosted, *, bare=0.25, name=None):
     """A score of made-up answers: `boosted` of the pictures of each object are right with the patch."""
     if name is not None:
         edit(folder, name=name)
@@ -105,11 +102,7 @@ def write_score(folder, boosted, *, bare=0.25, name=None):
         for judge, condition, item, pose in product(judges, CONDITIONS, CLOSED_OBJECTS, range(1, 5))
         for variant, share in (("unpatched", dict.fromkeys(CLOSED_OBJECTS, bare)), ("patched", boosted))
     ]  # fmt: skip
-    rows = (scoring._as_cells(one) for one in outcomes)
-    (place / OUTCOMES).write_bytes(encode_csv(list(JudgedPicture.model_fields), rows).encode())
-    found = count_score(read, judges, outcomes, sha256_file(place / OUTCOMES))
-    (place / SCORE_FILE).write_text(found.model_dump_json())
-    return found
+    return write_score(read, judges, outcomes).score
 
 
 EVEN = dict.fromkeys(CLOSED_OBJECTS, 0.75)
@@ -174,12 +167,12 @@ def test_each_corruption_is_met_about_as_often():
 
 def test_gains_by_hand(entry):
     """Each object: 1 of 4 right bare, 3 of 4 with it: 50 points, with an interval over pictures."""
-    found = write_score(entry, EVEN)
+    found = make_up_score(entry, EVEN)
     row = next(row for row in found.pooled if row.condition == "fog")
     assert (row.n, row.bare, row.boosted, row.gained, row.lost) == (16, 4, 12, 8, 0)
     assert found.rank_gain == 0.5
     assert found.rank_ci95[0] == pytest.approx(0.5 - 2.13145 * 0.5 * np.sqrt(16 / 15) / 4, abs=1e-5)  # t of 15 degrees
-    uneven = write_score(entry, EVEN | {"racer": 0.25})  # gains 2, 2, 0, 2 of 4
+    uneven = make_up_score(entry, EVEN | {"racer": 0.25})  # gains 2, 2, 0, 2 of 4
     assert uneven.rank_gain == 0.375
     half = 3.182446 * np.sqrt(4 / 3 * (3 * 0.125**2 + 0.375**2)) / 4  # t of 3 degrees, ratio estimator of 4 clusters
     assert uneven.rank_ci95 == pytest.approx((0.375 - half, 0.375 + half), abs=1e-6)
@@ -187,14 +180,14 @@ def test_gains_by_hand(entry):
 
 def test_a_network_that_the_entry_names_is_no_judge(entry):
     trained = read_entry(entry).record.networks[0].sha256
-    found = write_score(entry, EVEN)
+    found = make_up_score(entry, EVEN)
     assert {judge.sha256: judge.seen for judge in found.judges} == {UNSEEN_SHA: False, trained: True}
     assert {row.n for row in found.pooled} == {16}  # of one judge
 
 
 @pytest.mark.parametrize("tamper", ["rank", "row", "outcome", "seen", "official", "picture"])
 def test_a_tampered_score_is_found(entry, tamper):
-    write_score(entry, EVEN | {"racer": 0.25})
+    make_up_score(entry, EVEN | {"racer": 0.25})
     assert rescore(entry) == []
     file = entry / SCORE / SCORE_FILE
     content = json.loads(file.read_text())
@@ -221,7 +214,7 @@ def test_the_board_ranks_by_the_lower_bound_and_shares_ties(entered, tmp_path):
     folders = []
     for name, boosted in shares.items():
         folders.append(shutil.copytree(entered, tmp_path / name))
-        write_score(folders[-1], boosted, name=name)
+        make_up_score(folders[-1], boosted, name=name)
     folders.append(shutil.copytree(folders[0], tmp_path / "liar"))
     edit(folders[-1], name="liar")
     places, refused = write_board(folders, tmp_path / "board")
@@ -242,7 +235,7 @@ def test_the_board_ranks_by_the_lower_bound_and_shares_ties(entered, tmp_path):
 def test_commands(entry, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
-    write_score(entry, EVEN)
+    make_up_score(entry, EVEN)
     assert runner.invoke(app, ["challenge", "check", entry.name, "--rescore"]).exit_code == 0
     done = runner.invoke(app, ["challenge", "board", entry.name, "--json"])
     assert json.loads(done.stdout)[0]["rank_gain"] == 0.5

@@ -1,27 +1,16 @@
 """`toolkit sweep` on the command line: what it prints and its exit codes."""
 
 import json
-import sys
 
 import pytest
 
-from toolkit.cli import main
-
 
 @pytest.fixture
-def run(space, redness, monkeypatch, capsys):
+def run(space, redness, monkeypatch, type_toolkit):
     """A function (arguments) -> exit code, stdout, stderr of `toolkit sweep ...`."""
     monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_, **__: redness)
     monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["toolkit", "sweep", *arguments, "--workspace", str(space.root)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out = capsys.readouterr()
-        return ended.value.code or 0, out.out, out.err
-
-    return call
+    return lambda *arguments: type_toolkit("sweep", *arguments, "--workspace", space.root)
 
 
 @pytest.mark.slow

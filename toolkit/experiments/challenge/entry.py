@@ -25,11 +25,11 @@ from toolkit.experiments.challenge.rules import (
     Division,
     EntryConfig,
 )
-from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.load import load_object
 from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, read_patch, read_texture
 from toolkit.objects.wrap import Wrap, check_wrap, hash_wrap, read_wrap
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import CapturePlan, Pose, make_plan, write_plan
+from toolkit.rig.plan import CapturePlan, make_plan, write_plan
 from toolkit.rig.requests import Pattern
 from toolkit.rig.variants import check_fit, find_booster
 
@@ -253,13 +253,12 @@ def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
         yield f"{ENTRY}: boosters: {name}: " + ("missing" if name in entry.objects else "is no object of the division")
     yield from _list_stray(entry)
     with TemporaryDirectory(prefix="toolkit-entry-") as scratch:
-        space, faults = None, []
         try:
             space = open_space(entry, Path(scratch))
         except ToolkitError as error:
-            faults = [str(error)]
-        yield from faults
-        for name in entry.objects if space is not None else ():
+            yield str(error)
+            return
+        for name in entry.objects:
             if name in record.boosters:
                 try:
                     yield from _list_booster_faults(entry, name, space)
@@ -280,8 +279,7 @@ def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
             yield f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}"
 
 
-def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace | None) -> Iterator[str]:
-    assert space is not None
+def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> Iterator[str]:
     item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
     if booster.sha256 != entry.record.boosters[name]:
         yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
@@ -294,18 +292,13 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace | No
             which = f"{network.arch} ({network.sha256[:12]})"
             yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
     if isinstance(booster.made, Patch):
-        side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * longest_mm(item)
+        side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
         if side > most + 0.05:
             yield f"{where}: {side:.1f} mm on {name}: expected at most {most:.1f}, a third of its length"
     elif isinstance(booster.made, Wrap):
         check_wrap(booster.made, item)
     else:
         check_fit(item, booster.made)
-
-
-def longest_mm(item: TableObject) -> float:
-    """Longest side of an object."""
-    return float(item.mesh.size_mm.max())
 
 
 def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
@@ -339,11 +332,7 @@ def plan_poses(space: Workspace, names: Sequence[str]) -> CapturePlan:
     plan = make_plan(items, camera, Pattern(count=POSES))
     drawn = {item.name: draw_poses(item, camera, POSES, DRAWN_SEED) for item in items}
     objects = {
-        name: [*poses, *(_renumber(pose, POSES + pose.id) for pose in drawn[name])]
+        name: [*poses, *(pose.model_copy(update={"id": POSES + pose.id}) for pose in drawn[name])]
         for name, poses in plan.objects.items()
     }
     return plan.model_copy(update={"objects": objects})
-
-
-def _renumber(pose: Pose, number: int) -> Pose:
-    return pose.model_copy(update={"id": number})

@@ -1,9 +1,9 @@
-"""The score of an entry: rendered and judged here; counted from `outcomes.csv` alone, so that anybody can again."""
+"""The score of an entry: counted from `outcomes.csv` alone, so that anybody can count it again."""
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +12,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, UNPATCHED, Capture, read_captures
-from toolkit.captures.shoot import ShootSettings, index_images, shoot_plan
-from toolkit.core.console import notice
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import (
     explain_validation,
     inside,
@@ -23,31 +21,18 @@ from toolkit.core.files import (
     read_json,
     sha256_bytes,
     sha256_file,
-    write_bytes,
     write_json,
     write_text,
 )
-from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import Interval, PairedOutcomes
 from toolkit.core.tables import build_table, encode_csv, format_percent, format_points, format_points_interval
-from toolkit.core.workspace import Workspace
-from toolkit.corruptions.catalogue import COMMON
-from toolkit.engine.units import Engine
-from toolkit.evaluation.answers import predict_once
 from toolkit.evaluation.clusters import estimate_difference
-from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change
-from toolkit.experiments.challenge.entry import ChallengeEntry, EntryRecord, check_entry, open_space, read_entry
-from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION
-from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
+from toolkit.experiments.challenge.entry import ENTRY, ChallengeEntry, EntryRecord, read_entry
+from toolkit.experiments.challenge.rules import JUDGES, VERSION
 from toolkit.imaging.printer import score_print
-from toolkit.imaging.read import decode_image, read_image
+from toolkit.imaging.read import decode_image
 from toolkit.models.network import Classifier
-from toolkit.objects.load import load_object
-from toolkit.objects.mesh import cast_rays, make_ray_scene
-from toolkit.rig.camera import pixel_rays
-from toolkit.rig.plan import read_plan
-from toolkit.rig.variants import CONTROLS_OF
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -63,8 +48,6 @@ Answered = tuple[bool, bool, str, str]
 """Right bare, right boosted, the object, and the picture."""
 SHOWN_POSE = 1
 """Of the plan: from there each booster is shown on its object."""
-LOOK_STRIDE = 4
-"""Each fourth pixel each way says enough of how much the looks change."""
 
 
 class Judge(BaseModel):
@@ -190,121 +173,6 @@ class Judged:
     outcomes: tuple[JudgedPicture, ...]
 
 
-def run_entry(
-    entry: ChallengeEntry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
-    *, with_controls: bool = True,
-) -> Judged:  # fmt: skip
-    """Render an entry, let the judges say what they see, and write `score/` in its folder.
-
-    Pictures and answers are kept in `eval/challenge/` of the workspace: a run that was stopped goes on, and bare
-    pictures serve all entries.
-
-    Raises:
-        ToolkitError: the entry breaks a rule, no judges, two of the same weights, or the disk is full.
-    """
-    faults = check_entry(entry.folder)
-    if faults:
-        more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
-        raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
-    if len({one.weights.sha256 for one in judges}) < max(1, len(judges)):
-        raise FieldError("expected at least one network, each once", {"judge": [one.name for one in judges]})
-    home = workspace.eval_dir / "challenge"
-    captures = _shoot(entry, home, engine, with_controls)
-    looks = dict(_measure_looks(entry, captures, home))
-    outcomes: list[JudgedPicture] = []
-    for judge in judges:
-        notice(f"{judge.name} judges")
-        outcomes += _ask(entry, judge, captures, home, looks)
-    folder = entry.folder / SCORE
-    for one in captures:
-        if (one.variant, one.pose_id) == (entry.record.variant, SHOWN_POSE):
-            write_bytes(folder / PICTURES / f"{one.object}.png", one.file.read_bytes(), entry.folder)
-    text = encode_csv(list(JudgedPicture.model_fields), (_as_cells(one) for one in outcomes))
-    write_text(folder / OUTCOMES, text, entry.folder)
-    score = count_score(
-        entry, [describe_judge(entry.record, one) for one in judges], outcomes, sha256_bytes(text.encode())
-    )
-    write_json(folder / SCORE_FILE, score.model_dump(mode="json"), entry.folder)
-    return Judged(entry, score, tuple(outcomes))
-
-
-def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
-    """The pictures of an entry; those that any entry before has alike are copied: bare, and with noise or grey."""
-    space = open_space(entry, home / entry.record.name)
-    controls = CONTROLS_OF.get(entry.record.variant, ()) if with_controls else ()
-    if "wrong-patch" in controls and len(entry.objects) < 2:
-        controls = tuple(name for name in controls if name != "wrong-patch")
-    variants = (UNPATCHED, entry.record.variant, *controls)
-    sources = sorted(home.glob(f"*/{space.captures_dir.name}/sim"))
-    stored = {key: image for source in sources for key, image in index_images(source).items()}
-    settings, plan = ShootSettings(image_format="png"), read_plan(space.plan_file)
-    done = shoot_plan(space, plan, entry.objects, variants, settings, stored=stored, engine=engine)
-    if done.failed:
-        raise ToolkitError(f"{done.failed[0][0]}: {done.failed[0][1]}: a score needs all pictures: run it again")
-    wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
-    found = read_captures(done.source_dir).captures
-    return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
-
-
-def _measure_looks(
-    entry: ChallengeEntry, captures: Sequence[Capture], home: Path
-) -> Iterator[tuple[tuple[str, int], float]]:
-    """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
-    space_root = home / entry.record.name
-    plan = read_plan(space_root / "rig" / "plan.json")
-    by_key = {(one.object, one.variant, one.pose_id): one for one in captures}
-    for name in entry.objects:
-        scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
-        camera = plan.camera
-        x, y = np.meshgrid(*(np.arange(0, side, LOOK_STRIDE) for side in (camera.width, camera.height)))
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-        for pose in plan.objects[name]:
-            rays = pixel_rays(camera, pose.matrix(), (pixels + 0.5).astype(np.float32))
-            own = pixels[np.isfinite(cast_rays(scene, rays))]
-            pair = (by_key[name, variant, pose.id] for variant in (UNPATCHED, entry.record.variant))
-            bare, boosted = (read_image(one.file)[own[:, 1], own[:, 0]] / 255 for one in pair)
-            change = delta_e2000(*(lab_of_linear(srgb_to_linear(one)) for one in (bare, boosted)))
-            yield (name, pose.id), round(float(change.mean()), 4)
-
-
-def choose_corruptions(pictures: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[str, int]]:
-    """One of the 75 corruptions for each (object, pose), each about as often; the version draws their order."""
-    every = list(product(COMMON, SEVERITIES))
-    order = np.random.default_rng(DRAWN_SEED).permutation(len(every))
-    return {key: every[order[k % len(every)]] for k, key in enumerate(sorted(set(pictures)))}
-
-
-def _ask(
-    entry: ChallengeEntry,
-    judge: Classifier,
-    captures: Sequence[Capture],
-    home: Path,
-    looks: Mapping[tuple[str, int], float],
-) -> Iterator[JudgedPicture]:
-    space = Workspace(home / entry.record.name)
-    classes = find_true_classes(read_captures(space.captures_dir), space, judge)
-    chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
-    paired = [one for one in captures if one.variant in (UNPATCHED, entry.record.variant)]
-    asked: list[tuple[str, Capture]] = [(CLEAR, one) for one in captures]
-    asked += [(FOG, replace(one, corruption=(FOG, FOG_SEVERITY))) for one in paired]
-    asked += [(CORRUPTED, replace(one, corruption=chosen[one.object, one.pose_id or 0])) for one in paired]
-    said, _ = predict_once([one for _, one in asked], classes, judge, home / "answers.jsonl")
-    hashes = {one.path: sha256_file(one.file) for one in captures}
-    for (condition, capture), one in zip(asked, said, strict=True):
-        corruption, severity = capture.corruption or ("", 0)
-        is_own = condition == CLEAR and capture.variant == entry.record.variant
-        yield JudgedPicture(
-            judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,
-            variant=capture.variant, condition=condition, corruption=corruption, severity=severity,
-            picture_sha256=hashes[capture.path], correct=one.correct_top1,
-            delta_e=looks[capture.object, capture.pose_id or 0] if is_own else None,
-        )  # fmt: skip
-
-
-def _as_cells(one: JudgedPicture) -> list[object]:
-    return [int(value) if isinstance(value, bool) else value for value in one.model_dump().values()]
-
-
 def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
     """Who judges, and whether the entry says that it was trained on these weights."""
     sha256 = judge.weights.sha256
@@ -312,6 +180,20 @@ def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
         name=judge.name, sha256=sha256, preprocessing=judge.preprocessing.describe(),
         seen=sha256 in {one.sha256 for one in record.networks},
     )  # fmt: skip
+
+
+def write_score(entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture]) -> Judged:
+    """Count what the judges said, and write `outcomes.csv` and `score.json`.
+
+    Raises:
+        ToolkitError: as `count_score`, or the disk is full.
+    """
+    cells = ([int(value) if isinstance(value, bool) else value for _, value in one] for one in outcomes)
+    text, folder = encode_csv(list(JudgedPicture.model_fields), cells), entry.folder / SCORE
+    score = count_score(entry, judges, outcomes, sha256_bytes(text.encode()))
+    write_text(folder / OUTCOMES, text, entry.folder)
+    write_json(folder / SCORE_FILE, score.model_dump(mode="json"), entry.folder)
+    return Judged(entry, score, tuple(outcomes))
 
 
 def count_score(
@@ -330,12 +212,11 @@ def count_score(
     table = _Table(outcomes)
     names = tuple(dict.fromkeys(one.object for one in outcomes))
     rows = [
-        row
+        table.count(who, [one.sha256 for one in members], condition, variant, name)
         for who, members in groups.items() if members
         for condition in CONDITIONS
         for variant in table.variants(condition)
         for name in ((*names, POOLED) if variant == entry.record.variant else (POOLED,))
-        if (row := table.count(who, [one.sha256 for one in members], condition, variant, name)) is not None
     ]  # fmt: skip
     unseen = [one.sha256 for one in groups[UNSEEN]]
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
@@ -377,7 +258,7 @@ class _Table:
                 found.append((bool(both[0]), bool(both[1]), item, f"{item} {pose}"))
         return found
 
-    def count(self, who: str, judges: Sequence[str], condition: str, variant: str, name: str) -> ScoreRow | None:
+    def count(self, who: str, judges: Sequence[str], condition: str, variant: str, name: str) -> ScoreRow:
         """One row of the score."""
         pairs = self.pairs(judges, condition, variant, name)
         found = PairedOutcomes.count((bare, boosted) for bare, boosted, *_ in pairs)
@@ -475,7 +356,7 @@ def rescore(folder: Path) -> list[str]:
         return [str(error)]
     said, found = (one.model_dump(mode="json", exclude={"toolkit_version"}) for one in (judged.score, again))
     return [
-        f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {'entry.json'} give: run the entry again"
+        f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
         for name in found
         if said[name] != found[name]
     ]
