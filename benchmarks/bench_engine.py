@@ -17,9 +17,8 @@ from toolkit.engine.units import Engine, Unit
 from toolkit.experiments.corruptions.cells import ShardImages
 from toolkit.experiments.corruptions.grid import rank_cells
 from toolkit.experiments.corruptions.recognisers import recognise_by_network
-from toolkit.experiments.worlds.ask import Rendered, Setup, answer_unit
 from toolkit.experiments.worlds.world_config import WorldEvalConfig
-from toolkit.experiments.worlds.world_run import plan_run
+from toolkit.experiments.worlds.world_run import Rendered, Setup, answer_unit, plan_run
 from toolkit.rig.bake_cache import light_surroundings
 
 IMAGES = 16

@@ -41,11 +41,11 @@ from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
 from toolkit.evaluation.eval_config import EvalConfig as EvalConfig
 from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark as evaluate_benchmark
 from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig as CorruptEvalConfig
-from toolkit.evaluation.notebook import predictions_table as predictions_table
-from toolkit.evaluation.notebook import load_captures as load_captures
+from toolkit.evaluation.predictions_csv import predictions_table as predictions_table
+from toolkit.evaluation.ground_truth import load_captures as load_captures
 from toolkit.core.statistics import wilson_interval as wilson_interval
 from toolkit.core.statistics import mcnemar_p as mcnemar_p
-from toolkit.corruptions.draws import image_seed as image_seed
+from toolkit.core.draws import image_seed as image_seed
 from toolkit.training.machine import check_machine as check_machine
 from toolkit.core.console import quietly as quietly
 from toolkit.core.errors import ToolkitError as ToolkitError

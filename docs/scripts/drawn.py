@@ -6,9 +6,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.boosters.transforms.camera import CameraBlur, JpegFile, SensorNoise
-from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import AffineRanges, PoseRanges
-from toolkit.boosters.transforms.printing import PrintProcess
+from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, TapeGlare
 from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.content.everyday import MAKERS, make_everyday
 from toolkit.core.draws import Draws

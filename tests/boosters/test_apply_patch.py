@@ -58,10 +58,11 @@ def test_a_patch_for_each_image_and_a_cut_at_the_edge():
     assert torch.allclose(apply_patch(images, patches, placement=Fixed(left=32, top=-4)), expected, atol=2e-5)
 
 
-def test_it_lies_in_the_central_square_of_a_wide_image():
-    images, patch = make_images(2, height=30, width=50), make_patch()
+@pytest.mark.parametrize(("height", "width", "top", "left"), [(30, 50, 3, 12), (50, 30, 13, 2)])
+def test_it_lies_in_the_central_square_of_an_image_that_is_none(height, width, top, left):
+    images, patch = make_images(2, height, width), make_patch()
     expected = images.clone()
-    expected[:, :, 3:15, 12:24] = patch
+    expected[:, :, top : top + 12, left : left + 12] = patch
     assert torch.allclose(apply_patch(images, patch, placement=Fixed(left=2, top=3)), expected, atol=2e-5)
 
 

@@ -6,8 +6,7 @@ from hue_network import LABELS, PX, make_hue_classifier, write_photos
 
 from toolkit.boosters import class_patches, patch
 from toolkit.boosters.class_patches import train_class_patches
-from toolkit.boosters.class_patches_config import ClassPatchesConfig, make_flat_config
-from toolkit.boosters.patch_sets import read_patch_set
+from toolkit.boosters.patch_sets import ClassPatchesConfig, make_flat_config, read_patch_set
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace

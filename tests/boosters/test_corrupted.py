@@ -13,8 +13,8 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wra
 from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters import patch_config
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import hash_inputs, make_config
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, draw_first_pixels, list_networks
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance

@@ -54,9 +54,9 @@ def test_a_patch_makes_its_object_found(tmp_path):
     """The whole way, on a small object: the patch turns red, since that is what the detector finds."""
     import trimesh
 
-    from toolkit.boosters.data_config import DataConfig
     from toolkit.boosters.patch import train_patch
     from toolkit.boosters.patch_config import PatchConfig
+    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.core.workspace import make_workspace, open_workspace
 
     make_workspace(tmp_path)

@@ -5,8 +5,8 @@ import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
 from toolkit.boosters.transforms.weather import Fog
+from toolkit.core.draws import RandomStreams
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.weather import add_fog
 
 

@@ -3,7 +3,7 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.transforms.paper import TapeGlare
+from toolkit.boosters.transforms.printing import TapeGlare
 
 SHINE = {"probability": 1, "strip_probability": 0}
 STRIP = {"probability": 0, "strip_probability": 1}

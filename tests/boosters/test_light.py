@@ -1,7 +1,7 @@
 import numpy as np
 import torch
 
-from toolkit.boosters.transforms.paper import LightRanges
+from toolkit.boosters.transforms.printing import LightRanges
 
 
 def light(paper, mask, **ranges):

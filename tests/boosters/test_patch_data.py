@@ -14,7 +14,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.data_config import DataConfig, is_rig_source
+from toolkit.boosters.pixel_config import DataConfig, is_rig_source
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.models.labels import imagenet_wnids

@@ -8,8 +8,8 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import hash_inputs, make_config, use_printer
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, encode, use_profile
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb

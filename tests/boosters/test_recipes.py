@@ -3,8 +3,8 @@
 import pytest
 from tiny_network import tiny_config
 
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import RECIPES, hash_inputs, make_config
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.transforms.placement import MixedPlacement
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.records import printed_size_mm

@@ -249,8 +249,8 @@ def test_without_an_object_class_and_data_are_asked_for(type_command):
 
 
 def test_the_sheet_met_in_training_is_as_large_as_the_specs():
-    from toolkit.boosters.data_config import DataConfig
     from toolkit.boosters.patch_config import limit_renders, make_config, size_by_spec
+    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.objects.spec import ObjectSpec
 
     spec = ObjectSpec.model_validate(
@@ -269,8 +269,8 @@ def test_the_sheet_met_in_training_is_as_large_as_the_specs():
 
 def test_a_patch_is_trained_for_its_size_on_paper():
     """Pose, ink and object know it; without it record and hash are as they were."""
-    from toolkit.boosters.data_config import DataConfig
     from toolkit.boosters.patch_config import make_config, size_by_spec
+    from toolkit.boosters.pixel_config import DataConfig
     from toolkit.objects.spec import ObjectSpec
 
     data = DataConfig(sources=("rig:moka",))

@@ -14,8 +14,7 @@ from toolkit.boosters.texture import take_photos
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure, Jitter, JpegFile, SensorNoise
-from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
-from toolkit.boosters.transforms.printing import PrintProcess
+from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, TapeGlare
 from toolkit.boosters.transforms.show import show_patch
 from toolkit.boosters.transforms.weather import Fog
 from toolkit.core.draws import Draws

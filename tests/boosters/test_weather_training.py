@@ -7,10 +7,10 @@ from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config
 
 from toolkit.boosters.data import Loaded
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.mounted import draw_mounted, render_mounted_views, show_mounted, stack_views
 from toolkit.boosters.patch import train_patch
 from toolkit.boosters.patch_config import PatchConfig
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.texture import TextureTask, choose_files, train_texture
 from toolkit.boosters.texture_config import TextureConfig

@@ -13,7 +13,8 @@ from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.notebook import load_captures, predictions_table
+from toolkit.evaluation.ground_truth import load_captures
+from toolkit.evaluation.predictions_csv import predictions_table
 from toolkit.rig.plan import open_plan
 
 

@@ -101,10 +101,11 @@ def test_pose_number_in_a_name(name, pose_id):
 
 
 def test_equal_names_pair(tmp_path):
-    put(tmp_path, *(f"real/mug/{variant}/desk_over.jpg" for variant in ("unpatched", "bear1", "bear2")))
+    same = ("unpatched/desk_over.jpg", "bear1/DESK_OVER.jpg", "bear2/Desk_Over.JPG")
+    put(tmp_path, *(f"real/mug/{name}" for name in same))
     put(tmp_path, "real/mug/bear1/4in_side.jpg", "real/mug/unpatched/7.jpg", "real/cup/bear1/desk_over.jpg")
     poses = {one.path.removeprefix("real/"): one.pose_id for one in read_captures(tmp_path).captures}
-    assert {poses[f"mug/{variant}/desk_over.jpg"] for variant in ("unpatched", "bear1", "bear2")} == {8}
+    assert {poses[f"mug/{name}"] for name in same} == {8}
     assert poses["mug/bear1/4in_side.jpg"] is poses["cup/bear1/desk_over.jpg"] is None, "nothing to pair with"
 
 
@@ -135,6 +136,8 @@ def test_two_images_of_one_pose_are_told(folder):
     (note,) = read_captures(folder).notes
     assert "pose 1 in sim/racer/patched" in note
     assert "sim/racer/patched/1.jpg, sim/racer/patched/pose_01.png" in note
+    put(folder, "real/cup/patched/1.jpg", "real/cup/patched/pose_01.jpg")  # in one variant: nothing is paired
+    assert len(read_captures(folder).notes) == 1
 
 
 def test_links_that_leave_are_refused(folder, tmp_path):

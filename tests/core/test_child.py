@@ -73,7 +73,7 @@ def test_texture_coordinates(planted):
 
 
 def test_egl_is_asked_for(planted):
-    from toolkit.rig.egl import egl_trouble
+    from toolkit.rig.filament import egl_trouble
 
     egl_trouble.cache_clear()
     egl_trouble()

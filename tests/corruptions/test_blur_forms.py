@@ -5,6 +5,7 @@ import pytest
 import torch
 from scipy import ndimage
 
+from toolkit.core.draws import RandomStreams
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.blur import (
     blur_along,
@@ -17,7 +18,6 @@ from toolkit.corruptions.blur import (
     trace_copies,
 )
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.corruptions.draws import RandomStreams
 
 IMAGEMAGICK = {
     (30, 30): 15384, (29, 30): 14553, (28, 29): 12319, (27, 29): 9331, (27, 28): 6325, (26, 28): 3836, (25, 27): 2082,

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.severities import SEVERITIES
 from toolkit.corruptions.batch import corrupt, corrupt_picture
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES, choose_parameters
-from toolkit.corruptions.draws import image_seed
 
 CLOSED = {
     "defocus_blur", "zoom_blur", "gaussian_blur", "brightness", "contrast", "pixelate", "jpeg_compression", "saturate",

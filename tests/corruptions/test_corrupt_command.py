@@ -8,10 +8,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.batch import corrupt_picture
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_names
-from toolkit.corruptions.draws import image_seed
 from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
 
 

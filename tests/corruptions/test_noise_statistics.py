@@ -5,9 +5,9 @@ import pytest
 import torch
 from scipy.stats import chisquare, poisson
 
+from toolkit.core.draws import RandomStreams
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.noise import draw_poisson
 
 COUNT = 8

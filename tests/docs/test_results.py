@@ -145,3 +145,16 @@ def test_the_challenge_is_what_its_records_say() -> None:
     for budget in {row["budget"] for row in rows}:
         lows = [float(row["rank_low"]) for row in rows if row["budget"] == budget]
         assert lows == sorted(lows, reverse=True)
+
+
+def test_the_wraps_page_says_what_was_planned() -> None:
+    names = {"carton_kenney": "carton", "car_taxi": "cab", "car_stationwagon": "station wagon", "bench": "park bench"}
+    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wrap-plans")
+    said = [
+        f"| {names.get(one['object'], one['object'])} | {int(one['triangles']):,} | "
+        f"{100 * float(one['covered']):.0f} % | {one['pieces']} |"
+        for one in rows
+    ]
+    assert re.findall(r"^\| [a-z ]+ \| [0-9,]+ \| \d+ % \| \d+ \|$", page, re.MULTILINE) == said
+    # as film allows
+    assert all(float(one["stretch"]) <= 0.03 for one in rows)

@@ -63,7 +63,7 @@ def train(tmp_path):
     from hue_network import make_hue_classifier, write_photos
 
     from toolkit.boosters.class_patches import train_class_patches
-    from toolkit.boosters.class_patches_config import ClassPatchesConfig, make_flat_config
+    from toolkit.boosters.patch_sets import ClassPatchesConfig, make_flat_config
     from toolkit.boosters.transforms.placement import Placement
     from toolkit.core.workspace import make_workspace
     from toolkit.training.images import open_images
@@ -86,7 +86,7 @@ def look(make_crate_space, tmp_path_factory):
     """A function (name, engine) -> an evaluation in a small field whose units are eight frames, and all its bytes."""
     from walled_field import make_config, make_onlooker, stand_in
 
-    from toolkit.experiments.worlds import ask
+    from toolkit.experiments.worlds import world_run
     from toolkit.experiments.worlds.world_run import evaluate_world
 
     folder = tmp_path_factory.mktemp("fields")
@@ -94,7 +94,7 @@ def look(make_crate_space, tmp_path_factory):
     def call(name, engine=None):
         with pytest.MonkeyPatch.context() as patch:
             stand_in(patch, is_drawn=False)
-            patch.setattr(ask, "UNIT_PICTURES", 32)
+            patch.setattr(world_run, "UNIT_PICTURES", 32)
             space = make_crate_space(folder / name)
             done = evaluate_world(space, make_onlooker(), make_config(keep=True, run="run"), engine)
             return done, read_all(space.eval_dir)

@@ -7,8 +7,7 @@ from pydantic import BaseModel
 from toolkit.core.errors import ToolkitError
 from toolkit.core.records import RecordLog
 from toolkit.engine.local import InProcess, LocalPool
-from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
-from toolkit.engine.units import Unit
+from toolkit.engine.units import RecordCache, Unit, cut_groups, run_resumable
 
 
 class Row(BaseModel):

@@ -13,7 +13,7 @@ import walled_field
 
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds import ask
+from toolkit.experiments.worlds import world_run
 from toolkit.rig import bake_cache
 
 
@@ -32,27 +32,27 @@ def test_light_is_worked_out_by_the_driver_alone(look, looked, monkeypatch):
 
     sent = {}
 
-    def resend(shared, tasks, real=ask.answer_unit):
+    def resend(shared, tasks, real=world_run.answer_unit):
         copy = sent.setdefault("setup", pickle.loads(pickle.dumps(shared.get())))
         monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *given: pytest.fail("lit again"))
         yield from real(type(shared)(copy), tasks)
 
     bake_cache._in_use.clear()
-    monkeypatch.setattr(ask, "answer_unit", resend)
+    monkeypatch.setattr(world_run, "answer_unit", resend)
     assert look("resent")[1] == looked[1]
     world = sent["setup"].source.stage.world
     assert world is not None and "shape" not in world.__dict__
 
 
 def poison(monkeypatch, is_bad):
-    real = ask.render_frames
+    real = world_run.render_frames
 
     def render(stage, tasks):
         if is_bad(tasks[0]):
             raise RuntimeError("torn")
         return real(stage, tasks)
 
-    monkeypatch.setattr(ask, "render_frames", render)
+    monkeypatch.setattr(world_run, "render_frames", render)
 
 
 def test_a_poisoned_unit_is_listed_and_its_cameras_are_left_out_everywhere(look, looked, monkeypatch):
@@ -98,13 +98,13 @@ from pathlib import Path
 from walled_field import make_config, make_field, make_onlooker
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds import ask, world_run
+from toolkit.experiments.worlds import world_run
 from toolkit.worlds.sky import make_sky
 
 if __name__ == "__main__":
     world_run.open_world = lambda *given: make_field()
     world_run.make_sky = lambda when, seed: make_sky(when, seed, 32)
-    ask.UNIT_PICTURES = 32
+    world_run.UNIT_PICTURES = 32
     config = make_config(keep=True, run="run")
     world_run.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
 """

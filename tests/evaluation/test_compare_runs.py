@@ -12,7 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.compare import compare_runs, write_comparison
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.runs import open_run
+from toolkit.evaluation.summaries import open_run
 
 
 @pytest.fixture

@@ -135,6 +135,7 @@ def test_every_control_must_be_beaten():
         (8, 10, "open", "not shown to add"),
         (0, 18, "good", "The network reads the object"),
         (9, 18, "open", "Both"),
+        (12, 18, "open", "Both"),  # two thirds of 18: the interval reaches below a half
         (0, 2, "open", "mostly not enough; that"),
     ],
 )

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from one_line import error_of
 from typer.testing import CliRunner
 
-from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.detect import ScoredBoxes, average_precision, mean_average_precision, recall_at
 from toolkit.models.detector import Detections, box_iou, detector_class
 from toolkit.models.load_detector import decode_fastestdet, decode_yolox
@@ -18,13 +18,6 @@ from toolkit.models.weights import WeightsFile
 SHARED = Path(__file__).parents[2].parent / "shared"
 DETECTORS = sorted((SHARED / "detectors").glob("*.onnx"))
 needs_shared = pytest.mark.skipif(not DETECTORS, reason="needs ../shared/detectors")
-
-
-def error_of(call) -> str:
-    with pytest.raises(ToolkitError) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 def test_average_precision_is_that_of_pycocotools():

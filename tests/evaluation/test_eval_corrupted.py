@@ -13,9 +13,9 @@ import torch
 from PIL import Image
 
 from toolkit.captures.read import read_captures
+from toolkit.core.draws import image_seed
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt_picture
-from toolkit.corruptions.draws import image_seed
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted

@@ -211,7 +211,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
     for pose in range(80):
         put(f"real/racer/unpatched/{pose}.png", "racer")
     alive, most, lock = 0, 0, threading.Lock()
-    real_crop, real_classify = predict.resize_and_crop, predict.classify_images
+    real_crop, real_classify = predict.read_crop, predict.classify_images
 
     def crop(*args):
         nonlocal alive, most
@@ -226,7 +226,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
             alive -= len(images)
         return real_classify(images, classifier)
 
-    monkeypatch.setattr(predict, "resize_and_crop", crop)
+    monkeypatch.setattr(predict, "read_crop", crop)
     monkeypatch.setattr(predict, "classify_images", classify)
     captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)

@@ -13,11 +13,15 @@ from toolkit.core.files import write_json, write_text
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import read_parquet, write_csv, write_fiftyone, write_parquet
-from toolkit.evaluation.notebook import predictions_table
 from toolkit.evaluation.predict import Detection
-from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS, encode_detections, make_detected
-from toolkit.evaluation.runs import open_run
-from toolkit.evaluation.stored import read_predictions
+from toolkit.evaluation.predictions_csv import (
+    DETECTION_COLUMNS,
+    encode_detections,
+    make_detected,
+    predictions_table,
+    read_predictions,
+)
+from toolkit.evaluation.summaries import open_run
 from toolkit.imaging.read import read_image
 
 parquet = pytest.importorskip("pyarrow.parquet")

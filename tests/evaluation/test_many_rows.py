@@ -11,9 +11,8 @@ from toolkit.captures.read import Capture
 from toolkit.core.tables import decode_cell, encode_csv
 from toolkit.evaluation.metrics import compare_unpatched, group_predictions, index_poses
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.predictions_csv import encode_predictions
-from toolkit.evaluation.runs import Run
-from toolkit.evaluation.stored import read_predictions
+from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
+from toolkit.evaluation.summaries import Run
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-2+3", "@SUM(A1)", "\t=1", "'=1", "''+1", "'", "'a", "-", "=")
 

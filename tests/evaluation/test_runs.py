@@ -12,8 +12,7 @@ from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS
-from toolkit.evaluation.runs import find_runs, open_run, parse_where, pick_rows
-from toolkit.evaluation.summaries import CLEAR, MEAN
+from toolkit.evaluation.summaries import CLEAR, MEAN, find_runs, open_run, parse_where, pick_rows
 from toolkit.experiments.corruptions.benchmark_means import summarise
 
 

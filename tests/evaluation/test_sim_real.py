@@ -12,9 +12,8 @@ from scipy.stats import binomtest, spearmanr
 
 from toolkit.captures.read import Capture
 from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
-from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.evaluate import MAX_CARDS, SIDE, evaluate_captures, place_prob, view_sim_real
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.report import MAX_CARDS, SIDE, place_prob, view_sim_real
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.sim_real import compare_sim_real, place_of
 from toolkit.evaluation.tables import print_sim_real

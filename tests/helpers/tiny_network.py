@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch import TrainedPatch, train_patch
 from toolkit.boosters.patch_config import PatchConfig
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.announced import MAX_FACES, MAX_PARTS
-from toolkit.objects.load import read_mesh
+from toolkit.objects.load import MAX_FACES, MAX_PARTS, read_mesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], "<f4")
 MANY = st.sampled_from((1, 300, MAX_PARTS + 1, 100_000))

@@ -132,7 +132,7 @@ ALLOWED = {
     ("imaging/read.py", "imdecode"),  # PNG, likewise
     ("corruptions/digital.py", "imdecode"),  # what it has just encoded
     ("photos/video.py", "VideoCapture"),
-    ("worlds/film.py", "VideoCapture"),  # what it has just written
+    ("worlds/picture.py", "VideoCapture"),  # what it has just written
     ("printing/canvas.py", "ImageReader"),  # what it has just encoded
     ("objects/load.py", "load_scene"),  # within `open_textures`
     ("objects/export_mesh.py", "load_scene"),  # what it has just encoded

@@ -11,20 +11,13 @@ import numpy as np
 import pytest
 import torch
 import torchvision
+from one_line import error_of
 
-from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.load import load_classifier
 from toolkit.models.programs import wrap_module
 
 PX = 64
-
-
-def error_of(call) -> str:
-    with pytest.raises(ToolkitError) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.fixture(scope="module")

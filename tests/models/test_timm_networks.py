@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from one_line import error_of
 from PIL import Image
 from safetensors.torch import save_file
 
-from toolkit.core.errors import ToolkitError
 from toolkit.models.load import load_classifier
 
 NAME = "test_resnet"  # timm's own for tests: half a million parameters, images of 160 px
@@ -45,13 +45,6 @@ def folder(network, tmp_path, monkeypatch):
     save_file(network.state_dict(), tmp_path / f"{NAME}-random.safetensors")
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
     return tmp_path
-
-
-def error_of(call) -> str:
-    with pytest.raises(ToolkitError) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize(

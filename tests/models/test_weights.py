@@ -9,9 +9,9 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import pytest
 import torch
 import torchvision
+from one_line import error_of
 from safetensors.torch import save_file
 
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models import weights
 from toolkit.models.load import load_classifier
@@ -35,13 +35,6 @@ def empty_machine(tmp_path, monkeypatch):
         raise urllib.error.URLError("no network in this test")
 
     monkeypatch.setattr(torch.hub, "download_url_to_file", refuse)
-
-
-def error_of(call) -> str:
-    with pytest.raises(ToolkitError) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 def test_order_is_named_file_then_folder_then_cache_then_download(tmp_path, state, monkeypatch):

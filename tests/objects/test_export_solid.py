@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.objects.export_mesh import to_3mf, to_obj
+from toolkit.objects.export_mesh import examine_solid, to_3mf, to_obj
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import merge_meshes
 from toolkit.objects.records import decode_png, encode_png
-from toolkit.objects.solid import examine_solid
 
 
 def read_3mf(content):
@@ -101,8 +100,7 @@ def test_an_open_surface_is_said_to_be_open(make_box):
 
 def test_a_texture_goes_to_a_colour_printer(tmp_path):
     from toolkit.core.workspace import make_workspace
-    from toolkit.rig.export import export_object
-    from toolkit.rig.variants import find_texture
+    from toolkit.rig.variants import export_object, find_texture
 
     space = make_workspace(tmp_path)
     (file,), solid = export_object(space, "eggnog", ["3mf"], "textured")

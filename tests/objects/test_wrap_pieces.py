@@ -6,10 +6,9 @@ import shapely
 import trimesh
 
 from toolkit.objects.coarse import MANY
-from toolkit.objects.flatten import weld_surface
+from toolkit.objects.flatten import Region, join_edges, weld_surface
 from toolkit.objects.grow import find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
-from toolkit.objects.region import Region, join_edges
 from toolkit.objects.seams import find_folds, find_seams
 from toolkit.objects.trim import Limits, even_border
 from toolkit.objects.wrap import FlatPiece

@@ -12,9 +12,9 @@ from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink, 
 from toolkit.photos.lens import lens_from_focal
 from toolkit.photos.locate import locate_by_board
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
+from toolkit.rig.board_file import MarkerRing, choose_ring
 from toolkit.rig.camera import Camera, look_at, orbit_pose
 from toolkit.rig.markers import get_dictionary
-from toolkit.rig.ring import MarkerRing, choose_ring
 
 PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)

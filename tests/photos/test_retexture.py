@@ -4,6 +4,7 @@ import subprocess
 import sys
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -285,7 +286,7 @@ def test_a_patch_is_trained_in_photographs_alone(workspace: Workspace, desk, mon
     for more, words in (
         (["--data", "rig:racer"], "expected folders of photographs"),
         (["--data", str(folder), "--weather", "fog"], "need the object itself"),
-        (["--data", str(file.parent / "bare")], "found in 0 of 1 photographs, 2 are needed"),
+        (["--data", str(file.parent / "bare")], "none of 1 photographs could be used, 2 are needed"),
     ):
         save(file.parent / "bare" / "bare.png", photograph(make_patch(3)))
         code, _, told = run(*more, *asked)
@@ -302,6 +303,30 @@ def test_what_is_no_patch_is_said(workspace: Workspace, tmp_path: Path) -> None:
     wide = save(tmp_path / "wide.png", np.zeros((20, 30, 3), np.uint8))
     with pytest.raises(ToolkitError, match="expected the square file that was printed"):
         retexture(workspace, [tmp_path], RetextureConfig(found=(str(wide),), given=("nobody",)))
+
+
+@pytest.mark.parametrize(("dimmed", "alike"), [(1.0, 1), (0.8, 0)])
+def test_what_the_rest_of_two_photographs_changes_is_told_apart(
+    workspace: Workspace, tmp_path: Path, dimmed: float, alike: int
+) -> None:
+    """A network that looks at the table alone: its answers differ where the light does, whatever patch is put there."""
+    import torch
+
+    from toolkit.photos.retexture import check_retexture
+
+    first = photograph(make_patch(1))
+    limit = 0.9 * first[:40, :40].mean()
+    network = SimpleNamespace(
+        name="table", device="cpu", labels=["dark", "light"],
+        preprocess=lambda image: torch.tensor([image[:40, :40].mean()]),
+        logits=lambda batch: torch.cat([torch.zeros_like(batch), batch - limit], dim=1),
+    )  # fmt: skip
+    save(tmp_path / "photos" / "one_desk.png", first)
+    save(tmp_path / "photos" / "two_desk.png", np.rint(dimmed * photograph(make_patch(2))).astype(np.uint8))
+    patches = [str(save(tmp_path / f"{name}.png", make_patch(seed))) for name, seed in (("one", 1), ("two", 2))]
+    found = check_retexture(workspace, [tmp_path / "photos"], patches, [network])  # type: ignore[list-item]
+    assert found.same_scene == {"table": (alike, 1)} and not found.skipped
+    assert [len(set(row.answers["table"])) == 1 for row in found.others] == [bool(alike)] * 2
 
 
 @pytest.mark.slow

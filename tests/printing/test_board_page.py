@@ -24,9 +24,8 @@ from toolkit.printing.print_boards import (
     plan_board_pages,
 )
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
-from toolkit.rig.board_file import read_board
+from toolkit.rig.board_file import DEFAULT_RING, choose_ring, read_board
 from toolkit.rig.markers import get_dictionary
-from toolkit.rig.ring import DEFAULT_RING, choose_ring
 
 TOLERANCE_MM = 0.1
 PAGES_MM = {"a4": (210, 297), "letter": (215.9, 279.4)}

@@ -8,10 +8,17 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.rig import markers
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
-from toolkit.rig.board_file import board_file, read_board, write_board
+from toolkit.rig.board_file import (
+    DEFAULT_RING,
+    MarkerRing,
+    board_file,
+    choose_ring,
+    count_that_fit,
+    read_board,
+    write_board,
+)
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.markers import DICTIONARIES, RING_FIRST_ID, STRIP_FIRST_ID
-from toolkit.rig.ring import DEFAULT_RING, MarkerRing, choose_ring, count_that_fit
 
 SMALL = CharucoBoard(7, 10, 20.0, 15.0)
 BORDER_MM = 10

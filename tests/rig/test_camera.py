@@ -112,6 +112,11 @@ def test_scaled_and_cropped_pictures_show_points_where_the_pixels_went():
     assert (small.width, small.height) == (64, 64)
 
 
+def test_points_behind_the_camera_are_nowhere_in_the_picture():
+    ahead, behind = CAMERA.project(np.eye(4), np.array([[10.0, 5, 100], [10, 5, -100]]))
+    assert np.isfinite(ahead).all() and np.isnan(behind).all()
+
+
 def test_intrinsics_round_trip_with_missing_coefficients():
     lens = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.1, 0.05, 0.0, 0.0, 0.0))
     assert Camera.from_intrinsics(lens.intrinsics, (-0.1, 0.05)) == lens

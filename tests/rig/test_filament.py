@@ -9,8 +9,7 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.egl import egl_trouble
-from toolkit.rig.filament import FilamentRenderer
+from toolkit.rig.filament import FilamentRenderer, egl_trouble
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 

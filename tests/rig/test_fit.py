@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from box_object import as_object
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
@@ -11,17 +12,12 @@ from toolkit.cli.capture_sim import capture_sim
 from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.spec import ObjectSpec, PatchMount
+from toolkit.objects.load import load_object
+from toolkit.objects.spec import PatchMount
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, measure_fit, sheet_points
 from toolkit.rig.plan import list_misfits, make_plan, plan_poses, seen_share, write_plan
 from toolkit.rig.requests import Pattern
-
-
-def as_object(mesh, **patch) -> TableObject:
-    spec = ObjectSpec.model_validate({"name": "box", "class": "crate", "mesh": "builtin:racer", "length_mm": 100})
-    return TableObject(spec.with_mounts([PatchMount(**patch)]), mesh)
 
 
 def test_on_a_flat_top_all_of_it_lies(make_box):

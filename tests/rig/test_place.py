@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from box_object import as_object, look
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
@@ -12,29 +13,13 @@ from toolkit.cli.place import place
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import make_ray_scene, merge_meshes
-from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
-from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.objects.spec import PatchMount, read_spec, write_mounts
+from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import find_places, judge_place
 from toolkit.rig.plan import Pose
 from toolkit.rig.requests import PlaceConfig
 
 CAMERA = Camera.from_fov(640, 480, 40)
-
-
-def as_object(mesh) -> TableObject:
-    spec = ObjectSpec.model_validate({"name": "box", "class": "crate", "mesh": "builtin:racer", "length_mm": 100})
-    return TableObject(spec, mesh)
-
-
-def look(item: TableObject, *angles: tuple[float, float], distance: float = 700.0) -> list[Pose]:
-    target = (0.0, 0.0, float(item.mesh.size_mm[2]) / 2)
-    return [
-        Pose(
-            id=i, azimuth_deg=azimuth, elevation_deg=elevation, roll_deg=0, distance_mm=distance, target_mm=target,
-            T_world_camera=orbit_pose(np.array(target), azimuth, elevation, distance).tolist(),
-        )
-        for i, (azimuth, elevation) in enumerate(angles, 1)
-    ]  # fmt: skip
 
 
 def judge(item: TableObject, poses: list[Pose], **mount):

@@ -2,42 +2,26 @@
 
 import json
 
-import numpy as np
 import pytest
+from box_object import as_object, look
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
 from toolkit.cli.place import place
-from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.spec import ObjectSpec, read_spec
-from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.objects.load import load_object
+from toolkit.objects.spec import read_spec
+from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses, find_sheets, share_seen
-from toolkit.rig.plan import Pose, make_plan, read_plan, write_plan
+from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.requests import Pattern, PlaceConfig
 
 CAMERA = Camera.from_fov(640, 480, 40)
 
 
-def as_object(mesh) -> TableObject:
-    fields = {"name": "box", "class": "crate", "mesh": "builtin:racer", "length_mm": 100}
-    return TableObject(ObjectSpec.model_validate(fields), mesh)
-
-
-def look(item: TableObject, *azimuths: float) -> list[Pose]:
-    target = (0.0, 0.0, float(item.mesh.size_mm[2]) / 2)
-    return [
-        Pose(
-            id=i, azimuth_deg=azimuth, elevation_deg=10, distance_mm=700, target_mm=target,
-            T_world_camera=orbit_pose(np.array(target), azimuth, 10, 700).tolist(),
-        )
-        for i, azimuth in enumerate(azimuths, 1)
-    ]  # fmt: skip
-
-
 def test_the_second_goes_where_the_views_see_the_first_least(make_box):
     """Three views of the left, two of the right: the left is best alone, and beside it nothing helps like the right."""
     item = as_object(make_box((200.0, 160.0, 120.0)))
-    poses = look(item, 85, 90, 95, 265, 275)
+    poses = look(item, (85, 10), (90, 10), (95, 10), (265, 10), (275, 10))
     chosen = find_sheets(item, CAMERA, poses, PlaceConfig(steps=6, sheets=2), [70])
     assert [one.mount.at for one in chosen] == ["left", "right"]
     assert [one.poses_seen for one in chosen] == [3, 2] and share_seen(chosen) == 1 and share_seen(chosen[:1]) == 0.6
@@ -46,7 +30,7 @@ def test_the_second_goes_where_the_views_see_the_first_least(make_box):
 def test_none_overlap_and_none_goes_where_there_is_no_room(make_box):
     """A top of 100 x 60 mm and sides of 100 x 20 mm: of sheets of 30 + 10 mm, two lie side by side on the top."""
     item = as_object(make_box((100.0, 60.0, 20.0)))
-    poses = look(item, 0, 120, 240)
+    poses = look(item, (0, 10), (120, 10), (240, 10))
     chosen = find_sheets(item, CAMERA, poses, PlaceConfig(steps=20, sheets=4), [30])
     assert [one.mount.at for one in chosen] == ["top", "top"]
     apart = abs(chosen[0].mount.offset_mm[0] - chosen[1].mount.offset_mm[0])

@@ -10,7 +10,7 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.plan import check_poses, keep_others, make_plan, open_plan, read_plan, write_plan
 from toolkit.rig.requests import Pattern
 
 
@@ -135,6 +135,13 @@ def test_a_pose_that_cannot_be_shot_is_refused_in_one_line(crate, fields, words)
 def test_a_camera_that_cannot_be_is_refused(crate):
     with pytest.raises(ToolkitError, match=r"camera: width.*found 8"):
         make_plan([crate], Camera.from_fov(8, 480), Pattern())
+
+
+def test_objects_of_another_plan_are_kept_where_its_camera_is_the_same(crate):
+    old, other = (make_plan([crate], Camera.from_fov(*size), Pattern(count=1)) for size in ((640, 480), (96, 72)))
+    new = old.model_copy(update={"objects": {"box": old.objects["crate"]}})
+    assert list(keep_others(old, new).objects) == ["crate", "box"]
+    assert keep_others(other, new) == new
 
 
 def test_a_missing_plan_is_made_once_and_then_read(tmp_path, make_crate_space, monkeypatch):

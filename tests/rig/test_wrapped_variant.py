@@ -1,6 +1,7 @@
 """The variant `wrapped`: what it looks like, what the manifest says of it, and what makes it be shot again."""
 
 import itertools
+import shutil
 
 import numpy as np
 import pdfplumber
@@ -12,6 +13,7 @@ from toolkit.captures.rehearsal import Rehearsal
 from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.printing.shot_list.job import write_shot_list
@@ -25,17 +27,23 @@ TRAINING = WrapTraining(
 )
 
 
-@pytest.fixture
-def space(tmp_path, make_crate_space):
-    """A crate, and a green wrap on what is seen of it."""
-    space = make_crate_space(tmp_path / "w")
+@pytest.fixture(scope="module")
+def green(tmp_path_factory, make_crate_space):
+    """A crate, and a green wrap on what is seen of it; not to be changed."""
+    space = make_crate_space(tmp_path_factory.mktemp("green") / "w")
     item = load_object(space.object_spec("crate"))
     with quietly(True):
         plan = plan_wrap(item)
-    green = np.full_like(plan.pixels, (20, 200, 30))
+    pixels = np.full_like(plan.pixels, (20, 200, 30))
     trained = plan.record.model_copy(update={"class_name": "crate", "booster": TRAINING})
-    write_wrap(space.wraps_dir / "crate", Wrap(trained, plan.pieces, green))
+    write_wrap(space.wraps_dir / "crate", Wrap(trained, plan.pieces, pixels))
     return space
+
+
+@pytest.fixture
+def space(green, tmp_path):
+    """A copy of it."""
+    return Workspace(shutil.copytree(green.root, tmp_path / "w"))
 
 
 @pytest.fixture

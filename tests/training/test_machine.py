@@ -61,7 +61,7 @@ def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
 
 
 def test_without_egl_only_filament_is_lost(monkeypatch):
-    monkeypatch.setattr("toolkit.rig.egl.egl_trouble", lambda: "libEGL.so.1 is missing")
+    monkeypatch.setattr("toolkit.rig.filament.egl_trouble", lambda: "libEGL.so.1 is missing")
     check = machine._egl()
     assert check.state == "note" and "libEGL.so.1 is missing" in check.found and "libegl1" in check.fix
 

@@ -29,9 +29,8 @@ from toolkit.models.load import load_classifier
 from toolkit.training.augment import find_worst_images
 from toolkit.training.images import find_photographs
 from toolkit.training.loop import FitConfig, TrainingTask, fit, make_steps
-from toolkit.training.refine import refine_network
+from toolkit.training.refine import RefineTask, distill_loss, refine_network
 from toolkit.training.refine_config import RefineConfig
-from toolkit.training.refine_task import RefineTask, distill_loss
 
 KILLED = """
 import sys
@@ -41,7 +40,7 @@ from toolkit.core.workspace import open_workspace
 from toolkit.models.load import load_classifier
 from toolkit.training.refine import refine_network
 from toolkit.training.refine_config import RefineConfig
-from toolkit.training.refine_task import RefineTask
+from toolkit.training.refine import RefineTask
 
 die_at_step(RefineTask, 4)
 space = open_workspace(Path(sys.argv[1]))
@@ -135,7 +134,7 @@ def test_the_attack_stays_in_the_ball_and_raises_the_loss(colours, tmp_path, mon
         seen.append((images, worst, measure))
         return worst
 
-    monkeypatch.setattr("toolkit.training.refine_task.find_worst_images", attack)
+    monkeypatch.setattr("toolkit.training.refine.find_worst_images", attack)
     refine(make_space(tmp_path / "space"), colours, robust="l2:0.5", steps=6)
     trained = seen[:6]
     for images, worst, _ in trained:

@@ -81,23 +81,24 @@ def test_the_record_says_how_it_was_trained_and_how_it_holds(pair):
 
 def test_the_same_seed_gives_the_same_bytes_and_an_interrupted_run_too(colours, tmp_path, monkeypatch):
     spaces = [make_workspace(tmp_path / name) for name in ("one", "two")]
-    whole = train(spaces[0], colours, robust="linf:8/255", corrupting=("fog:3",)).file.read_bytes()
-    loss = ClassifierTask.loss
 
-    def stop_at_the_third(self, step):
-        found = loss(self, step)
+    def train_short(space, robust="linf:8/255"):
+        return train(space, colours, robust=robust, corrupting=("fog:3",), epochs=1, held_out=0.0)
+
+    def stop_at_the_third(self, step, usual=ClassifierTask.loss):
+        found = usual(self, step)
         if step == 2:
             raise KeyboardInterrupt
         return found
 
-    monkeypatch.setattr(ClassifierTask, "loss", stop_at_the_third)
-    with pytest.raises(KeyboardInterrupt):
-        train(spaces[1], colours, robust="linf:8/255", corrupting=("fog:3",))
-    monkeypatch.setattr(ClassifierTask, "loss", loss)
-    resumed = train(spaces[1], colours, robust="linf:8/255", corrupting=("fog:3",))
+    whole = train_short(spaces[0]).file.read_bytes()
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(ClassifierTask, "loss", stop_at_the_third)
+        train_short(spaces[1])
+    resumed = train_short(spaces[1])
     assert resumed.resumed_from == 2 and resumed.file.read_bytes() == whole
-    assert train(spaces[1], colours, robust="linf:8/255", corrupting=("fog:3",)).was_finished
-    other = train(spaces[1], colours, robust="linf:4/255", corrupting=("fog:3",))
+    assert train_short(spaces[1]).was_finished
+    other = train_short(spaces[1], robust="linf:4/255")
     assert not other.was_finished and other.file.read_bytes() != whole
 
 

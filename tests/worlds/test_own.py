@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects import announced
+from toolkit.objects import load
 from toolkit.worlds.catalogue import load_world
 from toolkit.worlds.own import share_materials
 from toolkit.worlds.world import SceneClass, World
@@ -122,7 +122,7 @@ def test_no_texture(tmp_path: Path) -> None:
 
 
 def test_a_million_tiny_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(announced, "MAX_PARTS", 5)
+    monkeypatch.setattr(load, "MAX_PARTS", 5)
     parts = [painted(block((60, 40, 1)))] + [painted(block((1, 1, 1), x=k, z=1)) for k in range(6)]
     with pytest.raises(ToolkitError, match="7 parts, more than 5: join them"):
         load_world(write(tmp_path / "crumbs.glb", parts))

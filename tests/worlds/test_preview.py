@@ -20,7 +20,7 @@ from walled_field import make_field
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.export_mesh import to_glb
 from toolkit.worlds import preview
-from toolkit.worlds.film import count_frames, write_film
+from toolkit.worlds.picture import count_frames, write_film
 from toolkit.worlds.place import place_object
 from toolkit.worlds.preview import PreviewSettings, preview_world
 from toolkit.worlds.sky import make_sky
@@ -146,7 +146,7 @@ def test_a_full_disk_is_a_line_and_leaves_no_partial_file(field, folder, monkeyp
 
 
 def test_a_film_that_was_not_written_whole_is_a_line(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("toolkit.worlds.film.count_frames", lambda path: 1)
+    monkeypatch.setattr("toolkit.worlds.picture.count_frames", lambda path: 1)
     frames = [np.zeros((64, 64, 3), np.uint8)] * 3
     with pytest.raises(ToolkitError, match="of 3 frames 1 can be read back: is the disk full"):
         write_film(tmp_path / "x.mp4", frames, (64, 64), 3)

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from toolkit.boosters.class_patches_config import ClassPatchesConfig
 from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images
 from toolkit.boosters.patch_config import PatchConfig, check_size
-from toolkit.boosters.patch_sets import name_class
+from toolkit.boosters.patch_sets import ClassPatchesConfig, name_class
 from toolkit.boosters.pixels import Network
 from toolkit.core.console import notice, quietly
 from toolkit.core.draws import Draws
@@ -22,8 +21,7 @@ from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.local import InProcess
-from toolkit.engine.resume import run_resumable
-from toolkit.engine.units import Engine, Shared, Unit, give
+from toolkit.engine.units import Engine, Shared, Unit, give, run_resumable
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch

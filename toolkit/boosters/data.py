@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit import __version__
-from toolkit.boosters.data_config import RIG, DataConfig, count_held_out, is_rig_source
+from toolkit.boosters.pixel_config import RIG, DataConfig, count_held_out, is_rig_source
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError

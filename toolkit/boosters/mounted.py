@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.data_config import count_held_out
 from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
+from toolkit.boosters.pixel_config import count_held_out
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.transforms.weather import Weathered, find_depths
 from toolkit.boosters.validation import Share, Validation

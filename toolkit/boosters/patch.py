@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
+from toolkit.boosters.booster import (
+    COLUMNS,
+    ROWS,
+    BoosterFiles,
+    BoosterTask,
+    TrainedBooster,
+    draw_patch_preview,
+    read_finished,
+    train_booster,
+    write_preview,
+)
 from toolkit.boosters.data import (
     TrainingData,
     choose_object,
@@ -19,7 +29,6 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.detectors import find_detectors, judge_detectors, meet_networks
 from toolkit.boosters.mounted import (
     MountedViews,
@@ -34,7 +43,7 @@ from toolkit.boosters.mounted import (
     validate_mounted,
 )
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
-from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
+from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, DataConfig, name_files
 from toolkit.boosters.pixels import (
     Network,
     Target,
@@ -44,7 +53,6 @@ from toolkit.boosters.pixels import (
     list_networks,
     quantise,
 )
-from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
 from toolkit.boosters.transforms.show import Appearance, Mounted, print_patch, show_patch, take_photos
 from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.core.console import notice, progress

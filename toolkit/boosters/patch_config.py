@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, field_serializer
 
-from toolkit.boosters.data_config import HELD_OUT, DataConfig
 from toolkit.boosters.pixel_config import (
     AUGMENTATION,
     CORRUPTED_HELP,
+    HELD_OUT,
     STEPS,
     TRANSFER,
     WORLD_FILL,
     CameraParts,
+    DataConfig,
     MeetsCorruptions,
     PixelConfig,
     find_recipe,
@@ -22,9 +23,8 @@ from toolkit.boosters.pixel_config import (
     record_transforms,
 )
 from toolkit.boosters.transforms.base import OF_NETWORKS, Placer
-from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
-from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, ProfiledPrint, TapeGlare, use_profile
 from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.booster import BoosterFiles, BoosterTask, Trained, TrainedBooster, read_finished, train_booster
+from toolkit.boosters.booster import (
+    BoosterFiles,
+    BoosterTask,
+    Trained,
+    TrainedBooster,
+    draw_turntable,
+    read_finished,
+    train_booster,
+    write_preview,
+)
 from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors, meet_networks
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
@@ -23,7 +32,6 @@ from toolkit.boosters.pixels import (
     list_networks,
     quantise,
 )
-from toolkit.boosters.preview import draw_turntable, write_preview
 from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
 from toolkit.boosters.texture_objects import (
     TextureInputs,

@@ -7,8 +7,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from toolkit.boosters import patch, patch_config, texture, texture_config, wrap_config, wrap_task
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch import TrainedPatch
+from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture import TrainedTexture
 from toolkit.boosters.validation import Validation

@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from toolkit.captures.read import Capture, CaptureFolder
+from toolkit.captures.read import Capture, CaptureFolder, read_crop
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
 
 
 class CaptureInfo(TypedDict):
@@ -72,26 +72,14 @@ class CaptureDataset(Dataset[Sample]):
     def __getitem__(self, index: int) -> Sample:
         """One sample; an image that cannot be read is a `ToolkitError` that names it."""
         capture = self.captures[index]
-        pixels = read_crop(capture, self.preprocessing)
+        try:
+            pixels = read_crop(capture, self.preprocessing)
+        except UnreadableImage as error:
+            raise ToolkitError(f"{capture.path}: {error.reason}: remove it from the folder, or correct it") from None
         image = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).float().div_(255)
         if self.transform is not None:
             image = self.transform(image)
         return image, self.targets.get(capture.object, -1), _describe(capture)
-
-
-def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
-    """(crop_px, crop_px, 3) uint8 sRGB of one image; a file that was cut to that size before stays as it is.
-
-    Raises:
-        ToolkitError: the file cannot be read as an image.
-    """
-    try:
-        pixels = read_image(capture.file, how.resize_px)
-    except UnreadableImage as error:
-        raise ToolkitError(f"{capture.path}: {error.reason}: remove it from the folder, or correct it") from None
-    # resized and cut once more, a corrupted image would lose some of its corruption
-    is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
-    return pixels if is_cut else resize_and_crop(pixels, how)
 
 
 def _describe(capture: Capture) -> CaptureInfo:

@@ -20,8 +20,7 @@ from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
-from toolkit.engine.resume import cut_groups, run_resumable
-from toolkit.engine.units import Engine, Unit
+from toolkit.engine.units import Engine, Unit, cut_groups, run_resumable
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera

@@ -237,8 +237,8 @@ def _check_retexture(
             error = f"{short['delta_e_median']:.1f} (90 % below {short['delta_e_p90']:.1f})"
             rows.append((what, str(short["n"]), error, f"{short['sharpness']:.2f}", f"{short['noise']:.2f}", alike))
     show_table(("predicted", "n", "ΔE00 by texel", "sharpness", "noise", "answered alike"), rows)
-    for name, (hits, n) in found.two_true.items():
+    for name, (hits, n) in found.same_scene.items():
         if n:
-            say(f"{name}: two true photographs of one patch, not of one place, are answered alike in {hits} of {n}")
+            say(f"{name}: two photographs of one place, grey paper in both, are answered alike in {hits} of {n}")
     if not found.others:
         say("no two photographs' names differ only in the patch's: name them as PATCH_PLACE.jpg to compare patches")

@@ -36,7 +36,7 @@ def list_runs(
     """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
     from toolkit.core.console import console, list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.runs import build_runs_table, find_runs, parse_where, pick_rows
+    from toolkit.evaluation.summaries import build_runs_table, find_runs, parse_where, pick_rows
 
     wanted = [parse_where(one) for one in where or ()]
     runs, refused = find_runs(open_workspace(workspace))
@@ -73,7 +73,7 @@ def compare(
     from toolkit.core.console import console
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.compare import build_comparison_table, compare_runs, compare_tables, write_comparison
-    from toolkit.evaluation.runs import open_run
+    from toolkit.evaluation.summaries import open_run
 
     space = open_workspace(workspace)
     if first.endswith(".csv") and second.endswith(".csv"):
@@ -109,7 +109,7 @@ def report(
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.index_page import write_index
-    from toolkit.evaluation.runs import Run, find_runs, open_run
+    from toolkit.evaluation.summaries import Run, find_runs, open_run
 
     if bool(names) == everything:
         raise FieldError("name runs, or say {everything}", {})
@@ -181,7 +181,7 @@ def export(
     if objects:
         if names:
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
-        from toolkit.rig.export import export_objects
+        from toolkit.rig.variants import export_objects
 
         chosen = [one for one, is_asked in formats.items() if is_asked] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import Field
 
-from toolkit.boosters.data_config import DataConfig
 from toolkit.boosters.patch_config import RECIPES
-from toolkit.boosters.pixel_config import AUGMENTATION
+from toolkit.boosters.pixel_config import AUGMENTATION, DataConfig
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import show_result, warn

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from toolkit.boosters.class_patches_config import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.patch_config import RECIPES
+from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config

@@ -10,7 +10,7 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import kept_before
-from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
+from toolkit.worlds.conditions import ObjectInWorld, PreviewRequest
 
 if TYPE_CHECKING:
     from toolkit.worlds.world import World

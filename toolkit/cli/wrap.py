@@ -21,13 +21,13 @@ def wrap(
     as_json: options.Json = False,
 ) -> None:
     """Cut an object's surface into few flat pieces that lie on it, by what random cameras see; draw and keep them."""
-    from toolkit.captures.suggest_wrap import TITLES, suggest_wrap
+    from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
     from toolkit.core.workspace import open_workspace
 
     found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
     if as_json:
         show_json(found.as_json())
         return
-    show_table(TITLES, found.rows())
+    show_table(PIECE_TITLES, found.rows())
     for line in found.lines():
         say(line)

@@ -149,7 +149,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
     back = merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B))
-    return merge(
+    pieces = [
         boxes(low, high, skin, B),
         boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
         box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
@@ -160,7 +160,8 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
         floor_quads((-half, 0, half, depth), 0.02, dark, SceneClass.GROUND),
         box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
         board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def _control_tower(looks: Looks) -> Piece:
@@ -175,7 +176,7 @@ def _control_tower(looks: Looks) -> Piece:
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
     words = sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
-    return merge(
+    pieces = [
         boxes((-3, -3, 0), (3, 3, 19.0), white, B),
         revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
         quads(cab, glass, B, pane_uv(rng, 8)), bars(low[0], high[0], 0.16, frame, B),
@@ -184,7 +185,8 @@ def _control_tower(looks: Looks) -> Piece:
         boxes((-12, -8, 0), (12, 8, 7), white, B), quads(face, glass, B, pane_uv(rng, 12)),
         box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
         board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:

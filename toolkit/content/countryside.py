@@ -362,7 +362,7 @@ def _barn(looks: Looks) -> Piece:
         [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
         [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
     ])  # fmt: skip
-    body = merge(
+    pieces = [
         polygon(gable, 0.0, red, B),
         place(polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
         quads(
@@ -373,7 +373,8 @@ def _barn(looks: Looks) -> Piece:
         box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
         box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
         box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-    )
+    ]
+    body = merge(*pieces)
     return place(body, (0.0, 0.0, 0.0), 90.0)
 
 

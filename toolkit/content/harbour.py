@@ -278,7 +278,7 @@ def _gantry(looks: Looks) -> Piece:
     rungs = np.array([((-2, y, 32.5), (2, y, 32.5)) for y in range(-46, 23, 4)], float)
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
-    return merge(
+    pieces = [
         bars(legs, top, 1.1, red, F), bars(braces[:, 0], braces[:, 1], 0.8, red, F),
         bars(beam[:, 0], beam[:, 1], 1.2, red, F), bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
         bars(mast[:, 0], mast[:, 1], 0.7, red, F), bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
@@ -287,7 +287,8 @@ def _gantry(looks: Looks) -> Piece:
         box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
         box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
         box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def _pier(looks: Looks) -> Piece:

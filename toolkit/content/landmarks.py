@@ -119,7 +119,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     apex = np.array([0.0, 0.0, top + 7.0])
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
     hook = np.array([jib * 0.7, 0, top])
-    return merge(
+    pieces = [
         bars(legs, legs + [0, 0, height], 0.2, yellow, F),
         bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
         bars(
@@ -137,7 +137,8 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
         bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
         box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
         box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
@@ -386,14 +387,15 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     windows = np.array([(-5.2, -0.1, PODIUM_M + 0.8), (3.4, -0.1, PODIUM_M + 0.8)])
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])
-    return merge(
+    pieces = [
         boxes(steps, tops, trim, B, ("bottom", "back")), place(column, xyz(xs, -3.2, PODIUM_M)),
         boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
         wall_quads(name, -4.02, words, SIGN, fit=True), polygon(gable, -4.4, trim, B), polygon(inner, -4.42, stone, B),
         quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
         boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
         boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:

@@ -145,7 +145,7 @@ def phone_booth(looks: Looks) -> Piece:
     c.text(0.4, 0.11, "PHONE", 0.18, (240, 240, 240))
     skin = sheet("phone", looks, c, 0.9)
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
-    return merge(
+    pieces = [
         box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
         box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
         box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
@@ -158,7 +158,8 @@ def phone_booth(looks: Looks) -> Piece:
             tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
             looks.plain((20, 20, 22), "gloss"), F,
         ),
-    )  # fmt: skip
+    ]  # fmt: skip
+    return merge(*pieces)
 
 
 def bicycle(looks: Looks) -> Piece:

@@ -10,10 +10,10 @@ from functools import lru_cache
 import numpy as np
 import torch
 
+from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.corruptions.catalogue import choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
-from toolkit.corruptions.draws import RandomStreams
 
 
 @lru_cache(maxsize=2)

@@ -13,7 +13,7 @@ import torch
 from scipy.fft import next_fast_len
 from torch.nn import functional as F
 
-from toolkit.corruptions.draws import RandomStreams
+from toolkit.core.draws import RandomStreams
 
 TRUNCATE = 4.0
 """Standard deviations at which a Gaussian is cut off: scikit-image's default."""

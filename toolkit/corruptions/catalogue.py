@@ -15,7 +15,7 @@ from toolkit.core.severities import SEVERITIES, list_spans, parse_severities
 if TYPE_CHECKING:
     import torch
 
-    from toolkit.corruptions.draws import RandomStreams
+    from toolkit.core.draws import RandomStreams
 
 IMAGENET, CIFAR = "imagenet", "cifar"
 MAX_CIFAR_SIDE_PX = 64

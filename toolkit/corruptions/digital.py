@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch.nn import functional as F
 
+from toolkit.core.draws import RandomStreams
 from toolkit.corruptions.blur import blur_by_matrix
-from toolkit.corruptions.draws import RandomStreams
 
 FIELD_TRUNCATE = 3.0
 

@@ -13,6 +13,7 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.console import progress
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, real_path, sha256_file, write_bytes, write_json
 from toolkit.core.locks import hold_folder
@@ -20,7 +21,6 @@ from toolkit.core.records import RecordLog
 from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
 from toolkit.corruptions.catalogue import IMAGENET, choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
-from toolkit.corruptions.draws import image_seed
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image
 

@@ -7,7 +7,7 @@ import torch
 from scipy.special import pdtr
 from torch.nn import functional
 
-from toolkit.corruptions.draws import RandomStreams
+from toolkit.core.draws import RandomStreams
 
 BUCKETS = 4096
 TAIL_SIGMAS = 10

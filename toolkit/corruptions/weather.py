@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import torch
 
+from toolkit.core.draws import RandomStreams
 from toolkit.corruptions.blur import blur_along, blur_gaussian, fill_by_zoom
-from toolkit.corruptions.draws import RandomStreams
 
 FIRST_WIBBLE = 100.0
 

@@ -1,12 +1,14 @@
 """Where units are done: declared once, for the command line and for Python."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.engine.units import Engine
+
+if TYPE_CHECKING:
+    from toolkit.engine.units import Engine
 
 WHERE = "Where it runs"
 
@@ -26,7 +28,7 @@ class EngineConfig(Config):
         None, description="Address of a Ray cluster, or auto for the one on this machine; default: start one here."
     )
 
-    def open(self, gpus: int = 0) -> Engine:
+    def open(self, gpus: int = 0) -> "Engine":
         """The engine; used as a context manager.
 
         Args:

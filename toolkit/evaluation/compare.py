@@ -31,9 +31,8 @@ from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnai
 from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.runs import Run
-from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions
-from toolkit.evaluation.summaries import SUMMARY
+from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
+from toolkit.evaluation.summaries import SUMMARY, Run
 from toolkit.evaluation.verdict import describe_unsure
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Does a detector find the object, with the booster and without? Boxes against the rig's truth; average precision."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.captures.read import Capture, read_captures
+from toolkit.captures.read import POOLED, Capture, read_captures
 from toolkit.captures.truth import ObjectMask, outline_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
@@ -21,11 +21,17 @@ from toolkit.core.workspace import Workspace
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
-from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
+from toolkit.evaluation.metrics import (
+    Comparison,
+    RowKey,
+    compare_controls,
+    compare_unpatched,
+    group_images,
+    index_poses,
+)
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
-from toolkit.evaluation.results import list_corrupted
-from toolkit.evaluation.seen import describe_unseen, find_training
+from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
@@ -90,9 +96,9 @@ def mean_average_precision(images: Sequence[ScoredBoxes]) -> float | None:
     return None if not images else float(np.mean([one for one in found if one is not None]))
 
 
-def recall_at(images: Sequence[ScoredBoxes], iou: float = 0.5) -> float | None:
-    """Share of the images where some detection of the class overlaps the object so far, however weak."""
-    return None if not images else float(np.mean([bool((one.ious >= iou).any()) for one in images]))
+def recall_at(images: Sequence[ScoredBoxes]) -> float | None:
+    """Share of the images where some detection of the class overlaps the object by half, however weak."""
+    return None if not images else float(np.mean([bool((one.ious >= FOUND_IOU).any()) for one in images]))
 
 
 @dataclass(frozen=True)
@@ -343,17 +349,13 @@ def _read(capture: Capture, device: str) -> np.ndarray | str:
 
 def group_detections(images: Sequence[DetectedImage]) -> list[DetectionGroup]:
     """Results by source, object and variant, and pooled over the objects of a source where there are several."""
-    members: dict[tuple[str, str, str], list[DetectedImage]] = defaultdict(list)
-    for one in images:
-        for name in (one.capture.object, "all"):
-            members[one.capture.source, name, one.capture.variant].append(one)
-    objects = {source: {one.capture.object for one in images if one.capture.source == source} for source, *_ in members}
-    kept = {key: some for key, some in members.items() if key[1] != "all" or len(objects[key[0]]) > 1}
-    order = sorted(kept, key=lambda key: (key[0], key[1] == "all", key[1], rank_variant(key[2])))
-    return [_count(key, kept[key]) for key in order]
+    members = group_images(images)
+    # of one object the pooled row says nothing new
+    n_objects = Counter(source for source, name in {key[:2] for key in members} if name != POOLED)
+    return [_count(key, some) for key, some in members.items() if key[1] != POOLED or n_objects[key[0]] > 1]
 
 
-def _count(key: tuple[str, str, str], members: Sequence[DetectedImage]) -> DetectionGroup:
+def _count(key: RowKey, members: Sequence[DetectedImage]) -> DetectionGroup:
     read = [one for one in members if one.seen is not None]
     by_class: dict[int, list[ScoredBoxes]] = defaultdict(list)
     for one in read:

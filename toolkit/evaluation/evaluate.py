@@ -1,22 +1,42 @@
-"""From a capture folder to a run folder: read the images, predict, compare, write."""
+"""From a capture folder to a run folder: read, predict, compare, and write; `report.html` opens with no network."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import log
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.contact_sheet import (
+    MANY_SHEETS,
+    Card,
+    chart_poses,
+    describe_place,
+    lay_out,
+    lay_out_flips,
+    make_thumbnails,
+)
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
+from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import encode_predictions
-from toolkit.evaluation.report import write_report
-from toolkit.evaluation.results import Findings, compare_predictions, summarise
-from toolkit.evaluation.saliency import draw_saliency
-from toolkit.evaluation.seen import find_training
-from toolkit.evaluation.summaries import Kind
+from toolkit.evaluation.results import (
+    Findings,
+    compare_predictions,
+    describe_unseen,
+    find_training,
+    list_corrupted,
+    mark_seen,
+    summarise,
+)
+from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, draw_saliency
+from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
+from toolkit.evaluation.summaries import PREDICTIONS, Kind
+from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 
@@ -69,7 +89,9 @@ def evaluate_captures(
     training = find_training(folder.captures, workspace, classifier.weights.sha256)
     findings = replace(findings, training=training)
     name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
-    run_dir = choose_run_dir(workspace.eval_dir / name, findings, config.replace)
+    # predictions decide whether it is the same result: all else follows from them
+    content = encode_predictions(findings.predictions).encode()
+    run_dir = find_run_dir(workspace.eval_dir / name, PREDICTIONS, content, config.replace)
     done = write_evaluation(run_dir, classifier, findings, folder.notes, config)
     if run_dir.name == name:
         return done
@@ -86,23 +108,13 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     return "-".join(slug for slug in slugs if slug)
 
 
-def choose_run_dir(wanted: Path, findings: Findings, overwrite: bool = False) -> Path:
-    """`wanted`, or the first of RUN-2, RUN-3 … that is free or holds these very predictions."""
-    # predictions decide whether it is the same result: all else follows from them
-    return find_run_dir(wanted, "predictions.csv", encode_predictions(findings.predictions).encode(), overwrite)
-
-
 def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = False) -> Path:
     """`wanted`, or the first of RUN-2, RUN-3 … that has no file `name`, or one of this very content."""
     number, folder = 1, wanted
-    while not overwrite and _holds_other(folder / name, content):
+    while not overwrite and (folder / name).is_file() and (folder / name).read_bytes() != content:
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
     return folder
-
-
-def _holds_other(file: Path, content: bytes) -> bool:
-    return file.is_file() and file.read_bytes() != content
 
 
 def write_evaluation(
@@ -118,7 +130,132 @@ def write_evaluation(
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_text(run_dir / "predictions.csv", encode_predictions(findings.predictions))
+    write_text(run_dir / PREDICTIONS, encode_predictions(findings.predictions))
     write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done
+
+
+MAX_ROWS, MAX_CARDS = 400, 40
+SIDE = 200.0
+LEAST_PROB = 0.001
+TICKS = ((0.001, "0.1"), (0.01, "1"), (0.1, "10"), (0.5, "50"), (0.9, "90"), (0.99, "99"), (0.999, "99.9"))
+
+
+@dataclass(frozen=True)
+class PosePoint:
+    """One pair: its place on the chart, y down; what is right, `both`, `neither`, `sim` or `real`; and its words."""
+
+    x: float
+    y: float
+    kind: str
+    words: str
+
+
+@dataclass(frozen=True)
+class SimRealView:
+    """One pair of sources in the report.
+
+    Attributes:
+        found: what was found.
+        rows, forecasts: those that are shown.
+        charts: by variant, the true class's probability in the rig and in photographs, one point per pose.
+        cards: of the wrongly predicted.
+    """
+
+    found: SimReal
+    rows: list[Comparison]
+    forecasts: list[GainForecast]
+    charts: dict[str, list[PosePoint]]
+    cards: list[Card]
+
+
+def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
+    """What the report shows of each pair of sources; of many wrong predictions those that are furthest off."""
+    views = []
+    for one in comparisons:
+        variants = sorted({place_of(pair)[1] for pair in one.pairs}, key=rank_variant)
+        charts = {name: [_make_point(pair) for pair in one.pairs if place_of(pair)[1] == name] for name in variants}
+        cards = [_make_card(pair) for pair in _pick_furthest(one.wrong)]
+        views.append(SimRealView(one, pick_rows(one.rows, MAX_ROWS), pick_rows(one.forecasts, MAX_ROWS), charts, cards))
+    return views
+
+
+def place_prob(prob: float) -> float:
+    """Where a probability lies on an axis of length `SIDE`: log-odds, from 0.1 % to 99.9 %."""
+    end = log((1 - LEAST_PROB) / LEAST_PROB)
+    inside = min(1 - LEAST_PROB, max(LEAST_PROB, prob))
+    return SIDE * (log(inside / (1 - inside)) + end) / (2 * end)
+
+
+def _make_point(pair: Pair) -> PosePoint:
+    name, _, pose_id = place_of(pair)
+    kind = "sim" if pair.is_lost else "real" if pair.is_gained else "both" if pair.first.correct_top1 else "neither"
+    sim, real = pair.first.true_prob or 0.0, pair.second.true_prob or 0.0
+    words = f"{name}, pose {pose_id}: {100 * sim:.3g} % in the rig, {100 * real:.3g} % in the photograph"
+    # SVG counts downwards
+    return PosePoint(place_prob(sim), SIDE - place_prob(real), kind, words)
+
+
+def _pick_furthest(wrong: Sequence[Pair]) -> list[Pair]:
+    kept = {id(pair) for pair in sorted(wrong, key=lambda pair: -abs(pair.change))[:MAX_CARDS]}
+    return [pair for pair in wrong if id(pair) in kept]
+
+
+def _make_card(pair: Pair) -> Card:
+    name, variant, pose_id = place_of(pair)
+    return Card(f"{name} · {variant} · pose {pose_id}", describe_place(pair.second), (pair.first, pair.second))
+
+
+def write_report(
+    path: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], saliency: Saliency
+) -> Path:
+    """Write the report; thumbnails are embedded, long contact sheets thinned, and the report says so."""
+    predictions = findings.predictions
+    sheets, n_hidden = lay_out(predictions)
+    flips = [(one.kind, lay_out_flips(one), one.n, one.counts) for one in findings.flips]
+    views = view_sim_real(findings.sim_real)
+    decks = [*(one.cards for one in sheets), *(one.cards for one in views), *(cards for _, cards, _, _ in flips)]
+    shown = [one for cards in decks for card in cards for one in card.cells]
+    context = {
+        **vars(findings), "classifier": classifier, "title": path.parent.name, "notes": notes,
+        "tables": _build_tables(findings), "comparisons": _build_comparisons(findings.comparisons),
+        "compared": {row.second for row in findings.comparisons},
+        "controlled": _name_controlled(findings.comparisons), "charts": chart_poses(predictions),
+        "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
+        "sources": sorted({one.capture.source for one in predictions}),
+        "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,
+        "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, "heat_stops": _list_heat_stops(),
+        "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
+        "unseen": describe_unseen(classifier.name, findings.training),
+        "corrupted": list_corrupted(one.capture for one in predictions),
+        "gated": findings.gated, "gate_lines": findings.gate_lines, "gated_counts": count_gated(findings),
+    }  # fmt: skip
+    return write_page(path, "toolkit.evaluation", "report.html.j2", context)
+
+
+def _list_heat_stops() -> str:
+    """The colours of saliency maps as stops of a CSS gradient."""
+    stops = zip(HEAT_LEVELS, HEAT_COLOURS, strict=True)
+    return ", ".join(f"rgb{colour} {100 * level:.0f}%" for level, colour in stops)
+
+
+def _build_tables(findings: Findings) -> list[dict[str, Any]]:
+    found = []
+    for source, n_objects, pairs in rows_by_source(findings.groups, findings.pairs, MAX_ROWS):
+        rows = [(one, pair, mark_seen(findings.training, source, one.object, one.variant)) for one, pair in pairs]
+        is_cut = n_objects > len({one.object for one, _ in pairs})
+        found.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
+    return found
+
+
+def _build_comparisons(comparisons: Sequence[Comparison]) -> list[tuple[str, list[Comparison]]]:
+    """(source, rows)."""
+    sources = dict.fromkeys(row.source for row in comparisons)
+    return [(source, pick_rows([row for row in comparisons if row.source == source], MAX_ROWS)) for source in sources]
+
+
+def _name_controlled(comparisons: Sequence[Comparison]) -> list[str]:
+    """`patch`, `texture` or both: the boosters of which a control was shot."""
+    owners = {OWNERS.get(row.second) for row in comparisons}
+    return [noun for booster, noun in NOUNS.items() if booster in owners]

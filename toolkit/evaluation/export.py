@@ -14,9 +14,15 @@ from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import Box, Detection, Prediction
-from toolkit.evaluation.predictions_csv import COLUMNS, DETECTION_COLUMNS, format_box
-from toolkit.evaluation.runs import Run, find_runs, open_run
-from toolkit.evaluation.stored import find_captures_dir, has_own_file, read_predictions
+from toolkit.evaluation.predictions_csv import (
+    COLUMNS,
+    DETECTION_COLUMNS,
+    find_captures_dir,
+    format_box,
+    has_own_file,
+    read_predictions,
+)
+from toolkit.evaluation.summaries import Run, find_runs, open_run
 from toolkit.imaging.read import read_image
 
 if TYPE_CHECKING:

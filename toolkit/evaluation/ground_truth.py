@@ -1,10 +1,11 @@
 """What is evaluated: the images of a capture folder, clean and corrupted, and the true class of each object."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from toolkit.captures.corrupted_copy import Corruption, name_source
 from toolkit.captures.read import Capture, CaptureFolder, read_captures
@@ -16,6 +17,11 @@ from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.metrics import Comparison
 from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec
+
+if TYPE_CHECKING:
+    import torch
+
+    from toolkit.captures.dataset import CaptureDataset
 
 
 def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
@@ -208,3 +214,40 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
         f"{folder.root}: no object or class called '{name}' ({where}): {hint} Rename the folder, "
         f'or say what it shows with class = "..." in rig/objects/{name}.toml'
     )
+
+
+def load_captures(
+    workspace: Workspace,
+    classifier: Classifier,
+    captures_dir: Path | str | None = None,
+    *,
+    sources: Sequence[str] = (),
+    objects: Sequence[str] = (),
+    variants: Sequence[str] = (),
+    transform: "Callable[[torch.Tensor], torch.Tensor] | None" = None,
+) -> "CaptureDataset":
+    """Captures as a `torch.utils.data.Dataset` of `(image, target, info)`, for a `DataLoader` with any workers.
+
+    `image` is (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the classifier wants it, not normalised;
+    `target` the index of the object's class among the classifier's; `info` a dict of path, source, object, variant,
+    pose_id and T_world_camera. An object whose class the classifier does not have is left out.
+
+    Args:
+        workspace: whose object specs say what each object is.
+        classifier: whose classes and preprocessing are meant.
+        captures_dir: a folder of images, SOURCE/OBJECT/VARIANT/FILE; by default the workspace's `captures/`.
+        sources: only these; all by default, as for the next two.
+        objects: only these.
+        variants: only these.
+        transform: of each finished image; with workers it must be picklable.
+
+    Raises:
+        ToolkitError: no images, a name that is not there, an object that is neither known nor named for a class, or
+            none whose class the classifier has.
+    """
+    from toolkit.captures.dataset import CaptureDataset  # which loads torch
+
+    config = EvalConfig(sources=tuple(sources), objects=tuple(objects), variants=tuple(variants))
+    root = Path(captures_dir or workspace.captures_dir)
+    folder, targets = read_labelled_captures(root, workspace, classifier, config)
+    return CaptureDataset(folder, targets, classifier.preprocessing, transform)

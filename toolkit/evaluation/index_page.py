@@ -1,17 +1,17 @@
 """`eval/index.html`: all runs of a workspace on one page, with filters, and their flips side by side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.contact_sheet import make_thumbnails
 from toolkit.evaluation.metrics import Pair, index_poses, list_flips
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.runs import Run, describe_condition
-from toolkit.evaluation.stored import find_captures_dir, read_predictions
+from toolkit.evaluation.predictions_csv import find_captures_dir, read_predictions
+from toolkit.evaluation.summaries import Run, describe_condition
 
 THUMBNAIL_PX = 144
 MAX_FLIPS_OF_RUN, MAX_FLIPS = 16, 320
@@ -20,27 +20,6 @@ FILTERS = {
     "kind": "experiment", "run": "run", "network": "network", "object": "object", "variant": "variant",
     "condition": "weather or corruption", "source": "source",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class IndexFlip:
-    """A pair of images of a run that changed: bare, and with the variant.
-
-    Attributes:
-        run: its name.
-        network: who was asked.
-        condition: that the images are in.
-        kind: `gained` or `lost`.
-        cells: what was said of both.
-        pictures: the number of each picture on the page, None where the image is gone.
-    """
-
-    run: str
-    network: str
-    condition: str
-    kind: str
-    cells: tuple[Prediction, Prediction]
-    pictures: tuple[int | None, int | None]
 
 
 def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[tuple[str, str]]:
@@ -97,14 +76,16 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
     return [deck[at] for at in range(longest) for deck in decks if at < len(deck)], refused
 
 
-def _describe_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> IndexFlip:
+def _describe_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> dict[str, Any]:
+    """What the page shows of a pair that changed; a picture is its number on the page, None where the image is gone."""
     capture = pair.second.capture
     row = next((row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant)), run.rows[0])
-    condition = capture.corruption[0] if capture.corruption else row.condition
     cells = (pair.first, pair.second)
-    pictures = tuple(numbers.get(str(one.capture.file)) for one in cells)
-    kind = "gained" if pair.is_gained else "lost"
-    return IndexFlip(run.name, row.network, condition, kind, cells, (pictures[0], pictures[1]))
+    return {
+        "run": run.name, "network": row.network, "kind": "gained" if pair.is_gained else "lost", "cells": cells,
+        "condition": capture.corruption[0] if capture.corruption else row.condition,
+        "pictures": [numbers.get(str(one.capture.file)) for one in cells],
+    }  # fmt: skip
 
 
 def _find_report(path: Path, run: Run) -> str | None:

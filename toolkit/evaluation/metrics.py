@@ -4,9 +4,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.read import POOLED, UNPATCHED, Capture
 from toolkit.core.statistics import Interval, PairedOutcomes, RankCorrelation, rank_correlation, wilson_interval
 from toolkit.evaluation.predict import Prediction
 from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
@@ -25,6 +25,19 @@ COMPARED = (
 """The variants that are compared besides each with `unpatched`, in this order."""
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
+
+
+class HasCapture(Protocol):
+    """What was said of an image."""
+
+    @property
+    def capture(self) -> Capture:
+        """The image."""
+
+
+Shown = TypeVar("Shown", bound=HasCapture)
+RowKey = tuple[str, str, str]
+"""Source, object and variant."""
 Poses = dict[tuple[str, str], dict[str, dict[int, Prediction]]]
 """(source, object) -> variant -> pose -> image."""
 MAX_FLIPS = 40
@@ -198,17 +211,21 @@ def rank_row(source: str, name: str, variant: str) -> tuple[str, bool, str, tupl
     return source, name == POOLED, name, rank_variant(variant)
 
 
-def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
-    """Rows by source, object and variant, in the order of `rank_row`."""
+def group_images(images: Iterable[Shown]) -> dict[RowKey, list[Shown]]:
+    """What was said of images by source, object (`all` for all of them) and variant, in the order of `rank_row`."""
 
-    def keys_of(one: Prediction) -> list[tuple[str, str, str]]:
+    def keys_of(one: Shown) -> list[RowKey]:
         return [(one.capture.source, name, one.capture.variant) for name in (one.capture.object, POOLED)]
 
-    members = gather(predictions, keys_of)
-    return [_count_group(key, members[key]) for key in sorted(members, key=lambda key: rank_row(*key))]
+    return dict(sorted(gather(images, keys_of).items(), key=lambda item: rank_row(*item[0])))
 
 
-def _count_group(key: tuple[str, str, str], members: list[Prediction]) -> Group:
+def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
+    """The rows of `group_images`."""
+    return [_count_group(key, members) for key, members in group_images(predictions).items()]
+
+
+def _count_group(key: RowKey, members: list[Prediction]) -> Group:
     read = [one for one in members if one.is_read]
     return Group(
         *key,

@@ -1,23 +1,31 @@
-"""Images in, one prediction each out, at the speed of the network and in constant memory."""
+"""Images in, one prediction each out, in constant memory; no network is asked about an image twice."""
 
+import hashlib
+import json
 import os
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from PIL import Image
+from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.captures.corrupted_copy import SEED, Corruption
-from toolkit.captures.read import Capture
-from toolkit.core.console import progress
+from toolkit.captures.read import Capture, read_crop
+from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.core.files import sha256_file
+from toolkit.core.locks import hold_folder
+from toolkit.core.records import RecordLog
+from toolkit.engine.units import RecordCache
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
 
 OK = "ok"
@@ -238,12 +246,9 @@ def _decode_files(captures: Sequence[Capture], how: Preprocessing, ahead: int) -
         if capture.refused is not None:
             return capture.refused
         try:
-            pixels = read_image(capture.file, how.resize_px)
+            return read_crop(capture, how)
         except UnreadableImage as error:
             return error.reason
-        # a file that was cut to the network's size is not resized once more
-        is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
-        return pixels if is_cut else resize_and_crop(pixels, how)
 
     return read_ahead(captures, decode, ahead)
 
@@ -291,12 +296,99 @@ def corrupt_images(captures: Sequence[Capture], crops: Sequence[np.ndarray], dev
         crops: (h, w, 3) uint8 sRGB of each, all of one size.
         device: cpu or cuda; the same but for float rounding.
     """
+    from toolkit.core.draws import image_seed
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.digital import from_bytes, to_bytes
-    from toolkit.corruptions.draws import image_seed
 
     corruption = find_pending(captures[0]) if captures else None
     if corruption is None:
         return list(crops)
     seeds = [image_seed(SEED, one.path_in_source) for one in captures]
     return list(to_bytes(corrupt(from_bytes(np.stack(crops), device), *corruption, seeds)))
+
+
+CHUNK = 128
+"""Images between two writes: what a kill may cost."""
+
+
+class CachedPrediction(BaseModel):
+    """One line of the file.
+
+    Attributes:
+        key: hash of image, weights, preprocessing and true class.
+        top1_index, top1_prob, true_prob, true_rank: as in `Prediction`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    key: str = Field(pattern=r"^[0-9a-f]{64}$")
+    top1_index: int = Field(ge=0)
+    top1_prob: float = Field(ge=0, le=1)
+    true_prob: float = Field(ge=0, le=1)
+    true_rank: int = Field(ge=1)
+
+
+def predict_once(
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
+) -> tuple[list[Prediction], int]:  # fmt: skip
+    """`predict_captures`, asking the network only about images it has not seen.
+
+    What it says is appended to `cache_file` every 128 images. Images that cannot be read are not kept: they may be
+    mended.
+
+    Returns:
+        One prediction per capture in their order, and how many images the network was asked about.
+
+    Raises:
+        ToolkitError: as `predict_captures`, or the file cannot be written.
+    """
+    keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
+    # a line that is broken (a kill while writing) is worth only its image's time
+    log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
+    # the same image may stand for several values: the first to come is asked about
+    first = {key: at for at, key in reversed(list(enumerate(keys)))}
+    unread: dict[str, Prediction] = {}
+    with hold_folder(cache_file.parent):
+        cache = RecordCache(log, lambda row: [(row.key, row)], first)
+        todo = sorted(cache.find_missing(first).values())
+        with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
+            for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
+                predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
+                new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
+                unread |= {key: one for key, one in new if not one.is_read}
+                cache.add(*(_as_line(key, one) for key, one in new if one.is_read))
+                bar.advance(len(chunk))
+    results = [
+        _recall(capture, true_classes[capture.object], classifier, cache.known[key])
+        if key in cache.known
+        else replace(unread[key], capture=capture)
+        for capture, key in zip(captures, keys, strict=True)
+    ]
+    return results, len(todo)
+
+
+def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
+    """Hash of everything that a prediction depends on: image, corruption, weights, preprocessing, truth."""
+    try:
+        # one that must not be opened is known by its path alone, and is never kept
+        image = capture.path if capture.refused is not None else sha256_file(capture.file)
+    except OSError:
+        image = capture.path
+    # by the weights' hash, not their name: a file may be replaced under its name
+    parts = [image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index]
+    corruption = find_pending(capture)
+    if corruption is not None:  # whose seed is the path
+        parts += [*corruption, capture.path_in_source]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def _as_line(key: str, one: Prediction) -> CachedPrediction:
+    fields = {name: getattr(one, name) for name in CachedPrediction.model_fields if name != "key"}
+    # a sum of rounded shares may pass 1 by the last bit
+    fields |= {name: min(fields[name], 1.0) for name in ("top1_prob", "true_prob")}
+    return CachedPrediction(key=key, **fields)
+
+
+def _recall(capture: Capture, true_index: int, classifier: Classifier, row: CachedPrediction) -> Prediction:
+    labels = classifier.labels
+    said = row.model_dump(exclude={"key"})
+    return Prediction(capture, true_index, labels[true_index], top1_label=labels[row.top1_index], **said)

@@ -1,13 +1,30 @@
-"""`predictions.csv` and `detections.csv`: one row per image; right or wrong as 1 or 0, what is unknown left empty."""
+"""`predictions.csv` and `detections.csv`, a row an image: written, read back, and the images where they still are."""
 
+import csv
+import io
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from pathlib import Path
+from sys import intern
+from typing import TYPE_CHECKING, Any
 
+from toolkit.captures.corrupted_copy import name_source
+from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
-from toolkit.core.tables import encode_csv
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
+from toolkit.core.limits import without_collector
+from toolkit.core.tables import decode_cell, encode_csv
+from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
+from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
+
+if TYPE_CHECKING:
+    import pandas
+
+    from toolkit.evaluation.evaluate import Evaluation
 
 COLUMNS: dict[str, type] = {
     "source": str, "object": str, "variant": str, "pose_id": int, "path": str, "true_index": int, "true_label": str,
@@ -95,3 +112,190 @@ def _parse(cell: str, kind: type) -> Any:
     if len(box) != 4 or not all(map(math.isfinite, box)):
         raise ValueError(f"'{cell}' is no box")
     return box
+
+
+REPEATED = ("source", "object", "variant", "true_label", "top1_label", "status")
+"""Few texts in very many lines: each is kept once."""
+
+
+def find_captures_dir(workspace: Workspace, run: Run) -> Path:
+    """The folder that the images of a run lie in: sweeps and worlds have their own, others the workspace's captures."""
+    if run.kind == "world-eval":
+        return run.folder / "frames"
+    if run.kind != "sweep":
+        return workspace.captures_dir
+    axis = run.folder.resolve().parent
+    # `captures-SET` holds the images of runs whose name ends in -SET
+    of_sets = [one for one in axis.glob("captures-*") if run.folder.name.endswith(one.name.removeprefix("captures"))]
+    # the longest: one set's name may be the end of another's
+    return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
+
+
+def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
+    """Read `predictions.csv` of a run, or a detector's `detections.csv`, where right means found.
+
+    An image that was corrupted when it was read has no file of its own: its capture names the file before that.
+
+    Args:
+        run: whose.
+        captures_dir: where the images lie; those that are gone have captures all the same.
+
+    Raises:
+        ToolkitError: there is no such file (a benchmark's and landing's runs have none), or it is damaged.
+    """
+    file = run.folder / (DETECTIONS if run.kind == "detection" else PREDICTIONS)
+    if not file.is_file():
+        raise ToolkitError(
+            f"{run.name} holds no {file.name}: a run of kind '{run.kind}' cannot be taken apart by image"
+        )
+    sources = {row.source: _find_uncorrupted(row.source, row.condition, row.severity) for row in run.rows}
+    try:
+        with open_plain(file) as stream:
+            text = io.StringIO(stream.read().decode("utf-8"), newline="")
+        lines = csv.reader(text, strict=True)
+        names = next(lines, [])
+        needed = DETECTION_COLUMNS if run.kind == "detection" else NEEDED
+        missing = [name for name in needed if name not in names]
+        if missing:
+            raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
+        # most files hold no quote, and need no cell looked at
+        find, is_escaped = _within(captures_dir), "'" in text.getvalue()
+        with without_collector():
+            cells = (map(decode_cell, line) if is_escaped else line for line in lines if line)
+            return [_read_line(dict(zip(names, line, strict=False)), find, sources) for line in cells]
+    except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
+        raise ToolkitError(f"{file} is damaged ({error}): run 'toolkit eval' again") from None
+
+
+def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
+    """`sim` of `sim-fog-3`."""
+    return source.removesuffix(name_source("", (condition, severity or 0)))
+
+
+Find = Callable[[str], tuple[Path, bool]]
+
+
+def _within(root: Path) -> Find:
+    """`inside`, and whether a file is there, for very many files of few folders: each folder is listed once."""
+    folders: dict[str, tuple[Path, set[str], set[str]]] = {}
+
+    def find(path: str) -> tuple[Path, bool]:
+        head, _, name = path.rpartition("/")
+        if head not in folders:
+            there = inside(root, head)
+            folders[head] = there, *_list_files(there)
+        folder, files, links = folders[head]
+        # what can lead nowhere else needs no check of its own
+        is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
+        if name in links or not is_plain or name in ("", ".", "..") or len(name) > MOST_NAME_BYTES:
+            file = inside(root, path)
+            return file, file.is_file()
+        return folder / name, name in files
+
+    return find
+
+
+def _list_files(folder: Path) -> tuple[set[str], set[str]]:
+    """The names of a folder's plain files, and of the links there."""
+    try:
+        with os.scandir(folder) as found:
+            entries = list(found)
+    except OSError:  # it is not there
+        return set(), set()
+    links = {one.name for one in entries if one.is_symlink()}
+    return {one.name for one in entries if one.name not in links and one.is_file()}, links
+
+
+def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
+    # interned: one copy of each text instead of one a line
+    for name in REPEATED:
+        if name in line:
+            line[name] = intern(line[name])
+    path, source = line["path"], line["source"]
+    file, is_there = find(path)
+    head, _, rest = path.partition("/")
+    # not there under its own path: it was corrupted when it was read, and the file before that is meant
+    if not is_there and sources.get(head, head) != head:
+        file, _ = find(f"{sources[head]}/{rest}")
+    gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))
+    pose_id = int(line["pose_id"]) if line["pose_id"] else None
+    corruption = None
+    if line.get("weather"):  # of a world: a camera has one number at each place, and many weathers
+        corruption = (line["weather"], int(line["severity"]))
+        source = " ".join([line["world"], line["place"], *map(str, corruption)])
+    capture = Capture(
+        source, line["object"], line["variant"], pose_id, file, path, corruption=corruption, failed_gates=gates
+    )
+    if "found" in line:
+        return make_detected(capture, line["true_label"], read_detection(line), line["status"])
+    if line["status"] != OK:
+        return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
+    return Prediction(
+        capture, int(line["true_index"]), line["true_label"], top1_index=int(line["top1_index"]),
+        top1_label=line["top1_label"], top1_prob=float(line["top1_prob"]), true_prob=float(line["true_prob"]),
+        true_rank=int(line["true_rank"]),
+    )  # fmt: skip
+
+
+def has_own_file(one: Prediction, captures_dir: Path) -> bool:
+    """Whether the image is there as it was judged; one that was corrupted when it was read is not."""
+    return one.capture.file == inside(captures_dir, one.capture.path) and one.capture.file.is_file()
+
+
+def hash_images(predictions: Sequence[Prediction], captures_dir: Path) -> Iterator[str | None]:
+    """SHA-256 of each image's file, from its source's manifest where that has it; None of a file that is gone."""
+    known: dict[Path, dict[str, CaptureRecord]] = {}
+    for one in predictions:
+        capture = one.capture
+        source_dir = captures_dir / capture.source
+        if source_dir not in known:
+            known[source_dir] = read_manifest(source_dir)
+        record = known[source_dir].get(capture.path_in_source)
+        try:
+            yield (record and record.image_sha256) or sha256_file(capture.file)
+        except (OSError, ValueError):
+            yield None
+
+
+PANDAS = {str: "string", int: "Int64", float: "Float64", bool: "boolean"}
+"""Types of pandas that know `NA`."""
+
+
+def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
+    """The predictions of an evaluation as a pandas `DataFrame`, one row per image, as in its `predictions.csv`.
+
+    Columns: source, object, variant, pose_id, path, true_index, true_label, top1_index, top1_label, top1_prob,
+    true_prob (both in [0, 1]), true_rank (from 1), correct_top1, correct_top5, status (`ok`, or why the image was not
+    read), failed_gates (empty for none). What is not known of an image is `NA`.
+
+    `predictions_table(result).groupby(["object", "variant"]).correct_top1.mean()` is the accuracy of each variant.
+
+    Args:
+        run: what `evaluate_captures` returned, or a folder `eval/RUN`.
+
+    Raises:
+        ToolkitError: pandas is not installed, or the folder holds no predictions.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise ToolkitError(
+            "predictions_table needs pandas, which is not installed: pip install '.[pandas]' in the kit's folder"
+        ) from None
+    folder = Path(run) if isinstance(run, str | Path) else run.run_dir
+    file = folder / "predictions.csv"
+    if not file.is_file():
+        raise ToolkitError(f"{folder} holds no predictions.csv: expected the folder of an evaluation, eval/RUN")
+    # an object may be called "null" or "NA": only an empty field is unknown
+    table = pandas.read_csv(file, dtype="string", keep_default_na=False, na_values=[""])
+    missing = [name for name in NEEDED if name not in table.columns]
+    if missing:
+        raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
+    for name in table.columns:
+        table[name] = table[name].map(decode_cell, na_action="ignore").astype("string")
+    if "failed_gates" in table.columns:
+        table["failed_gates"] = table["failed_gates"].fillna("")
+    for name in ("correct_top1", "correct_top5"):
+        # empty where nothing was said: neither right nor wrong
+        table[name] = table[name].map({"1": True, "0": False})
+    return table.astype({name: PANDAS[COLUMNS[name]] for name in NEEDED})

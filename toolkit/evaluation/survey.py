@@ -1,10 +1,9 @@
 """Which classifiers are at hand: what each can do, how good it is on a folder, and how fast here."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from toolkit.models.load_detector import is_detector, load_detector
 from toolkit.models.network import Classifier
 from toolkit.models.weights import cache_dir, find_local
 from toolkit.training.images import open_images
-
-if TYPE_CHECKING:
-    import torch
 
 SPEED_S = 1.0
 BATCH = 8
@@ -150,7 +146,7 @@ def _find_licence(classifier: Classifier) -> str:
     return TORCHVISION_LICENCE if path.parent == cache_dir() and classifier.arch in list_architectures() else ""
 
 
-def measure_speed(classifier: Classifier, backward: bool = False, seconds: float = SPEED_S) -> float:
+def measure_speed(classifier: Classifier, backward: bool = False) -> float:
     """Images per second on this machine, preprocessing left out; with `backward` also the gradient by the image."""
     import torch
 
@@ -169,7 +165,7 @@ def measure_speed(classifier: Classifier, backward: bool = False, seconds: float
     # once unmeasured: first passes set up what later ones use
     run()
     count, start = 0, perf_counter()
-    while count == 0 or perf_counter() - start < seconds:
+    while count == 0 or perf_counter() - start < SPEED_S:
         run()
         count += BATCH
     return count / (perf_counter() - start)
@@ -187,10 +183,6 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
             pixels = [classifier.preprocess(images.read(one)) for one in part]
             with torch.inference_mode():
                 answers = classifier.logits(torch.stack(pixels)).argmax(1).cpu()
-            correct += _count_equal(answers, (one.class_index for one in part))
+            correct += sum(int(said) == one.class_index for said, one in zip(answers, part, strict=True))
             ticker.advance(len(part))
     return len(images.images), correct
-
-
-def _count_equal(answers: "torch.Tensor", classes: Iterable[int]) -> int:
-    return sum(int(answer) == wanted for answer, wanted in zip(answers, classes, strict=True))

@@ -18,15 +18,14 @@ from toolkit.core.tables import (
     format_rank,
 )
 from toolkit.evaluation.metrics import OTHER_PLAN, Comparison, Group, Pair
-from toolkit.evaluation.results import Findings
-from toolkit.evaluation.seen import Training, describe_unseen, mark_seen
+from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-MAX_ROWS, MAX_WRONG = 60, 12
+MAX_ROWS, MAX_WRONG, MAX_LINES = 60, 12, 20
 WHO = ("object", "variant")
 
 
@@ -190,9 +189,9 @@ def list_unpaired(items: Sequence[tuple[str, str]]) -> list[str]:
     return lines + list_lines("without a partner", [(path, why) for path, why in items if OTHER_PLAN not in why])
 
 
-def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) -> list[str]:
+def list_lines(title: str, items: Sequence[tuple[str, str]]) -> list[str]:
     """`title` and one line per (path, reason), the rest counted; nothing without items."""
     if not items:
         return []
-    lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:limit])]
-    return lines if len(items) <= limit else [*lines, f"  and {len(items) - limit} more, all in summary.json"]
+    lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:MAX_LINES])]
+    return lines if len(items) <= MAX_LINES else [*lines, f"  and {len(items) - MAX_LINES} more, all in summary.json"]

@@ -111,7 +111,7 @@ def _locate(corners: np.ndarray, side_m: float, camera: Camera) -> np.ndarray:
     return place[:2, 0]
 
 
-def measure_baselines(space: Workspace, folder: Path, most: int = MOST_FRAMES) -> dict[str, list[ErrorRow]]:
+def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow]]:
     """Errors of features + homography on the first held-out frames, and of an AprilTag in the pad's place.
 
     The tag's frames are shot again from the same cameras in the same air.
@@ -119,11 +119,10 @@ def measure_baselines(space: Workspace, folder: Path, most: int = MOST_FRAMES) -
     Args:
         space: the workspace, for the pad's picture.
         folder: of the data set.
-        most: frames.
     """
     about = open_dataset(folder)
     config = CollectConfig(**about.settings)
-    samples = read_split(folder, "held_out", most)
+    samples = read_split(folder, "held_out", MOST_FRAMES)
     camera = config.optics.camera
     pad = find_pad(space, config.pad, config.size_m, about.seed)
     rows = {"features": summarise_errors(make_features(pad, camera).predict(samples.images), samples)}

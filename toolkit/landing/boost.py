@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 CLASS_NAME = "landing pad"
 FALLOFF = 0.12
 CHECKPOINT_EVERY_S = 15.0
+COMPARED = 48
+"""Photographs of each pad in each weather that pads are compared on."""
 
 
 @dataclass(frozen=True)
@@ -251,10 +253,10 @@ def boost_pad(
 
 
 def compare_pads(
-    config: BoostConfig, regressor: Regressor, pads: Sequence[Pad], seed: int, count: int = 48
+    config: BoostConfig, regressor: Regressor, pads: Sequence[Pad], seed: int
 ) -> dict[str, dict[str, float]]:
-    """Mean error as a share of the height, by pad and weather, on `count` photographs of new cameras and places."""
-    plan = plan_views(config.with_overrides(views=count), regressor, pads[0], seed, own=3_000_017)
+    """Mean error as a share of the height, by pad and weather, on photographs of new cameras and places."""
+    plan = plan_views(config.with_overrides(views=COMPARED), regressor, pads[0], seed, own=3_000_017)
     weathers = [("clear", 0), *((name, severity) for name, severity in config.weathers if severity in (1, 3, 5))]
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:

@@ -16,8 +16,7 @@ from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.resume import cut_groups, run_resumable
-from toolkit.engine.units import Engine, Shared, Unit
+from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
 from toolkit.landing.dataset import (
     DATASET,
     DatasetFile,

@@ -35,7 +35,7 @@ OUTCOME_COLOURS = {
     "success": GREEN, "missed": AMBER, "crashed": ORANGE, "lost": PINK, "timed_out": UNPATCHED_COLOUR,
     "diverged": "#000000",
 }  # fmt: skip
-FILM_PX, TRACK_COLUMNS = 480, 3
+FILM_PX, TRACK_COLUMNS, MOST_TRACKED = 480, 3, 9
 LOOP_PX, LOOP_QUALITY = 640, 60
 
 
@@ -75,15 +75,14 @@ def _line(cell: FlightCell) -> tuple[str, str, str]:
 
 
 @with_default_style
-def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -> bytes:
+def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
 
     Args:
         results: of the cells.
         radius_m: of the circle that a success is in.
-        most: cells, as `pick_cells` takes them.
     """
-    some = pick_cells(results, most)
+    some = pick_cells(results, MOST_TRACKED)
     columns = min(len(some), TRACK_COLUMNS)
     bands = -(-len(some) // columns)
     figure = make_figure(1 + 3.2 * columns, 0.6 + 6.2 * bands)

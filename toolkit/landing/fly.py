@@ -16,8 +16,7 @@ from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
-from toolkit.engine.units import Engine, Shared, Unit
+from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
 from toolkit.landing.baselines import make_apriltag, make_features
 from toolkit.landing.episodes import Episode, Flights, Look
 from toolkit.landing.flight_config import DescentConfig, parse_gains

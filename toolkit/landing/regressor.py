@@ -310,7 +310,7 @@ def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
     return squares.sum(dim=1).sqrt().cpu().numpy()
 
 
-def pick_samples(folder: Path, count: int = SHOWN) -> list[Sample]:
+def pick_samples(folder: Path) -> list[Sample]:
     """Held-out frames of a data set's first shard of them, from low to high, evenly spread over their heights."""
     about = open_dataset(folder)
     shards = [shard for shard in about.shards if shard.split == "held_out"] or about.shards
@@ -319,7 +319,7 @@ def pick_samples(folder: Path, count: int = SHOWN) -> list[Sample]:
     samples = sorted(
         read_shard(find_shard(folder, about, shards[0]), about.size_px), key=lambda sample: sample.truth.z_m
     )
-    chosen = np.linspace(0, len(samples) - 1, min(count, len(samples))).round().astype(int)
+    chosen = np.linspace(0, len(samples) - 1, min(SHOWN, len(samples))).round().astype(int)
     return [samples[k] for k in chosen]
 
 

@@ -3,7 +3,7 @@
 Frame: as in `toolkit.worlds.world`, metres. The pad's own: its middle is the origin, x and y lie in its plane.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import WORLDS, build_world, load_world
@@ -53,18 +53,18 @@ class PadPlace:
     turn_deg: float
 
 
-def find_world(word: str, seed: int = 0, scale: float = 1.0) -> World:
+def find_world(word: str, seed: int = 0) -> World:
     """A built-in world by its name, or a user's file; raises as `build_world` and `load_world`."""
     path = Path(word)
     if word not in WORLDS and path.suffix and path.is_file():
-        return load_world(path, scale, seed)
+        return load_world(path, seed=seed)
     return build_world(word, seed)
 
 
 @lru_cache(maxsize=6)
-def find_sky(time: str, seed: int = 0) -> Sky:
-    """The sky over landings; the same object for the same arguments, so that a world is lit once under it."""
-    return make_sky(time, seed, SKY_PX)
+def find_sky(time: str) -> Sky:
+    """The sky over landings; the same object for the same time, so that a world is lit once under it."""
+    return make_sky(time, height_px=SKY_PX)
 
 
 def plan_places(
@@ -239,10 +239,6 @@ class PadSite:
             light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
         picture = tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
         return picture, found["mesh"] == 0
-
-    def photograph_many(self, views: Iterable[SiteView]) -> Iterator[np.ndarray]:
-        """`photograph` of each view, in order, on all cores."""
-        return map_frames(self.photograph, views)
 
     def with_pad(self, pad: Pad) -> "PadSite":
         """Another pad in the same place and light."""

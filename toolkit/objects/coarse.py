@@ -8,8 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.flatten import Surface, lay_triangles, make_surface
-from toolkit.objects.region import Region, join_pairs, largest_part, lie_together, local_neighbours, points_of, take
+from toolkit.objects.flatten import (
+    Region,
+    Surface,
+    join_pairs,
+    largest_part,
+    lay_triangles,
+    lie_together,
+    local_neighbours,
+    make_surface,
+    points_of,
+    take,
+)
 
 MANY = 14_000
 """A surface with more triangles is made coarse."""

@@ -12,14 +12,18 @@ from toolkit.core.console import progress
 from toolkit.objects.coarse import MANY, Coarse, make_coarse, take_back
 from toolkit.objects.flatten import (
     FLAT_MM2,
+    Region,
     Surface,
     edge_changes,
+    hold_together,
+    join_edges,
+    relax_region,
     signed_areas,
+    take,
     weighted_percentile,
     weld_surface,
 )
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.region import Region, hold_together, join_edges, relax_region, take
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece

@@ -13,8 +13,7 @@ import numpy as np
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.flatten import Surface, lay_triangles
-from toolkit.objects.region import Region
+from toolkit.objects.flatten import Region, Surface, lay_triangles
 from toolkit.objects.seams import Edge, find_joined, spread_pieces
 from toolkit.objects.spec import MOST_PIECES
 from toolkit.objects.trim import make_piece, turn_to_fit

@@ -6,14 +6,18 @@ import numpy as np
 
 from toolkit.objects.flatten import (
     FLAT_MM2,
+    Region,
     Surface,
     edge_changes,
     find_overlaps,
+    join_edges,
+    largest_part,
     measure_stretch,
+    relax_region,
     signed_areas,
+    take,
     weighted_percentile,
 )
-from toolkit.objects.region import Region, join_edges, largest_part, relax_region, take
 from toolkit.objects.unwrap import spread
 from toolkit.objects.wrap import FlatPiece
 

@@ -4,9 +4,9 @@ What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval
 """
 
 import io
+import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
@@ -27,7 +27,7 @@ from toolkit.imaging.read import decode_image, open_image
 from toolkit.models.network import Classifier
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.photos.prints.find import rectify_patch
-from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, list_files, read_known
+from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, list_files, read_known, use_each
 from toolkit.photos.prints.look import read_texels
 from toolkit.photos.settings import RetextureConfig
 
@@ -93,17 +93,11 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     variants = dict(zip(names, given, strict=False)) | make_controls(given[0].pixels.shape[0], config.seed)
     name = config.object or _name_object(photos[0])
     root = workspace.source_dir(RETEXTURED)
-    done, kept, skipped = read_manifest(root) if root.is_dir() else {}, [], []
-    with progress("retexturing", len(files)) as bar:
-        for number, file in enumerate(files, 1):
-            try:
-                kept.append(_retexture(root, name, number, file, found, variants, config.seed, done))
-            except ToolkitError as error:
-                # one that cannot be used leaves a gap: the others' numbers do not depend on it
-                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
-            bar.advance(note=file.name)
-    if not kept:
-        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
+    done, count = read_manifest(root) if root.is_dir() else {}, itertools.count(1)
+    # one that cannot be used leaves a gap: the others' numbers do not depend on it
+    kept, skipped = use_each(
+        "retexturing", files, lambda file: _retexture(root, name, next(count), file, found, variants, config.seed, done)
+    )
     bare = list_files(config.bare) if config.bare else []
     numbers = [number for number, _, _ in kept]
     paired = len(bare) == len(numbers)
@@ -240,13 +234,14 @@ class RetextureCheck:
     Attributes:
         others: predicted from a photograph of another patch in the same place.
         own: the photograph's own patch, put back.
-        two_true: by network, how often two true photographs of one patch at several places are answered alike.
+        same_scene: by network, how many pairs of photographs of one place are answered alike with the same grey paper
+            put into both, and of how many: what the rest of the two photographs leaves to be reached.
         skipped: (path, reason) of photographs that could not be used.
     """
 
     others: tuple[PredictedPhoto, ...]
     own: tuple[PredictedPhoto, ...]
-    two_true: dict[str, tuple[int, int]]
+    same_scene: dict[str, tuple[int, int]]
     skipped: tuple[tuple[str, str], ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -289,23 +284,17 @@ def check_retexture(
         ToolkitError: no photograph shows one of the patches.
     """
     patches = [read_known(workspace, name) for name in found]
-    fitted: dict[str, FittedPhoto] = {}
-    skipped = []
-    files = list_files(photos)
-    with progress("fitting", len(files)) as bar:
-        for file in files:
-            # a file's name may say which patch it shows: then the others are not looked for
-            named = [patch for patch in patches if patch.name in file.stem]
-            try:
-                fitted[file.stem] = fit_photo(file, named or patches)
-            except ToolkitError as error:
-                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
-            bar.advance(note=file.name)
-    if not fitted:
-        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
+    # a file's name may say which patch it shows: then the others are not looked for
+    made, skipped = use_each(
+        "fitting",
+        list_files(photos),
+        lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches),
+    )
+    fitted = {one.photo.path.stem: one for one in made}
     answers = {stem: _ask(classifiers, one.image) for stem, one in fitted.items()}
-    pairs = [(stem, stem) for stem in fitted]
-    pairs += [(a, b) for a, b in permutations(fitted, 2) if _place(a, fitted[a]) == _place(b, fitted[b])]
+    places = {stem: _place(stem, one) for stem, one in fitted.items()}
+    apart = [(a, b) for a, b in itertools.permutations(fitted, 2) if places[a] == places[b]]
+    pairs = [(stem, stem) for stem in fitted] + apart
     rows = []
     with progress("comparing", len(pairs)) as bar:
         for number, (source, truth) in enumerate(pairs):
@@ -313,7 +302,8 @@ def check_retexture(
             bar.advance()
     own = tuple(row for row in rows if row.source == row.truth)
     others = tuple(row for row in rows if row.source != row.truth)
-    return RetextureCheck(others, own, _two_true(fitted, answers), tuple(skipped))
+    same_scene = _same_scene(fitted, apart, classifiers, Draws(seed, 0, "retexture check grey"))
+    return RetextureCheck(others, own, same_scene, tuple(skipped))
 
 
 def _place(stem: str, one: FittedPhoto) -> str | None:
@@ -321,10 +311,16 @@ def _place(stem: str, one: FittedPhoto) -> str | None:
     return stem.replace(one.patch.name, "", 1) if one.patch.name in stem else f"\0{stem}"
 
 
-def _two_true(fitted: dict[str, FittedPhoto], answers: dict[str, dict[str, str]]) -> dict[str, tuple[int, int]]:
-    pairs = [(a, b) for a, b in permutations(fitted, 2) if a < b and fitted[a].patch.name == fitted[b].patch.name]
-    names = next(iter(answers.values()))
-    return {name: (sum(answers[a][name] == answers[b][name] for a, b in pairs), len(pairs)) for name in names}
+def _same_scene(
+    fitted: dict[str, FittedPhoto], pairs: Sequence[tuple[str, str]], classifiers: Sequence[Classifier], draws: Draws
+) -> dict[str, tuple[int, int]]:
+    answers = {}
+    for stem in dict.fromkeys(stem for pair in pairs for stem in pair):
+        one = fitted[stem]
+        (picture,) = one.with_patches([make_controls(one.patch.pixels.shape[0], 0)["grey-patch"]], draws)
+        answers[stem] = _ask(classifiers, decode_image(encode_like(one.photo, picture), one.photo.path))
+    both = [(answers[a], answers[b]) for a, b in pairs if a < b]
+    return {one.name: (sum(a[one.name] == b[one.name] for a, b in both), len(both)) for one in classifiers}
 
 
 def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]:

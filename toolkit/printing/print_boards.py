@@ -17,9 +17,8 @@ from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, pl
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import PrintSettings, SheetSettings
 from toolkit.rig.board import DEFAULT_BOARD, MARKER_SHARE, Board, CharucoBoard
-from toolkit.rig.board_file import board_file, read_board, write_board
+from toolkit.rig.board_file import DEFAULT_RING, MarkerRing, board_file, choose_ring, read_board, write_board
 from toolkit.rig.markers import PALE_PERCENT, black_rects, marker_modules
-from toolkit.rig.ring import DEFAULT_RING, MarkerRing, choose_ring
 
 EDGE_MM = 3.0
 """White paper round a board; the colours of the table then never touch a square."""

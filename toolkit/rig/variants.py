@@ -1,16 +1,18 @@
-"""What is put on an object in each variant: its patch, wrap or texture, a control, or nothing."""
+"""What is put on an object in each variant: its patch, wrap or texture, a control, or nothing; and its files."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import read_json, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import TableObject
+from toolkit.objects.export_mesh import Soundness, examine_solid, to_3mf, to_glb, to_obj
+from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import (
     COMMAND,
@@ -324,3 +326,75 @@ def _next_patch(workspace: Workspace, own: Patch) -> Patch:
         if other.record.class_index != own.record.class_index:
             return other
     raise ToolkitError("the variant wrong-patch needs a patch of another class: train one, or leave the variant out")
+
+
+MeshFormat = Literal["glb", "obj", "3mf"]
+
+
+@dataclass(frozen=True)
+class ExportedObjects:
+    """Objects that were written: of each its name, its files and how it stands to being printed in 3D."""
+
+    variant: str
+    made: tuple[tuple[str, list[Path], Soundness], ...]
+    skipped: tuple[tuple[str, str], ...] = ()
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """All of it for a script."""
+        return [
+            {"object": name, "variant": self.variant, "files": [str(file) for file in files], **asdict(solid)}
+            for name, files, solid in self.made
+        ]
+
+    def lines(self) -> Iterator[str]:
+        """A sentence for each."""
+        for _, files, solid in self.made:
+            yield f"{', '.join(str(file) for file in files)}: {solid.describe()}"
+
+
+def export_objects(
+    workspace: Workspace, names: Sequence[str], formats: Sequence[str], variant: str, out: Path | None
+) -> ExportedObjects:
+    """`export_object` of each."""
+    made = ((name, *export_object(workspace, name, formats, variant, out)) for name in dict.fromkeys(names))
+    return ExportedObjects(variant, tuple(made))
+
+
+def export_object(
+    workspace: Workspace, name: str, formats: Sequence[str] = ("glb",), variant: str = "unpatched",
+    out: Path | None = None,
+) -> tuple[list[Path], Soundness]:  # fmt: skip
+    """Write an object as GLB (metres), OBJ or 3MF (millimetres).
+
+    Args:
+        workspace: whose object it is.
+        name: of the object.
+        formats: each becomes `NAME.FORMAT`; of another variant `NAME-VARIANT.FORMAT`.
+        variant: what is on it, as `find_booster` knows it.
+        out: folder, `print/` by default.
+
+    Returns:
+        The files, pictures beside an OBJ not counted, and how the surface stands to being printed in 3D.
+
+    Raises:
+        ToolkitError: no such object, format or variant, or a file cannot be written.
+    """
+    for one in formats:
+        if one not in get_args(MeshFormat):
+            raise one_of("format", one, list(get_args(MeshFormat)))
+    item = load_object(workspace.object_spec(name))
+    booster = find_booster(workspace, item, variant)
+    mesh = apply_booster(item, booster)
+    stem, folder = name if booster is None else f"{name}-{variant}", out or workspace.print_dir
+    if folder.is_file():
+        raise FieldError("expected a folder", {"out": folder})
+    files = []
+    for one in dict.fromkeys(formats):
+        if one == "obj":
+            contents = to_obj(mesh, stem)
+        else:
+            contents = {f"{stem}.{one}": (to_glb if one == "glb" else to_3mf)(mesh, stem)}
+        for file, content in contents.items():
+            write_bytes(folder / file, content)
+        files.append(folder / f"{stem}.{one}")
+    return files, examine_solid(item.mesh)

@@ -14,11 +14,10 @@ from torch.nn.functional import cross_entropy
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
-from toolkit.core.draws import Draws
+from toolkit.core.draws import Draws, image_seed
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.statistics import wilson_interval
-from toolkit.corruptions.draws import image_seed
 from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier

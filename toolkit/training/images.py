@@ -8,9 +8,9 @@ from zlib import crc32
 
 import numpy as np
 
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import real_path, sha256_bytes, sha256_file
-from toolkit.corruptions.draws import image_seed
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
 from toolkit.models.network import match_classes

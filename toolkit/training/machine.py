@@ -11,7 +11,7 @@ from pathlib import Path
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.egl import PACKAGES
+from toolkit.rig.filament import PACKAGES
 
 NEEDED_DISK_MB = 500
 APT = "sudo apt-get install -y --no-install-recommends"
@@ -97,7 +97,7 @@ def _renderer() -> Check:
 
 
 def _egl() -> Check:
-    from toolkit.rig.egl import egl_trouble
+    from toolkit.rig.filament import egl_trouble
 
     trouble = egl_trouble()
     if trouble is None:

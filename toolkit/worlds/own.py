@@ -26,8 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, read_toml
-from toolkit.objects.announced import MAX_PARTS
-from toolkit.objects.load import SUFFIXES, read_mesh, turn_upright
+from toolkit.objects.load import MAX_PARTS, SUFFIXES, read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.spec import axes_of_format
 from toolkit.worlds.world import STANDING, SceneClass, Spot, World

@@ -1,9 +1,15 @@
-"""Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather."""
+"""Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather; a film."""
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import secrets
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
+import cv2
 import numpy as np
 
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import make_folder, move_file
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
@@ -111,3 +117,59 @@ def find_depths(
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
         normals[around] = np.where((world.face_class[faces] == SceneClass.WATER)[:, None], 0, normal)
     return DepthView(found["depth"], *view, ground=ground, normals=normals, white=sky.white)
+
+
+CODECS = ("vp09", "mp4v")
+"""VP9, which every browser plays; where a build of OpenCV lacks it MPEG-4 Part 2, which players play."""
+FPS = 25
+
+
+def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], count: int) -> Path:
+    """Write an MP4; at `path` there is the old file or the whole new one.
+
+    Args:
+        path: `.mp4`.
+        frames: (height, width, 3) uint8 sRGB.
+        size: width and height, even.
+        count: how many frames there are.
+
+    Raises:
+        ToolkitError: this OpenCV writes no film, or the film cannot be read back whole: mostly a full disk.
+    """
+    make_folder(path.parent)
+    partial = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial.mp4")
+    try:
+        writer = _open_writer(partial, size)
+        for frame in frames:
+            writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        writer.release()
+        found = count_frames(partial)
+        if found != count:
+            raise ToolkitError(
+                f"cannot write {path}: of {count} frames {found} can be read back: is the disk full? Free some space "
+                "and run the same command again, it goes on where it stopped"
+            )
+        return move_file(partial, path, path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def _open_writer(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
+    for codec in CODECS:
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), FPS, size)
+        if writer.isOpened():
+            return writer
+    raise ToolkitError(
+        f"cannot write a film to {path.parent}: the folder may not be written to, or this OpenCV knows neither "
+        f"{' nor '.join(CODECS)}: choose another folder, or leave the film out"
+    )
+
+
+def count_frames(path: Path) -> int:
+    """How many frames of a film can be decoded."""
+    reader, found = cv2.VideoCapture(str(path)), 0
+    while reader.grab():
+        found += 1
+    reader.release()
+    return found

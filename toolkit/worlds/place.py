@@ -15,7 +15,7 @@ from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.variants import apply_booster, find_booster
-from toolkit.worlds.requests import DRY, ObjectInWorld
+from toolkit.worlds.conditions import DRY, ObjectInWorld
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
 

@@ -24,11 +24,9 @@ from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import open_world
-from toolkit.worlds.conditions import CLEAR, check_times, parse_weathers
-from toolkit.worlds.film import FPS, write_film
-from toolkit.worlds.picture import leave_empty, make_renderer, see_through
+from toolkit.worlds.conditions import CLEAR, ObjectInWorld, PreviewRequest, check_times, parse_weathers
+from toolkit.worlds.picture import FPS, leave_empty, make_renderer, see_through, write_film
 from toolkit.worlds.place import Placed, place_object, stand_object
-from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
 from toolkit.worlds.sky import Sky, load_sky, make_sky
 from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Flight, Viewpoint, choose_viewpoints, clearance, plan_flight
 from toolkit.worlds.world import World

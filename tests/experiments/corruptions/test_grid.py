@@ -11,10 +11,10 @@ from PIL import Image
 
 from toolkit.boosters.apply import boost_images
 from toolkit.boosters.transforms.placement import Placement
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt
-from toolkit.corruptions.draws import image_seed
 from toolkit.experiments.corruptions import grid
 from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
 from toolkit.experiments.corruptions.cells import open_variants, share_classes

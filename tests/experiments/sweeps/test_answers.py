@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.read import read_captures
-from toolkit.evaluation.answers import predict_once
-from toolkit.evaluation.predict import predict_captures
+from toolkit.evaluation.predict import predict_captures, predict_once
 from toolkit.models.weights import WeightsFile
 
 

@@ -13,10 +13,9 @@ from walled_field import make_config, make_onlooker, stand_in
 
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds.ask import Asked
 from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, render_frames
 from toolkit.experiments.worlds.simulator import name_actor, shoot_frames, write_objects
-from toolkit.experiments.worlds.world_run import WorldRun, evaluate_world, plan_run
+from toolkit.experiments.worlds.world_run import Asked, WorldRun, evaluate_world, plan_run
 from toolkit.worlds.airsim import Address, AirSim
 
 

@@ -47,7 +47,7 @@ class Fog(ImageTransform):
         """Lay clouds over each, within [0, 1]."""
         import torch
 
-        from toolkit.corruptions.draws import RandomStreams
+        from toolkit.core.draws import RandomStreams
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
@@ -223,10 +223,10 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     Returns:
         As `images`, what `corrupt` returns; differentiable.
     """
+    from toolkit.core.draws import RandomStreams
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
     from toolkit.corruptions.digital import pixelate_unrounded
-    from toolkit.corruptions.draws import RandomStreams
 
     corruption = CORRUPTIONS[name]
     given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]

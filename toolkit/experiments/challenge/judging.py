@@ -16,8 +16,8 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import COMMON
 from toolkit.engine.units import Engine
-from toolkit.evaluation.answers import predict_once
 from toolkit.evaluation.ground_truth import find_true_classes
+from toolkit.evaluation.predict import predict_once
 from toolkit.experiments.challenge.entry import ChallengeEntry, check_entry, open_space
 from toolkit.experiments.challenge.rules import DRAWN_SEED
 from toolkit.experiments.challenge.score import (

@@ -12,12 +12,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.boosters.apply import boost_images
 from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.captures.read import UNPATCHED
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.batch import corrupt, run_each
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
-from toolkit.corruptions.draws import image_seed
 from toolkit.experiments.corruptions.benchmark_config import NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.recognisers import (
     Reader,

@@ -11,14 +11,13 @@ import numpy as np
 from toolkit import __version__
 from toolkit.boosters.apply import is_whole
 from toolkit.core.console import progress
+from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.corruptions.catalogue import choose_parameters, find_note
-from toolkit.corruptions.draws import image_seed
 from toolkit.engine.local import InProcess
-from toolkit.engine.resume import Ran, RecordCache, run_resumable
-from toolkit.engine.units import Engine, Shared, Unit
+from toolkit.engine.units import Engine, Ran, RecordCache, Shared, Unit, run_resumable
 from toolkit.experiments.corruptions.benchmark_config import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.cells import (
     FAILED,

@@ -12,10 +12,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine
-from toolkit.evaluation.answers import predict_once
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
+from toolkit.evaluation.predict import predict_once
 from toolkit.evaluation.results import compare_predictions
 from toolkit.experiments.sweeps.axes import ShootSetup, SweepPoint, plan_units
 from toolkit.experiments.sweeps.sweep_config import SweepConfig

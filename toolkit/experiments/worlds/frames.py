@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
-from toolkit.engine.resume import RecordCache
+from toolkit.engine.units import RecordCache
 from toolkit.experiments.worlds.cameras import GridCamera
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
@@ -187,7 +187,7 @@ class FrameSource(Protocol):
         ...
 
 
-def render_frames(stage: Stage, tasks: Sequence[PictureTask], threads: int | None = None) -> Iterator[Frame]:
+def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
     """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
 
     Tasks of one place and variant should follow each other: their light is worked out once.
@@ -197,7 +197,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask], threads: int | Non
         for task in tasks:
             yield task, open_renderer(stage, task.place, task.variant)
 
-    return map_frames(lambda pair: render_frame(stage, *pair), prepare(), threads)
+    return map_frames(lambda pair: render_frame(stage, *pair), prepare())
 
 
 @lru_cache(maxsize=1)

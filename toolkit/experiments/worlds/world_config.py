@@ -10,8 +10,7 @@ from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation.eval_config import RunName
 from toolkit.worlds import conditions
-from toolkit.worlds.conditions import CLEAR, Time
-from toolkit.worlds.requests import DRY, Kind
+from toolkit.worlds.conditions import CLEAR, DRY, Kind, Time
 
 GridShape = tuple[int, int, int]
 GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")

@@ -1,33 +1,265 @@
-"""An evaluation in a world, from a config to a results folder: place, plan, render, weather, ask, summarise, write."""
+"""An evaluation in a world, from a config to a results folder: place, plan, render, ask, summarise, write.
+
+Frames without an answer are work units: some frames of one variant at one place, each in all of its weathers, which
+share one render.
+"""
 
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from toolkit.captures.shoot import LOOK_VERSION
 from toolkit.core.console import progress
-from toolkit.core.errors import FieldError
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds.ask import Asked, ask_missing
+from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
+from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
-from toolkit.experiments.worlds.frames import Stage, WorldVariant
-from toolkit.experiments.worlds.keep import KeptFrames
+from toolkit.experiments.worlds.frames import (
+    METHOD_VERSION,
+    Answer,
+    AnswerKey,
+    Frame,
+    FrameAnswers,
+    FrameSource,
+    PictureTask,
+    Stage,
+    ViewAnswers,
+    WeatherKey,
+    WorldVariant,
+    hash_inputs,
+    make_answer,
+    name_weather,
+    read_answers,
+    render_frames,
+)
+from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, encode_frame
 from toolkit.experiments.worlds.simulator import shoot_missing
 from toolkit.experiments.worlds.world_config import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.world_report import WorldFiles, write_results
 from toolkit.experiments.worlds.world_results import WorldResults
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import hash_mesh
+from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.worlds.airsim import Address
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.picture import make_speck
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
-from toolkit.worlds.sky import make_sky
+from toolkit.worlds.sky import Sky, make_sky
+
+UNIT_PICTURES = 256
+"""Pictures of a unit, about: what a kill may cost is two units for each worker."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of whom.
+
+    Attributes:
+        item: the object.
+        stage: world, sky, camera, places and variants.
+        places: the cameras at each place.
+        classifier: who is asked.
+        true_index: class of the object.
+        weathers: that every frame is seen in.
+        batch_size: pictures that are gathered for a pass.
+        shots: pictures that a simulator made, where one did.
+    """
+
+    item: TableObject
+    stage: Stage
+    places: tuple[PlaceCameras, ...]
+    classifier: Classifier
+    true_index: int
+    weathers: tuple[WeatherKey, ...]
+    batch_size: int | None
+    shots: ShotFrames | None = None
+
+    def tasks(self) -> list[PictureTask]:
+        """Every frame in every weather; those of a place and variant follow each other."""
+        stage = self.stage
+        camera = stage.camera.intrinsics
+        network = (
+            self.classifier.arch, self.classifier.weights.sha256, self.classifier.preprocessing.describe(),
+            self.true_index,
+        )  # fmt: skip
+        shared = hash_inputs(
+            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network
+        )
+        meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
+        tasks = []
+        for k, place in enumerate(self.places):
+            stand = place.placed.stand
+            for name in stage.variants:
+                there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
+                for one in place.cameras:
+                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
+                    frame = hash_inputs(there, one.T_world_camera.tolist(), item)
+                    tasks.append(PictureTask(frame, k, name, item, one, self.weathers, False))
+        if self.shots is None:
+            return tasks
+        # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
+        return [
+            task._replace(frame=hash_inputs(METHOD_VERSION, *network, self.shots.hash_pictures(task))) for task in tasks
+        ]
+
+
+def _hash_sky(sky: Sky) -> str:
+    # by the light itself: another file of the same name may hold another sky
+    light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure, sky.lamps])
+    return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
+
+
+Answers = tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], ViewAnswers]]
+"""The cameras whose pictures were all answered, a place without any left out; by variant and weather what was said."""
+
+
+def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> tuple[Answers, Ran]:
+    """All answers, those that are not in the log computed and added to it.
+
+    Memory holds the units that wait, and in one process a batch of pictures and a few frames, whatever the size of the
+    grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
+
+    Args:
+        asked: what, of whom.
+        log: of answers.
+        kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
+        engine: does the units.
+
+    Raises:
+        ToolkitError: no camera is left, or the disk is full.
+    """
+    tasks = asked.tasks()
+    wanted = {task.frame: task for task in tasks}  # a simulator may give the same pictures twice
+    names = {weather: name_weather(weather) for weather in asked.weathers}
+    cache = read_answers(log, {(frame, name) for frame in wanted for name in names.values()})
+
+    def find_rest(task: PictureTask) -> PictureTask:
+        """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
+        weathers = [weather for weather in task.weathers if (task.frame, names[weather]) not in cache.known]
+        if kept is None:
+            return task._replace(weathers=tuple(weathers))
+        return task._replace(weathers=task.weathers if kept.lacks(task) else tuple(weathers), is_kept=kept.wants(task))
+
+    missing = {frame: rest for frame, task in wanted.items() if (rest := find_rest(task)).weathers}
+
+    def keep(frame: str, task: PictureTask, answered: AnsweredFrame) -> None:
+        if answered.files and kept is not None:
+            kept.write(task, answered.files)
+        cache.add(FrameAnswers(frame=frame, answers=answered.answers))
+
+    units = list_units(asked, missing, engine)
+    ran = run_resumable("evaluating (pictures)", wanted, missing, units, keep, engine, lambda task: len(task.weathers))
+    found = _gather(asked, tasks, cache.known)
+    if not found[0]:
+        raise ToolkitError(ran.failed[0][1])
+    return found, ran
+
+
+def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]) -> Answers:
+    """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
+    names = {weather: name_weather(weather) for weather in asked.weathers}
+    failed: list[set[int]] = [set() for _ in asked.places]
+    for task in tasks:
+        if any((task.frame, name) not in known for name in names.values()):
+            failed[task.place].add(task.camera.number)
+    places = tuple(place.without(lost) for place, lost in zip(asked.places, failed, strict=True))
+    whole = [task for task in tasks if task.camera.number not in failed[task.place]]
+    answers = {
+        (variant, weather): ViewAnswers.of(
+            known[task.frame, names[weather]] for task in whole if task.variant == variant
+        )
+        for variant in asked.stage.variants
+        for weather in asked.weathers
+        if whole
+    }
+    return tuple(place for place in places if place.cameras), answers
+
+
+class Rendered(NamedTuple):
+    """Frames of our own renderer.
+
+    Attributes:
+        stage: what is rendered.
+        light: on what stands around, worked out once by the driver.
+    """
+
+    stage: Stage
+    light: BakedLight
+
+    def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
+        """See `render_frames`."""
+        keep_light(self.stage.places[0].scene, self.light)
+        return render_frames(self.stage, tasks)
+
+
+class Setup(NamedTuple):
+    """What all units of a run need.
+
+    Attributes:
+        source: of the pictures.
+        classifier, true_index, batch_size: see `Asked`.
+    """
+
+    source: FrameSource
+    classifier: Classifier
+    true_index: int
+    batch_size: int | None
+
+
+class AnsweredFrame(NamedTuple):
+    """What was said of a frame.
+
+    Attributes:
+        answers: by what `name_weather` calls the weather.
+        files: of a kept frame, see `encode_frame`; else nothing.
+    """
+
+    answers: dict[str, Answer]
+    files: dict[str, bytes]
+
+
+def list_units(asked: Asked, tasks: Mapping[str, PictureTask], engine: Engine) -> Iterator[Unit[AnsweredFrame]]:
+    """Units of frames; those of a place and variant follow each other, so that a worker lights each object once."""
+    stage = asked.stage
+    source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))
+    setup = engine.share(Setup(source, asked.classifier, asked.true_index, asked.batch_size))
+    most = max(len(task.weathers) for task in tasks.values())
+    count = max(1, round(UNIT_PICTURES / most / CPU_PART)) * CPU_PART  # its pictures fill whole passes
+    for frames, some in cut_groups(tasks, lambda task: (task.place, task.variant), count):
+        place, variant = stage.places[some[0].place].spot.name, some[0].variant
+        name = f"{place} {variant} cameras {some[0].camera.number}-{some[-1].camera.number}"
+        yield Unit(frames, answer_unit, (setup, tuple(some)), name)
+
+
+def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator[AnsweredFrame]:
+    """The work of a unit: its frames' answers, each frame's whole, in order."""
+    setup = shared.get()
+
+    def show() -> Iterator[tuple[tuple[int, WeatherKey, dict[str, bytes]], np.ndarray]]:
+        for at, frame in enumerate(setup.source.frames(tasks)):
+            files = encode_frame(frame) if frame.task.is_kept else {}
+            for weather, picture in zip(frame.task.weathers, frame.pictures, strict=True):
+                yield (at, weather, files), picture
+
+    answers: dict[str, Answer] = {}
+    for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
+        answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
+        # the last of its weathers makes a frame whole
+        if weather == tasks[at].weathers[-1]:
+            yield AnsweredFrame(answers, files)
+            answers = {}
+
 
 LONGEST_NAME = 90
 
@@ -83,18 +315,13 @@ def evaluate_world(
         if config.renderer != RIG:
             shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)
             asked, renderer = replace(asked, shots=shots), shots.renderer
-        said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers)
+        (places, answers), ran = ask_missing(
+            asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers
+        )
     results = WorldResults(
-        config,
-        classifier,
-        asked.item,
-        asked.true_index,
-        stage=asked.stage,
-        places=said.places,
-        answers=said.answers,
-        renderer=renderer,
+        config, classifier, asked.item, asked.true_index, asked.stage, places=places, answers=answers, renderer=renderer
     )
-    return WorldRun(results, write_results(run_dir, results, kept), said.computed, said.kept, said.failed)
+    return WorldRun(results, write_results(run_dir, results, kept), ran.made, ran.kept, ran.failed)
 
 
 def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> Asked:

@@ -1,14 +1,14 @@
 """A photograph in which one of some known patches is printed: found, fitted, and with others in its place."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
 
-from toolkit.boosters.data_config import count_held_out
+from toolkit.boosters.pixel_config import count_held_out
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -28,6 +28,8 @@ from toolkit.rig.shading import SHOULDER
 
 if TYPE_CHECKING:
     from toolkit.boosters.mounted import MountedViews
+
+T = TypeVar("T")
 
 LEAST_SHOWN = 0.5
 MOST_TEXELS = 1024
@@ -151,6 +153,36 @@ def list_files(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
+def use_each(
+    title: str, files: Sequence[Path], use: Callable[[Path], T], least: int = 1
+) -> tuple[list[T], list[tuple[str, str]]]:
+    """What `use` makes of each photograph, and (path, reason) of those that it refuses.
+
+    Args:
+        title: of the progress bar.
+        files: the photographs.
+        use: raises ToolkitError for one that cannot be used; the others do not depend on it.
+        least: how many are needed.
+
+    Raises:
+        ToolkitError: fewer can be used; the message says why of the first.
+    """
+    made: list[T] = []
+    skipped: list[tuple[str, str]] = []
+    with progress(title, len(files)) as bar:
+        for file in files:
+            try:
+                made.append(use(file))
+            except ToolkitError as error:
+                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
+            bar.advance(note=file.name)
+    if len(made) < least:
+        needed = f", {least} are needed" if least > 1 else ""
+        why = f": {skipped[0][0]}: {skipped[0][1]}" if skipped else ""
+        raise ToolkitError(f"{len(made) or 'none'} of {len(files)} photographs could be used{needed}{why}")
+    return made, skipped
+
+
 WINDOW = (0.7, 1.0)
 """Side of the square that a view shows, as a share of the photograph's shorter side."""
 BRIGHTEST = 0.98
@@ -182,18 +214,8 @@ def view_photos(
     Raises:
         ToolkitError: fewer than two photographs show one of them.
     """
-    patches, fitted, skipped = [read_known(workspace, name) for name in found], [], []
-    files = list_files(photos)
-    with progress("finding the patch", len(files)) as bar:
-        for file in files:
-            try:
-                fitted.append(fit_photo(file, patches))
-            except ToolkitError as error:
-                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
-            bar.advance(note=file.name)
-    if len(fitted) < 2:
-        why = f"; {skipped[0][0]}: {skipped[0][1]}" if skipped else ""
-        raise ToolkitError(f"the patch was found in {len(fitted)} of {len(files)} photographs, 2 are needed{why}")
+    patches = [read_known(workspace, name) for name in found]
+    fitted, skipped = use_each("finding the patch", list_files(photos), lambda file: fit_photo(file, patches), least=2)
     each, views = max(1, -(-count // len(fitted))), []
     for number, one in enumerate(fitted):
         with_hidden = _add_hidden(one)

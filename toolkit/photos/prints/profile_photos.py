@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
 from toolkit import __version__
-from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
 from toolkit.objects.records import Patch, read_patch
-from toolkit.photos.photo import list_photos, load_pixels, read_photo
+from toolkit.photos.photo import load_pixels, read_photo
 from toolkit.photos.prints.colours import (
     ColourComparison,
     PrintedColours,
@@ -21,7 +22,7 @@ from toolkit.photos.prints.colours import (
 )
 from toolkit.photos.prints.find import SIZE_TOLERANCE, find_patch, measure_on_page
 from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, fit_texels, read_strip
-from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files, use_each
 from toolkit.photos.prints.look import even_texels
 from toolkit.printing.page import Paper
 from toolkit.printing.print_patches import choose_wearer, say_sizes, select_patches
@@ -113,27 +114,13 @@ def profile_photos(
         ToolkitError: a folder cannot be read, or no photo could be used; the message says why of the first.
     """
     expected_mm = size_mm or patch.size_mm
-    files = [file for path in paths for file in (list_photos(path).photos if path.is_dir() else [path])]
-    if not files:
-        raise ToolkitError(f"{', '.join(map(str, paths))}: no photographs there")
-    colours: list[PrintedColours] = []
-    strips: list[StripReading] = []
-    photos: list[ProfiledPhoto] = []
-    skipped: list[tuple[str, str]] = []
-    with progress("reading prints", len(files)) as bar:
-        for file in files:
-            try:
-                photo, part, strip = _read_print(file, patch, paper, expected_mm)
-            except ToolkitError as error:
-                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
-            else:
-                photos.append(photo)
-                colours.append(part)
-                strips += [] if strip is None else [strip]
-            bar.advance(note=file.name)
-    if not photos:
-        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
-    fitted = fit_colours(colours, patch.pixels, strips)
+    read, skipped = use_each(
+        "reading prints", list_files(paths), lambda file: _read_print(file, patch, paper, expected_mm)
+    )
+    photos = [photo for photo, _, _ in read]
+    fitted = fit_colours(
+        [part for _, part, _ in read], patch.pixels, [strip for _, _, strip in read if strip is not None]
+    )
     made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
     about, hashes = patch.record, tuple(photo.sha256 for photo in photos)
     profile = _make_profile(fitted, about.name, about.png_sha256, name or about.name, hashes, made)
@@ -155,31 +142,26 @@ def profile_patches(
     Raises:
         ToolkitError: no photo shows one of the patches.
     """
-    files = list_files(paths)
-    parts, photos, skipped = [], [], []
-    with progress("reading prints", len(files)) as bar:
-        for file in files:
-            try:
-                found = fit_photo(file, patches)
-                pixels = found.patch.pixels
-                seen, trust = even_texels(found.image, found.sighting, found.look, pixels.shape[0])
-            except ToolkitError as error:
-                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
-            else:
-                parts.append((pixels, seen, trust))
-                colour = compare_texels(pixels.reshape(-1, 3)[trust > 0], seen[trust > 0])
-                side_px = found.look.warp.side_px
-                photos.append((ProfiledPhoto(file.name, found.photo.sha256, side_px, colour, False, None), found.patch))
-            bar.advance(note=file.name)
-    if not photos:
-        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
-    fitted = fit_texels(parts)
-    used = list({patch.name: patch for _, patch in photos}.values())
+    read, skipped = use_each("reading prints", list_files(paths), lambda file: _read_patch(file, patches))
+    photos = [photo for photo, _, _ in read]
+    fitted = fit_texels([part for _, _, part in read])
+    used = list({patch.name: patch for _, patch, _ in read}.values())
     made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
-    hashes = tuple(photo.sha256 for photo, _ in photos)
+    hashes = tuple(photo.sha256 for photo in photos)
     profile = _make_profile(fitted, "+".join(patch.name for patch in used), used[0].sha256, name, hashes, made)
-    shown = tuple(photo for photo, _ in photos)
-    return ProfileRun(profile, shown, tuple(skipped), fitted.tried, ())
+    return ProfileRun(profile, tuple(photos), tuple(skipped), fitted.tried, ())
+
+
+def _read_patch(
+    file: Path, patches: Sequence[KnownPatch]
+) -> tuple[ProfiledPhoto, KnownPatch, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """A photograph, the patch that it shows, and that file's pixels, its texels' light and where they show."""
+    found = fit_photo(file, patches)
+    pixels = found.patch.pixels
+    seen, trust = even_texels(found.image, found.sighting, found.look, pixels.shape[0])
+    colour = compare_texels(pixels.reshape(-1, 3)[trust > 0], seen[trust > 0])
+    photo = ProfiledPhoto(file.name, found.photo.sha256, found.look.warp.side_px, colour, False, None)
+    return photo, found.patch, (pixels, seen, trust)
 
 
 def _read_print(
