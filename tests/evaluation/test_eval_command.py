@@ -8,7 +8,7 @@ import torchvision
 import typer
 from typer.testing import CliRunner
 
-from toolkit.cli.eval_ import evaluate
+from toolkit.cli.evaluate import evaluate
 from toolkit.core.errors import ToolkitError
 
 app = typer.Typer()

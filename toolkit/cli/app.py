@@ -54,9 +54,9 @@ SWITCHED = {
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
-        "train-patch": Entry("train_patch:train_patch", "train a patch for an object or a class", SWITCHED),
+        "train-patch": Entry("train:train_patch", "train a patch for an object or a class", SWITCHED),
         "train-texture": Entry(
-            "train_texture:train_texture",
+            "train:train_texture",
             "train a texture for an object",
             {
                 "--backgrounds": "--background-folder",
@@ -65,15 +65,15 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "train-wrap": Entry("train_wrap:train_wrap", "train what is on the pieces of a wrap"),
+        "train-wrap": Entry("train:train_wrap", "train what is on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
-        "place": Entry("place:place", "find where on an object a patch is best stuck"),
-        "wrap": Entry("wrap:wrap", "cut an object's surface into flat pieces"),
-        "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
-        "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
-        "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
-        "coco": Entry("coco:write_boxes", "write the objects' boxes and masks as COCO"),
-        "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
+        "place": Entry("rig:place", "find where on an object a patch is best stuck"),
+        "wrap": Entry("rig:wrap", "cut an object's surface into flat pieces"),
+        "plan": Entry("rig:plan", "plan the camera poses", {"--size": "--resolution"}),
+        "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
+        "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
+        "coco": Entry("rig:write_boxes", "write the objects' boxes and masks as COCO"),
+        "sweep": Entry("evaluate:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
         "studio": Entry("studio:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
@@ -85,21 +85,21 @@ GROUPS: dict[str, dict[str, Entry]] = {
     },
     "Benchmarks": {
         "corrupt": Entry(
-            "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
+            "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
-        "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "refine-network": Entry("refine_network:refine_network", "refine a network so that boosters carry over"),
+        "train-classifier": Entry("train:train_classifier", "train a classifier of your own classes"),
+        "refine-network": Entry("train:refine_network", "refine a network so that boosters carry over"),
         "train-patches": Entry(
-            "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+            "train:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
         ),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "baseline": Entry("train:baseline", "make codes and other baselines", {"--size": "--size-px"}),
         "corrupt-eval": Entry(
-            "corrupt_eval:corrupt_eval",
+            "evaluate:corrupt_eval",
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
-        "transfer": Entry("transfer:transfer", "train on all networks but one, judge by that one"),
-        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
+        "transfer": Entry("evaluate:transfer", "train on all networks but one, judge by that one"),
+        "world-eval": Entry("evaluate:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {
         "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
@@ -126,12 +126,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "export": Entry("runs:export", "predictions as Parquet, objects as 3MF"),
     },
     "Set-up": {
-        "init": Entry("init:init", "make a workspace"),
-        "add": Entry("add:add", "add an object of your own from its mesh"),
-        "demo": Entry("objects:demo", "run every step in a new workspace, as an example"),
-        "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
-        "models": Entry("models:list_models", "list the networks that are at hand"),
-        "doctor": Entry("init:doctor", "check what the kit needs from this machine"),
+        "init": Entry("setup:init", "make a workspace"),
+        "add": Entry("setup:add", "add an object of your own from its mesh"),
+        "demo": Entry("setup:demo", "run every step in a new workspace, as an example"),
+        "objects": Entry("setup:list_objects", "list the objects that can be photographed"),
+        "models": Entry("setup:list_models", "list the networks that are at hand"),
+        "doctor": Entry("setup:doctor", "check what the kit needs from this machine"),
     },
 }
 
@@ -353,8 +353,10 @@ class RoadGroup(TyperGroup):
 
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
     """The command line of one function, with the help that every command has."""
+    from toolkit.cli.options import add_quiet  # which takes words from here
+
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
-    single.command(name, cls=GroupedCommand)(function)
+    single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single
 
 

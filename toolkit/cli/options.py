@@ -54,6 +54,26 @@ def _be_quiet(context: typer.Context, wanted: bool) -> bool:
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
 ]
+
+
+def add_quiet(command: Callable[..., Result]) -> Callable[..., Result]:
+    """Every command has `--quiet`; those that do not ask for it need not name it."""
+    signature = inspect.signature(command, eval_str=True)
+    if "quiet" in signature.parameters:
+        return command
+    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
+
+    @wraps(command)
+    def run(quiet: bool, **typed: Any) -> Result:
+        return command(**typed)
+
+    run.__signature__ = signature.replace(parameters=[*parameters[:at], quiet, *parameters[at:]])  # type: ignore[attr-defined]
+    run.__annotations__ = {}
+    return run
+
+
 Json = Annotated[
     bool,
     typer.Option(
@@ -119,7 +139,28 @@ WeightFiles = Annotated[
     typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors), one for each --model."),
 ]
 WeightsFile = Annotated[
-    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors) of --model.")
+    Path | None,
+    typer.Option(
+        "--weights",
+        metavar="FILE",
+        help="State dict (.pth, .ckpt, .safetensors) of --model; FILE.json may hold its labels.",
+    ),
+]
+Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
+RenderThreads = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", metavar="N", min=0, help="Threads that render ahead; 0: none. Default: one for each core."
+    ),
+]
+PrintProfile = Annotated[
+    Path | None,
+    typer.Option(
+        "--print-profile",
+        metavar="FILE",
+        rich_help_panel="Augmentation",
+        help="In place of --print-process: your own printer, as 'toolkit print-profile' measured it.",
+    ),
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[

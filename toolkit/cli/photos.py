@@ -116,7 +116,6 @@ def check(
     board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Check photographs: sharp, well exposed, whole, right variant, patch in its place; list what to take again.
@@ -171,7 +170,6 @@ def retexture(
     device: options.Device = "auto",
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.
