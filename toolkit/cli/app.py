@@ -1,11 +1,13 @@
 """The commands in their groups, each loaded when it is called."""
 
+import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import wraps
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -54,9 +56,9 @@ SWITCHED = {
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
-        "train-patch": Entry("train:train_patch", "train a patch for an object or a class", SWITCHED),
+        "train-patch": Entry("trainings:train_patch", "train a patch for an object or a class", SWITCHED),
         "train-texture": Entry(
-            "train:train_texture",
+            "trainings:train_texture",
             "train a texture for an object",
             {
                 "--backgrounds": "--background-folder",
@@ -65,7 +67,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "train-wrap": Entry("train:train_wrap", "train what is on the pieces of a wrap"),
+        "train-wrap": Entry("trainings:train_wrap", "train what is on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
         "place": Entry("rig:place", "find where on an object a patch is best stuck"),
         "wrap": Entry("rig:wrap", "cut an object's surface into flat pieces"),
@@ -87,12 +89,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "corrupt": Entry(
             "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
-        "train-classifier": Entry("train:train_classifier", "train a classifier of your own classes"),
-        "refine-network": Entry("train:refine_network", "refine a network so that boosters carry over"),
+        "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
+        "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
         "train-patches": Entry(
-            "train:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+            "trainings:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
         ),
-        "baseline": Entry("train:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "baseline": Entry("trainings:baseline", "make codes and other baselines", {"--size": "--size-px"}),
         "corrupt-eval": Entry(
             "evaluate:corrupt_eval",
             "corrupt a data set with and without patches",
@@ -351,10 +353,40 @@ class RoadGroup(TyperGroup):
                 formatter.write_dl([(f"{name:<{width}}", entry.about) for name, entry in entries.items()])
 
 
+def be_quiet(context: typer.Context, wanted: bool) -> bool:
+    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    if wanted:
+        from toolkit.core.console import quietly
+
+        context.with_resource(quietly())
+    return wanted
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=be_quiet, rich_help_panel=SHARED, help="No progress bar.")
+]
+
+
+def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
+    """Every command has `--quiet`; those that do not ask for it need not name it."""
+    signature = inspect.signature(command, eval_str=True)
+    if "quiet" in signature.parameters:
+        return command
+    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
+
+    @wraps(command)
+    def run(quiet: bool, **typed: Any) -> None:
+        command(**typed)
+
+    run.__signature__ = signature.replace(parameters=[*parameters[:at], quiet, *parameters[at:]])  # type: ignore[attr-defined]
+    run.__annotations__ = {}
+    return run
+
+
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
     """The command line of one function, with the help that every command has."""
-    from toolkit.cli.options import add_quiet  # which takes words from here
-
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
     single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single

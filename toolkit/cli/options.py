@@ -20,7 +20,7 @@ import typer
 from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
-from toolkit.cli.app import SHARED, spell_flag
+from toolkit.cli.app import SHARED, be_quiet, spell_flag
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, is_config, part_maker, typed_as
 from toolkit.core.errors import FIELD_PATH, show_value
 
@@ -42,43 +42,11 @@ Workspace = Annotated[
 ]
 
 
-def _be_quiet(context: typer.Context, wanted: bool) -> bool:
-    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
-    if wanted:
-        from toolkit.core.console import quietly
-
-        context.with_resource(quietly())
-    return wanted
-
-
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
-]
-
-
-def add_quiet(command: Callable[..., Result]) -> Callable[..., Result]:
-    """Every command has `--quiet`; those that do not ask for it need not name it."""
-    signature = inspect.signature(command, eval_str=True)
-    if "quiet" in signature.parameters:
-        return command
-    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
-    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
-
-    @wraps(command)
-    def run(quiet: bool, **typed: Any) -> Result:
-        return command(**typed)
-
-    run.__signature__ = signature.replace(parameters=[*parameters[:at], quiet, *parameters[at:]])  # type: ignore[attr-defined]
-    run.__annotations__ = {}
-    return run
-
-
 Json = Annotated[
     bool,
     typer.Option(
         "--json",
-        callback=_be_quiet,
+        callback=be_quiet,
         rich_help_panel=SHARED,
         help="Print the result as JSON on stdout; no progress bar.",
     ),

@@ -9,6 +9,7 @@ import typer
 
 from toolkit.captures.simulate import SimulateConfig, simulate_captures
 from toolkit.cli import options
+from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
 from toolkit.engine.config import EngineConfig
@@ -116,7 +117,7 @@ def plan(
     listing: ShotListConfig,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
+    quiet: Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Plan the camera poses per object and write rig/plan.json.
