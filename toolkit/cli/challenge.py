@@ -72,8 +72,7 @@ def run(
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.board import write_board
     from toolkit.experiments.challenge.entry import read_entry
-    from toolkit.experiments.challenge.judging import run_entry
-    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table
+    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)

@@ -81,8 +81,7 @@ def _detect(
     captures: Path, space: "Workspace", named: tuple[str, Path | None, str], config: EvalConfig, as_json: bool
 ) -> None:
     """The same with a detector."""
-    from toolkit.evaluation.detect import evaluate_detector
-    from toolkit.evaluation.detection_report import describe_pairs
+    from toolkit.evaluation.detect import describe_pairs, evaluate_detector
     from toolkit.evaluation.tables import format_interval, format_percent, list_lines
     from toolkit.models.load_detector import load_detector
 
