@@ -1,4 +1,4 @@
-"""An entry rendered, judged and scored; the score is counted from `outcomes.csv` alone, so that anybody can count it again."""
+"""An entry rendered, judged and scored; the score is counted from `outcomes.csv` alone, so that all can recount it."""
 
 import csv
 import io
