@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -39,10 +39,6 @@ from toolkit.evaluation.results import describe_unseen, find_training, list_corr
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
-
-if TYPE_CHECKING:
-    from toolkit.evaluation.detect import DetectedImage, DetectionRun
-
 
 IOU_LEVELS = np.linspace(0.5, 0.95, 10)
 RECALL_LEVELS = np.linspace(0, 1, 101)
@@ -385,11 +381,11 @@ TRUTH_COLOUR, RIGHT_COLOUR, WRONG_COLOUR = "#ffffff", "#00b487", "#ff7a33"
 LEAST_SHOWN = 0.25
 
 
-def write_detection_report(path: Path, run: "DetectionRun", detector: Detector) -> Path:
+def write_detection_report(path: Path, run: DetectionRun, detector: Detector) -> Path:
     """One self-contained page; of many images the pairs that flipped come first, and some are left out."""
     flipped = _find_flipped(run.images)
 
-    def place(one: "DetectedImage") -> tuple[object, ...]:
+    def place(one: DetectedImage) -> tuple[object, ...]:
         shot = one.capture
         number = -1 if shot.pose_id is None else shot.pose_id
         return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)
@@ -410,7 +406,7 @@ def write_detection_report(path: Path, run: "DetectionRun", detector: Detector) 
     return write_page(path, "toolkit.evaluation", "detections.html.j2", context)
 
 
-def describe_pairs(run: "DetectionRun") -> list[str]:
+def describe_pairs(run: DetectionRun) -> list[str]:
     """The result of each source and variant in words."""
     lines = []
     pooled = {one.source for one in run.groups if one.object == "all"}
@@ -427,7 +423,7 @@ def describe_pairs(run: "DetectionRun") -> list[str]:
     return lines
 
 
-def _find_flipped(images: Sequence["DetectedImage"]) -> set[str]:
+def _find_flipped(images: Sequence[DetectedImage]) -> set[str]:
     """Paths of the images of a pose that is found in one variant and not in another."""
     poses: dict[tuple[str, str, int | None], list[DetectedImage]] = {}
     for one in images:
@@ -436,7 +432,7 @@ def _find_flipped(images: Sequence["DetectedImage"]) -> set[str]:
     return {one.capture.path for some in mixed for one in some}
 
 
-def draw_boxes(one: "DetectedImage", detector: Detector) -> str | None:
+def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
     from toolkit.evaluation.predict import corrupt_images, find_pending
 
