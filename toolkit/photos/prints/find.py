@@ -126,8 +126,8 @@ def find_there(image: np.ndarray, patch_pixels: np.ndarray, there: PatchWarp) ->
     Returns:
         None where it is not seen, as `find_patch`.
     """
-    low = np.maximum(there.corners.min(axis=0) - there.side_px / 2, 0).astype(int)
-    high = np.ceil(there.corners.max(axis=0) + there.side_px / 2).astype(int)
+    corners, reach = there.corners, there.side_px / 2
+    low, high = (np.maximum(side, 0).astype(int) for side in (corners.min(axis=0) - reach, corners.max(axis=0) + reach))
     part = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
     there = there.moved(-low)
     if not is_plausible(there, part.shape):
