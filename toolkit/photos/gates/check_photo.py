@@ -60,7 +60,6 @@ WORK_SIDE_PX = 1440
 photograph of 12 megapixels is judged in a second, and none takes longer for being larger."""
 LEAST_REGION_PX = 400
 NO_MARKS = "a grey patch has no marks by which it could be found"
-EACH_PIECE = "of a wrap each piece is looked for, see 'wrong variant'"
 
 
 @dataclass(frozen=True)
@@ -208,23 +207,16 @@ def _check_patch(
     if patch is None or not (patch.patches or wrap):
         why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
+    if wrap is not None and wrap.is_on:
+        return _check_wrapped(image, region, expectation, patch, why_blind)
     expected = [expect_cells(sheet, expectation.solid, expectation.view) for sheet in patch.sheets] or [None]
     shown = list_shown(expected)
-    pieces = _look_for_wrap(image, expectation)
-    if wrap is not None and wrap.is_on and pieces is not None and pieces.is_on:
-        return [check_pieces(pieces, wrap, variant), HIDDEN.skip(EACH_PIECE)], None
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
-    if wrap is not None and seen.other is None and not any(seen.own):
-        if wrap.is_on:
-            why = why_blind or _why_no_wrap(expectation, pieces)
-            result = check_pieces(pieces, wrap, variant) if why is None and pieces else VARIANT.skip(why or "")
-            return [result, HIDDEN.skip(EACH_PIECE)], seen
-        if pieces is not None and pieces.is_on:
-            should = f"the patch '{patch.own}'" if patch.own else "no wrap"
-            said = (
-                f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
-            )
-            return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
+    pieces = _look_for_wrap(image, expectation) if seen.other is None and not any(seen.own) else None
+    if wrap is not None and pieces is not None and pieces.is_on:
+        should = f"the patch '{patch.own}'" if patch.own else "no wrap"
+        said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
+        return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
@@ -238,6 +230,24 @@ def _check_patch(
     if patch.own is None:
         return [result, HIDDEN.skip(f"'{variant}' has none")], seen
     return [result, check_patch_shows(seen, expected)], seen
+
+
+def _check_wrapped(
+    image: np.ndarray, region: np.ndarray | None, expectation: Expectation, patch: ExpectedPatch, why_blind: str | None
+) -> tuple[list[GateResult], PatchesSeen | None]:
+    """The same of a variant that should show the object's wrap."""
+    wrap, pieces = expectation.wrap, _look_for_wrap(image, expectation)
+    assert wrap is not None
+    hidden = HIDDEN.skip("of a wrap each piece is looked for, see 'wrong variant'")
+    if pieces is not None and pieces.is_on:
+        return [check_pieces(pieces, wrap, expectation.variant), hidden], None
+    seen = look_for_patches(search_region(image, region), patch, expectation.view)
+    if seen.other is not None:
+        return [check_variant(seen, patch, expectation.variant), hidden], seen
+    unsure = why_blind or _why_no_wrap(expectation, pieces)
+    if pieces is None or unsure is not None:
+        return [VARIANT.skip(unsure or expectation.no_pose), hidden], seen
+    return [check_pieces(pieces, wrap, expectation.variant), hidden], seen
 
 
 def _look_for_wrap(image: np.ndarray, expectation: Expectation) -> PiecesSeen | None:
