@@ -242,7 +242,8 @@ def _check_wrapped(
     if pieces is not None and pieces.is_on:
         return [check_pieces(pieces, wrap, expectation.variant), hidden], None
     seen = look_for_patches(search_region(image, region), patch, expectation.view)
-    if seen.other is not None:
+    # where pieces are too small to be told, they may look like a patch
+    if seen.other is not None and (pieces is None or pieces.is_judged):
         return [check_variant(seen, patch, expectation.variant), hidden], seen
     unsure = why_blind or _why_no_wrap(expectation, pieces)
     if pieces is None or unsure is not None:
