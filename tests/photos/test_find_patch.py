@@ -325,6 +325,21 @@ def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
     assert f"{max(r['memory_mb'] for r in rows)} MB" in task
     corners = json.loads((RECORDS / "corners.json").read_text())
     assert f"{corners['n']} corners" in how and f"{corners['error_percent_of_side']['largest']} % at most" in how
+    gates = {key: hits for key, (hits, _) in json.loads((RECORDS / "gates.json").read_text())["counts"].items()}
+    shakes = [f"{kind} {sigma} px" for kind in ("straight", "hand") for sigma in (1, 2)]
+    for said, label, more in (
+        ("97, boards not asked for", "", ""), ("the same, sharpened after it as phones do", "", ", sharpened"),
+        ("28 with their ChArUco board", "board: ", ""), ("the same, sharpened", "board: ", ", sharpened"),
+    ):  # fmt: skip
+        assert f"| {said} | " + " | ".join(str(gates[f"{label}{shake}{more}"]) for shake in shakes) + " |" in how
+    card, sheet = json.loads((RECORDS / "boards.json").read_text()).values()
+    assert (
+        f"{card['fx']:.1f} ± {card['sigma']} px here" in how and f"{card['flat_px']} px and {sheet['flat_px']}" in how
+    )
+    assert f"{card['within'][0]} of {card['within'][1]} hold the owner's" in how
+    assert f"{sheet['within'][0]} of {sheet['within'][1]} hold the focal length" in how
+    rooms = json.loads((RECORDS / "rooms.json").read_text())["delta_e_median"].values()
+    assert f"**{' and '.join(f'{one:.1f}' for one in rooms)}**, a colour card" in how
     sets = json.loads((RECORDS / "rehearsal.json").read_text())["sets"]
     rehearsed = sets["rehearsed, white table"]
     cameras = [one for name, one in sets.items() if name.startswith(("phone", "camera", "webcam"))]
