@@ -19,7 +19,7 @@ def in_a_process(code, *arguments, cwd=None):
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
 
 
-KINDS = "'numpy', 'PIL', 'torch', 'torchvision', 'open3d', 'matplotlib', 'cv2', 'trimesh', 'scipy', 'numba'"
+KINDS = "'numpy', 'PIL', 'torch', 'torchvision', 'open3d', 'matplotlib', 'cv2', 'trimesh', 'scipy', 'numba', 'rich'"
 HEAVY = f"heavy = sorted({{{KINDS}}} & set(sys.modules))"
 
 
