@@ -345,7 +345,7 @@ def test_its_hash_is_of_weights_and_code(code, tmp_path):
         ("wrong_field", "field 'size'"),
         ("number", "found int"),
         ("fails", "RuntimeError: no weights here"),
-        ("missing", "AttributeError"),
+        ("missing", "'my_networks' has no function 'missing'"),
         ("nan", "not a number"),
         ("listed", "gives a list of 2: expected one tensor, images × classes"),
         ("mapped", "gives a dict: expected one tensor"),
@@ -363,7 +363,8 @@ def test_what_a_function_may_not_return(code, function, expected):
 
 def test_functions_that_are_not_there(code):
     assert "python:MODULE:FUNCTION" in error_of(lambda: load_classifier("python:my_networks"))
-    assert "ModuleNotFoundError" in error_of(lambda: load_classifier("python:no_such_module:f"))
+    missing = "there is no module 'no_such_module': expected no_such_module.py in this folder"
+    assert missing in error_of(lambda: load_classifier("python:no_such_module:f"))
 
 
 @pytest.fixture
