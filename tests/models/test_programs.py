@@ -53,6 +53,7 @@ def test_a_module_in_memory_becomes_a_classifier_and_stays_as_it_is(network):
 )
 def test_a_module_that_does_not_fit_what_is_said_of_it_is_one_line(network, labels, size, words):
     assert words in error_of(lambda: wrap_module(network, labels, size, device="cpu"))
+    assert "field 'mean' has no item 3" in error_of(lambda: wrap_module(network, labels, PX, (0.5, 0.5)))
 
 
 def test_a_module_in_place_of_a_name_is_told_how(network):

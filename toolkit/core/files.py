@@ -407,7 +407,8 @@ def explain_validation(error: ValidationError) -> str:
     first = error.errors()[0]
     field = ".".join(str(part)[:40] for part in first["loc"])
     if first["type"] == "missing":
-        return f"field '{field}' is missing"
+        place, _, last = field.rpartition(".")
+        return f"field '{place}' has no item {int(last) + 1}" if last.isdigit() else f"field '{field}' is missing"
     if first["type"] == "extra_forbidden":
         return f"there is no field '{field}'"
     is_model = first["type"] in ("model_type", "model_attributes_type", "dataclass_type")
