@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from toolkit.captures.like import read_measured
 
+from toolkit.captures.like import read_measured
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
