@@ -102,7 +102,7 @@ class Ticker:
                 self._progress.update(self._task, note=escape(note))
         elif self._title and monotonic() - self._told >= LINE_EVERY_S:
             self._told = monotonic()
-            start, before = self._first
+            start, before = self._first or (self._told, self._done)
             rate = (self._done - before) / max(self._told - start, 1e-9)
             left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
             errors.print(f"{self._title}: {self._done} of {self._total}{left}", markup=False, soft_wrap=True)
