@@ -1,10 +1,9 @@
 """Quiet is a state of the console, which nobody passes on."""
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from toolkit.cli import options
+from toolkit.cli.app import make_single
 from toolkit.core.console import notice, progress, quietly
 
 
@@ -50,11 +49,9 @@ def test_quiet_ends_with_an_error(capsys):
 
 
 def test_the_option_holds_until_its_command_has_ended():
-    app = typer.Typer()
-
-    @app.command()
-    def work(quiet: options.Quiet = False) -> None:
+    def work() -> None:
         say_all()
 
+    app = make_single(work)
     told = [CliRunner().invoke(app, arguments).stderr for arguments in ([], ["--quiet"], ["-q"], [])]
     assert [("a notice" in text) for text in told] == [True, False, False, True]

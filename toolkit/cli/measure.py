@@ -40,7 +40,6 @@ def calibrate(
         bool, typer.Option("--replace", help="Replace a lens in rig/lens.json that was measured better.")
     ] = False,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
@@ -208,7 +207,6 @@ def print_profile(
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""

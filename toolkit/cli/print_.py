@@ -50,7 +50,6 @@ def print_patches(
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs of patches, a wrap, or the board that the object stands on, at true size."""

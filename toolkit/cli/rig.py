@@ -1,4 +1,4 @@
-"""`toolkit plan`."""
+"""Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -7,14 +7,85 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from toolkit.captures.simulate import SimulateConfig, simulate_captures
 from toolkit.cli import options
+from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
-from toolkit.cli.output import remark, say, show_json, show_table, warn
-from toolkit.rig.requests import SHOT_LIST, Pattern, ShotListConfig
+from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
+from toolkit.engine.config import EngineConfig
+from toolkit.rig.requests import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
     from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
+
+
+@from_config(config=PlaceConfig)
+def place(
+    *,
+    object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to look for places on.")],
+    config: PlaceConfig,
+    train: Annotated[
+        int,
+        typer.Option(
+            "--train",
+            metavar="STEPS",
+            min=0,
+            help="Also train a patch in each of the best places, for this many steps.",
+        ),
+    ] = 0,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="Put the best place into the object's file, rig/objects/NAME.toml.")
+    ] = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Score places and sizes for a patch by what cameras see of it, and draw the best.
+
+    One sheet is scored by the plan's cameras; with --sheets 2 or more, those that go on together by random ones.
+    """
+    from toolkit.captures.suggest_places import TITLES, suggest_places
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifiers
+
+    space = open_workspace(workspace)
+    networks = load_classifiers(model, weights, device, space.classifiers_dir) if train else []
+    found = suggest_places(space, object_name, config, networks=networks, steps=train, write=write, seed=seed)
+    if as_json:
+        show_json(found.as_json())
+        return
+    show_table(TITLES, found.rows())
+    for line in found.lines():
+        say(line)
+    for line in found.warnings():
+        warn(line)
+
+
+@from_config(config=WrapConfig)
+def wrap(
+    *,
+    object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to find pieces on.")],
+    config: WrapConfig,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Cut an object's surface into few flat pieces that lie on it, by what random cameras see; draw and keep them."""
+    from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
+    from toolkit.core.workspace import open_workspace
+
+    found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
+    if as_json:
+        show_json(found.as_json())
+        return
+    show_table(PIECE_TITLES, found.rows())
+    for line in found.lines():
+        say(line)
+
 
 POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")
 """Options that are about the poses; `--shot-list` without any of them keeps those that are planned, whatever seed
@@ -46,7 +117,7 @@ def plan(
     listing: ShotListConfig,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
+    quiet: Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Plan the camera poses per object and write rig/plan.json.
@@ -131,3 +202,69 @@ def _listed(some: set[float]) -> str:
     if len(degrees) > 8:
         return f"{degrees[0]:.0f}-{degrees[-1]:.0f}° ({len(degrees)})"
     return " ".join(f"{value:.0f}°" for value in degrees)
+
+
+@from_config(config=SimulateConfig, engine=EngineConfig)
+def capture_sim(
+    *,
+    engine: EngineConfig,
+    objects: options.Objects = None,
+    variants: options.Variants = None,
+    config: SimulateConfig,
+    corrupt: options.Corrupt = None,
+    patches: options.Patches = None,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig.
+
+    With --like, every photograph of a folder from its own measured camera instead. With --corrupt, besides the images,
+    a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
+    expected of the printed patch before it is printed.
+    """
+    from toolkit.core.workspace import open_workspace
+
+    space = open_workspace(workspace).with_patches(patches)
+    made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
+    if made.remark:
+        remark(made.remark)
+    show_result(made, as_json)
+
+
+def write_boxes(
+    captures: Annotated[
+        Path | None, typer.Argument(help="Capture folder, or one of its sources; default: captures/.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write; default: instances.json in the folder.")
+    ] = None,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Write box and mask of the object in every image as COCO's instances.json, by its mesh and the camera.
+
+    The categories are COCO's where an object is of a kind that COCO has (airplane, car, bottle, cup), else the class of
+    its spec.
+    """
+    from toolkit.captures.read import read_captures
+    from toolkit.captures.truth import write_coco
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.tables import list_lines
+    from toolkit.models.detector import coco_names
+    from toolkit.objects.spec import read_spec
+
+    space = open_workspace(workspace)
+    folder = read_captures(captures or space.captures_dir)
+    specs = space.object_specs()
+    names = {name: coco_names(str(read_spec(specs[name]).class_name))[-1] for name in folder.objects if name in specs}
+    file = out or folder.root / "instances.json"
+    count, left_out = write_coco(file, folder.captures, space, names)
+    if as_json:
+        show_json({"file": str(file), "images": count, "left_out": left_out})
+    else:
+        say(f"{file}: {count} images")
+        for line in list_lines("left out", left_out):
+            warn(line)
+    if left_out:
+        raise typer.Exit(1)
