@@ -12,9 +12,9 @@ from board_photos import QUICK
 from PIL import Image
 from typer.testing import CliRunner
 
+from toolkit.captures.like import NOT_MEASURED, read_measured, scale_camera, shoot_like
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, append_record, read_manifest
 from toolkit.captures.shoot import ShootSettings
-from toolkit.captures.simulate import NOT_MEASURED, read_measured, scale_camera, shoot_like
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file

@@ -119,9 +119,10 @@ def test_every_command_can_be_quiet_and_give_json_but_for_those_that_the_docs_na
 
 @pytest.mark.parametrize(
     "words", [("plan",), ("add", "mug.glb", "--class", "cup"), ("world", "preview", "grass"),
-              ("world", "export", "grass")]
+              ("world", "export", "grass"), ("capture-sim", "--object", "racer"), ("print", "--all"),
+              ("print", "--board", "--out", "pages"), ("studio",), ("import", ".")]
 )  # fmt: skip
-def test_what_writes_into_rig_makes_no_workspace_of_any_folder(tmp_path, monkeypatch, words):
+def test_what_writes_into_a_workspace_makes_no_workspace_of_any_folder(tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)
     outcome = CliRunner().invoke(app, words)
     assert isinstance(outcome.exception, ToolkitError)

@@ -1,216 +1,21 @@
 """What `toolkit capture-sim` does: the plan or the photographs of a folder, shot in the virtual rig, and corrupted."""
 
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
-from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
-from toolkit.captures.read import Selection, read_captures
-from toolkit.captures.shoot import (
-    ShootResult,
-    ShootSettings,
-    Shot,
-    check_settings,
-    describe_look,
-    sha256_json,
-    take_shots,
-)
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import errors
-from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import real_path
+from toolkit.core.errors import FieldError
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.board_file import PRINTED
-from toolkit.rig.camera import Camera
-from toolkit.rig.variants import find_booster
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupted_copy import CorruptedSource, Corruption
     from toolkit.captures.shoot import ShootResult, ShootSettings
-
-
-# far above what networks see, and a tenth of a telephone's 12 megapixels
-MAX_PX = 1280
-NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"
-
-
-@dataclass(frozen=True)
-class LikeResult:
-    """What was shot, and (path, reason) of the photographs that could not be."""
-
-    shoot: ShootResult
-    skipped: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class MeasuredPhoto:
-    """A photograph whose camera is known.
-
-    Attributes:
-        path: below the source's folder.
-        record: its line of the manifest.
-        camera: scaled to the size that is rendered.
-        T_world_camera: (4, 4).
-    """
-
-    path: str
-    record: CaptureRecord
-    camera: Camera
-    T_world_camera: np.ndarray
-
-
-def shoot_like(
-    workspace: Workspace, photos_dir: Path, settings: ShootSettings | None = None, source: str | None = None,
-    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX,
-    engine: EngineConfig | None = None,
-) -> LikeResult:  # fmt: skip
-    """Shoot the object and variant of every photograph with the camera that was measured for it.
-
-    An image has the photograph's path below the source, and its pose id, so that an evaluation pairs them one by one.
-    The camera is a pinhole: the distortion of the real lens, which the manifest does not hold, is left out.
-
-    Args:
-        workspace: whose objects and patches are meant, and whose `captures/` is written to.
-        photos_dir: a source with a manifest, such as `captures/real`.
-        settings: backdrop, light and the rest; the photograph's own table and light are not known.
-        source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
-        objects, variants: only these; all by default.
-        max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
-        engine: where they are shot; by default in this process.
-
-    Raises:
-        ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
-            would overwrite the photographs, or the disk is full or read-only.
-    """
-    settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
-    source = source or f"sim-like-{real_path(photos_dir).name}"
-    check_settings(workspace, settings, source)
-    # links resolved: another name may lead to the same folder
-    if real_path(workspace.source_dir(source)) == real_path(photos_dir):
-        raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
-    chosen = Selection(objects=tuple(objects), variants=tuple(variants))
-    photos, skipped = read_measured(photos_dir, chosen, max_px)
-    # shots of one object and variant are made together: they share a mesh and its baked light
-    shots: list[Shot] = []
-    members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
-    for photo in photos:
-        members[(photo.record.object, photo.record.variant)].append(photo)
-    taken: set[str] = set()
-    for (name, variant), own in members.items():
-        try:
-            item = load_object(workspace.object_spec(name))
-            look = describe_look(workspace, item, variant, settings)
-            booster = find_booster(workspace, item, variant)
-        except ToolkitError as error:
-            skipped += [(photo.path, str(error)) for photo in own]
-            continue
-        sha256 = booster.sha256 if booster else None
-        reasons = [_why_not(photo, item, sha256) for photo in own]
-        skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
-        fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
-        shots += [_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit]
-    if not shots:
-        path, reason = skipped[0]
-        raise ToolkitError(
-            f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
-        )
-    with (engine or EngineConfig()).open() as workers:
-        result = take_shots(workspace, shots, settings, workspace.source_dir(source), engine=workers)
-    return LikeResult(result, tuple(sorted(skipped)))
-
-
-def board_shown(photos_dir: Path) -> str | None:
-    """The board from which the cameras of a source's photographs were measured, which then lies in the pictures.
-
-    `printed` for the one that was printed last, a name in `rig/boards` for another; None where they show none.
-    """
-    # the last import says which board lies there
-    made = [record.made for record in read_manifest(photos_dir).values() if "board_corners" in record.made]
-    return str(made[-1].get("board", PRINTED)) if made else None
-
-
-def read_measured(
-    photos_dir: Path, chosen: Selection | None = None, max_px: int = MAX_PX
-) -> tuple[list[MeasuredPhoto], list[tuple[str, str]]]:
-    """The photographs of a source whose camera is known, and (path, reason) of the others.
-
-    Raises:
-        ToolkitError: no manifest, no images, or a selected object or variant that is not there.
-    """
-    records = read_manifest(photos_dir)
-    if not records:
-        raise FieldError(
-            f"has no {MANIFEST} with measured cameras: expected one source, such as captures/real, of photographs that "
-            "were imported with 'toolkit import'",
-            {"like": photos_dir},
-        )
-    photos, skipped = [], []
-    for capture in read_captures(photos_dir, chosen).captures:
-        path = capture.file.relative_to(photos_dir).as_posix()
-        record = records.get(path)
-        if record is None or not record.T_world_camera or not record.intrinsics:
-            skipped.append((path, NOT_MEASURED))
-            continue
-        pose = np.array(record.T_world_camera, float)
-        rotation = pose[:3, :3]
-        # orthonormal and not mirrored: rows that were typed or rounded by hand are no camera's
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0:
-            camera = scale_camera(Camera.from_intrinsics(record.intrinsics), max_px)
-            photos.append(MeasuredPhoto(path, record, camera, pose))
-        else:
-            why = "T_world_camera is no pose (expected 4x4, a rotation and a place): import it again"
-            skipped.append((path, f"{MANIFEST}: {why}"))
-    return photos, skipped
-
-
-def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
-    """The camera of a photograph that was scaled so that its longer side is at most `max_px`.
-
-    Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
-    rounded, x and y scale by what they really became.
-    """
-    # never enlarged: the photograph has no more to compare
-    share = min(1.0, max_px / max(camera.width, camera.height))
-    return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
-
-
-def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None) -> str | None:
-    shown = photo.record.booster_sha256
-    if shown and booster_sha256 and shown != booster_sha256:
-        return (
-            f"it shows another patch (SHA-256 {shown[:12]}…) than the one that is here ({booster_sha256[:12]}…): name "
-            "that patch's folder (patches)"
-        )
-    position = photo.T_world_camera[:3, 3]
-    low, high = item.mesh.bounds
-    # the table is at z = 0, and nobody photographs from within
-    if position[2] <= 0 or (np.all(position > low) and np.all(position < high)):
-        return "its measured camera is below the table or inside the object: check the board's size and the lens"
-    return None
-
-
-def _plan_shot(
-    photo: MeasuredPhoto, item: TableObject, look: dict[str, Any], photos_dir: Path, image_format: str, taken: set[str]
-) -> Shot:
-    path = str(PurePosixPath(photo.path).with_suffix(f".{image_format}"))
-    if path in taken:  # pose_01.jpg beside pose_01.heic
-        path = f"{photo.path}.{image_format}"
-    taken.add(path)
-    # rounded, so that float noise alone does not ask for a new shot
-    camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
-    inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
-    made = {"like": f"{real_path(photos_dir).name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
-    return Shot(
-        item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, inputs_sha256=inputs, made=made
-    )
 
 
 class SimulateConfig(Config):
@@ -322,8 +127,8 @@ def simulate_captures(
         ToolkitError: as `shoot_plan` and `shoot_like`, or settings that do not go together.
     """
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
+    from toolkit.captures.like import MAX_PX, board_shown, shoot_like
     from toolkit.captures.shoot import ShootSettings, make_rehearsal
-    from toolkit.captures.simulate import MAX_PX, board_shown, shoot_like
     from toolkit.rig.board_file import read_board, with_board
     from toolkit.rig.requests import PAIR
 
@@ -379,6 +184,8 @@ def _shoot_plan(
         raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
     names = list(objects) or list(plan.objects)
     if set(variants) & set(ON_PAPER):
+        from toolkit.core.console import errors
+
         for line in list_misfits(space, names, plan):
             errors.print(f"note: {line}", markup=False, soft_wrap=True)
     # a folder for each kind of shot: an evaluation then takes them for sources of their own

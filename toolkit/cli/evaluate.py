@@ -51,13 +51,13 @@ def evaluate(
 
     With --corrupt, also classify each image with ImageNet-C's fog, blur, noise ...: in sources SOURCE-fog-3.
     """
+    from toolkit.captures.read import find_captured
     from toolkit.core.workspace import open_workspace
-    from toolkit.imaging.read import expect_folder
     from toolkit.models.find import may_be_detector
 
     space = open_workspace(workspace)
     folder = captures or space.captures_dir
-    expect_folder(folder)
+    find_captured(folder)  # before a network is loaded
     if may_be_detector(model):
         from toolkit.models.load_detector import is_detector
 

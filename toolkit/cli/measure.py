@@ -9,7 +9,6 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table, warn
-from toolkit.core.console import list_skipped
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import open_workspace
@@ -79,6 +78,8 @@ def calibrate(
 
 
 def _list_refused(run: "CalibrationRun") -> None:
+    from toolkit.core.console import list_skipped
+
     list_skipped([*run.unreadable, *run.without_board])
     for result in run.lenses:
         if result.calibration is None:
@@ -210,6 +211,7 @@ def print_profile(
     as_json: options.Json = False,
 ) -> None:
     """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""
+    from toolkit.core.console import list_skipped
     from toolkit.imaging.printer import write_print_profile
     from toolkit.photos.prints.fitted_photo import read_known
     from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos

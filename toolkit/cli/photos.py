@@ -50,7 +50,7 @@ def import_(
     from toolkit.photos.importing.import_photos import import_photos
     from toolkit.rig.board_file import with_board
 
-    space = with_board(open_workspace(workspace).with_patches(patches), board)
+    space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
     result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)

@@ -225,7 +225,7 @@ def capture_sim(
     """
     from toolkit.core.workspace import open_workspace
 
-    space = open_workspace(workspace).with_patches(patches)
+    space = open_workspace(workspace, is_needed=True).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
     if made.remark:
         remark(made.remark)

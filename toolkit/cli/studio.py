@@ -56,7 +56,7 @@ def studio(
     from toolkit.studio.serve import end_on_signal, make_server
     from toolkit.studio.session import open_session
 
-    space = with_board(open_workspace(workspace).with_patches(patches), board)
+    space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     session = open_session(space, source)
 
     def load() -> "Classifier":

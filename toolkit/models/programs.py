@@ -309,9 +309,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
         module = import_module(module_name)
         made = getattr(module, function_name)()
     except Exception as error:  # any the user's code can raise
-        raise FieldError(
-            f"{function_name} of {module_name} cannot be called: {describe_failure(error)}", {"model": model}
-        ) from None
+        raise FieldError(_say_why(module_name, function_name, error), {"model": model}) from None
     finally:
         sys.path.remove(here)
         if here not in sys.path:
@@ -334,6 +332,14 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     network.requires_grad_(False).eval().to("cpu")
     file = WeightsFile(source, _hash_module(network, source), f"{module_name}:{function_name}")
     return _assemble(network, model, file, own, how, device)
+
+
+def _say_why(module: str, function: str, error: Exception) -> str:
+    if isinstance(error, ModuleNotFoundError) and error.name in (module, module.partition(".")[0]):
+        return f"there is no module '{error.name}': expected {error.name}.py in this folder, or an installed package"
+    if isinstance(error, AttributeError) and error.name == function:
+        return f"'{module}' has no function '{function}'"
+    return f"{function} of {module} ended with an error: {describe_failure(error)}"
 
 
 def wrap_module(

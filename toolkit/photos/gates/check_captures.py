@@ -20,6 +20,7 @@ from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
+from toolkit.objects.wrap import RECORD_FILE
 from toolkit.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
 from toolkit.photos.gates.result import Check, Gate, GateResult
@@ -31,7 +32,7 @@ from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import Print, find_booster
 
 GATES_FILE = "gates.jsonl"
-VERSION = 3
+VERSION = 4
 """Of the measures: photographs that were judged by others are judged anew."""
 
 
@@ -40,7 +41,8 @@ def hash_setup(workspace: Workspace) -> str:
     digest = hashlib.sha256(f"gates {VERSION}".encode())
     for file in (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file):
         digest.update(file.read_bytes() if file.is_file() else b"none")
-    for name, file in sorted(workspace.patches().items()):
+    wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
+    for name, file in sorted({**workspace.patches(), **wraps}.items()):
         digest.update(f"{name} {sha256_file(file)}".encode())
     # meshes may be large: their size and time tell a change
     for file in sorted(workspace.objects_dir.glob("*")):

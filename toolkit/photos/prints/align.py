@@ -45,6 +45,12 @@ class PatchWarp:
         """In the same photo at another size."""
         return PatchWarp(np.diag([factor, factor, 1.0]) @ self.homography, self.bend * factor)
 
+    def moved(self, by_px: np.ndarray) -> "PatchWarp":
+        """In a picture that begins elsewhere."""
+        shift = np.eye(3)
+        shift[:2, 2] = by_px
+        return PatchWarp(shift @ self.homography, self.bend)
+
     @property
     def corners(self) -> np.ndarray:
         """(4, 2) pixels of the file's upper left, upper right, lower right and lower left corner."""

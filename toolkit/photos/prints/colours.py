@@ -97,7 +97,7 @@ def read_colours(
         patch_pixels: (n, n, 3) uint8 sRGB, the file; without it nothing is known of white texels.
 
     Raises:
-        ToolkitError: there is no white to go by, or too little of the patch is to be seen unclipped.
+        ToolkitError: there is no white to go by, or too little of the patch shows and is not over-exposed.
     """
     scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
@@ -107,7 +107,7 @@ def read_colours(
     rows, columns = _usable(small, drawn, sighting)
     if len(rows) < LEAST_PIXELS:
         raise ToolkitError(
-            f"only {len(rows)} pixels of the patch are to be seen and not over-exposed, at least {LEAST_PIXELS} are "
+            f"only {len(rows)} pixels of the patch show and are not over-exposed, at least {LEAST_PIXELS} are "
             "needed: take the photo nearer, or darker"
         )
     uv = drawn.uv[rows, columns]

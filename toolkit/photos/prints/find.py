@@ -115,6 +115,27 @@ def find_patch(
     return best if best is not None and is_believed(best) else None
 
 
+def find_there(image: np.ndarray, patch_pixels: np.ndarray, there: PatchWarp) -> PatchSighting | None:
+    """Find a print in the one place where it should be, give or take some pixels; places are of the part looked at.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB.
+        patch_pixels: (n, n, 3) uint8 sRGB.
+        there: where the camera's pose has it.
+
+    Returns:
+        None where it is not seen, as `find_patch`.
+    """
+    corners, reach = there.corners, there.side_px / 2
+    low, high = (np.maximum(side, 0).astype(int) for side in (corners.min(axis=0) - reach, corners.max(axis=0) + reach))
+    part = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
+    there = there.moved(-low)
+    if not is_plausible(there, part.shape):
+        return None
+    sighting = _look(part, patch_pixels, [there])
+    return sighting if sighting is not None and is_believed(sighting) else None
+
+
 def is_believed(sighting: PatchSighting) -> bool:
     """Whether a sighting is no chance likeness: plainly alike, or alike enough with half of the patch showing."""
     if sighting.confidence >= LEAST_CONFIDENCE:
