@@ -14,7 +14,7 @@ from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, write_wrap
 from toolkit.photos.gates.check_captures import hash_setup
-from toolkit.photos.gates.check_photo import ExpectationBuilder, check_photo
+from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.photos.importing.align import WRONG, Clues
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate, CaptureKey
@@ -54,7 +54,7 @@ class Bench:
 
     def check(self, image, view: tuple[float, float, float], variant: str, with_pose: bool = True):
         camera = PosedCamera(pose(view), CAMERA) if with_pose else None
-        results = check_photo(image, self.expecter.expect("crate", variant, 1, camera))
+        results = inspect_photo(image, self.expecter.expect("crate", variant, 1, camera)).results
         return next(result for result in results if result.name == "wrong variant")
 
 

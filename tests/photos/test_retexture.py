@@ -161,10 +161,16 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     save(folder / "b.jpg", photograph(make_patch(1))[:, ::-1].copy())
     save(folder / "c.jpg", photograph(make_patch(3)))
     bare = save(tmp_path / "bare.jpg", photograph(make_patch(4)))
-    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare,))
+    (tmp_path / "broken.jpg").write_bytes(b"no picture")
+    (folder / "linked.jpg").symlink_to(bare)
+    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare, tmp_path / "broken.jpg"))
     run = retexture(workspace, [folder], config)
-    assert [Path(path).name for path, _ in run.skipped] == ["b.jpg", "c.jpg"]
-    assert "mirrored" in run.skipped[0][1] and "not found" in run.skipped[1][1]
+    assert [Path(path).name for path, _ in run.skipped] == ["linked.jpg", "b.jpg", "c.jpg", "broken.jpg"]
+    assert "a link" in run.skipped[0][1] and "mirrored" in run.skipped[1][1] and "not found" in run.skipped[2][1]
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "one.jpg").symlink_to(taken)
+    with pytest.raises(ToolkitError, match=r"no photographs there: .*links/one.jpg: a link that leaves the folder"):
+        retexture(workspace, [tmp_path / "links"], config)
     found = read_captures(run.folder)
     captures = found.captures
     assert any(note.startswith("retextured") and "desk/patched 1" in note for note in found.notes)

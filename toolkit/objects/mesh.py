@@ -162,6 +162,10 @@ class Mesh:
     face_material: np.ndarray
     materials: tuple[Material, ...]
 
+    def __repr__(self) -> str:
+        """Its counts, as all its numbers would fill a notebook."""
+        return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.materials)} materials)"
+
     @cached_property
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest coordinates, millimetres."""

@@ -100,13 +100,6 @@ class PhotoCheck:
     lines: PatchLines | None
 
 
-def check_photo(
-    image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None
-) -> list[GateResult]:  # fmt: skip
-    """Judge one photograph; see `inspect_photo`."""
-    return list(inspect_photo(image, expectation, sighting).results)
-
-
 def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
     """Judge one photograph by every gate, each once and in the same order.
 
@@ -285,11 +278,7 @@ Built = tuple[Solid | None, ExpectedPatch | None, str, ExpectedWrap | None]
 
 
 class ExpectationBuilder:
-    """Makes expectations; objects are built once for each variant and kept.
-
-    Args:
-        workspace: whose objects, patches and board are meant.
-    """
+    """Makes expectations; objects are built once for each variant and kept."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace, self.known = workspace, KnownObjects(workspace)
@@ -307,11 +296,6 @@ class ExpectationBuilder:
         """What such a photograph should show.
 
         An object or a patch that cannot be read does not stop a photograph: the gates that need it say so.
-
-        Args:
-            object_name, variant, pose_id: what is shown.
-            view: its camera, from the manifest or the board.
-            no_pose: why there is none.
         """
         key = (object_name, variant)
         if key not in self._kept:

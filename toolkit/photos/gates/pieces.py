@@ -13,10 +13,10 @@ from toolkit.objects.atlas import cover_texels
 from toolkit.objects.mesh import Mesh, cross_products
 from toolkit.objects.wrap import FlatPiece, Wrap
 from toolkit.photos.gates.objects import Solid
-from toolkit.photos.gates.patch import VARIANT, PlacedSheet, cell_middles, expect_cells, is_clear
+from toolkit.photos.gates.patch import CELLS, VARIANT, PlacedSheet, expect_cells, is_clear
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, fit_warp
+from toolkit.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, cell_centres, fit_warp
 from toolkit.photos.prints.find import find_there
 
 LARGEST_SHARE = 0.2
@@ -49,7 +49,7 @@ class Square(PlacedSheet):
     def expect(self, view: PosedCamera) -> PatchWarp | None:
         """Where a camera should see it, bent as the surface is; None where it is behind the camera."""
         places, points = (
-            np.concatenate([cell_middles(), UNIT_CORNERS]),
+            np.concatenate([cell_centres(CELLS), UNIT_CORNERS]),
             np.concatenate([self.cells_mm, self.corners_mm]),
         )
         pixels = view.project(points)
@@ -163,7 +163,7 @@ def cut_squares(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> tuple[Square, ...
             free[row - half : row + half + 1, column - half : column + half + 1] = 0
             top, left = int(row) - half - 1, int(column) - half - 1  # less one for the padding
             corner_mm = (np.array([left, record.n_px - top]) - at.origin_px) * record.texel_mm
-            places = corner_mm + np.concatenate([cell_middles(), UNIT_CORNERS]) * [1, -1] * side * record.texel_mm
+            places = corner_mm + np.concatenate([cell_centres(CELLS), UNIT_CORNERS]) * [1, -1] * side * record.texel_mm
             points, outward = _find_on_surface(mesh, piece, places)
             cells, pixels = len(points) - len(UNIT_CORNERS), canvas[top : top + side, left : left + side]
             squares.append(Square(

@@ -94,13 +94,7 @@ def _accumulate(costs: np.ndarray) -> np.ndarray:
 
 
 class Clues:
-    """What the pictures say of the shots that they may be; renders and patches are made ready once.
-
-    Args:
-        workspace: whose objects and patches are meant.
-        plan: holds the poses.
-        matcher: compares photographs with renders.
-    """
+    """What the pictures say of the shots that they may be; renders and patches are made ready once."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
         self._workspace, self._plan, self._matcher = workspace, plan, matcher
@@ -234,13 +228,7 @@ def place_with_gaps(
 ) -> list[Evidence]:  # fmt: skip
     """The evidence, those placed whose order says nothing only because photographs are missing or too many.
 
-    Args:
-        evidence: of the new photographs, in the order in which they were taken.
-        plan: holds the poses.
-        steps: the shot list, empty where there is none.
-        index: shots that it has an image of are no gaps.
-        clues: what the pictures say.
-        again: whether shots that have an image may be meant.
+    Shots that have an image are no gaps, unless `again`.
     """
     every = list(evidence)
     taken = set() if again else {(one.object, one.variant, one.pose_id) for one in index.current.values()}
