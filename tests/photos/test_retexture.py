@@ -199,6 +199,7 @@ def test_a_patch_half_outside_is_refused_and_one_that_is_mostly_inside_is_not(tm
     with pytest.raises(ToolkitError, match=r"(only \d+% of the patch 'old' shows|the patch 'old' was not found)"):
         fit_photo(save(tmp_path / "half.png", image[:, 280:]), [KnownPatch("old", old)])
     fitted = fit_photo(save(tmp_path / "most.png", image[:, 190:]), [KnownPatch("old", old)])
+    assert 0.6 < fitted.look.shown < 0.9, "a fifth of it lies beyond the edge"
     (predicted,) = fitted.with_patches([KnownPatch("new", make_patch(2))], Draws(0, 1, "test"))
     there, truth = inner(image.shape)[:, 190:], photograph(make_patch(2))[:, 190:]
     assert np.median(apart(predicted, truth)[there]) < 4 < np.median(apart(fitted.image, truth)[there])

@@ -75,7 +75,7 @@ class PrintedLook:
         noise: (8, 3) standard deviation by level of luma, evenly from 0 to 1, for luma and chromas.
         grain_px: (2,) deviation of the Gaussian that makes white noise as smooth as that of luma, of chroma.
         delta_e: median ΔE00 of the texels that were fitted to.
-        shown: share of the texels that are not hidden.
+        shown: share of the texels that are in the picture and not hidden.
     """
 
     warp: PatchWarp
@@ -145,6 +145,8 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
         sighting.shown,
     )
     look = _refine_place(image, look, patch_pixels)
+    # what lies outside of the picture does not show either
+    look = replace(look, shown=min(look.shown, float((trust > 0).mean())))
     part, moved = _cut_middle(image, look.warp)
     look = replace(look, kernels=_fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels)))
     noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
