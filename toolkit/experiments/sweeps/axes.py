@@ -152,7 +152,7 @@ _AXES = (
         is_ordered=True,
     ),
     Axis(
-        "coverage", "share of what cameras see that the wrap's best pieces cover (asked, and reached)", "pct",
+        "coverage", "share (%) of what cameras see that the best pieces cover; below, what was reached if less", "pct",
         (5.0, 10.0, 20.0, 33.0, 50.0, 75.0, 100.0),
         parse=_number("a share of what cameras see, in per cent", "20", False, 0.1, 100),
         change=lambda setup, value: replace(setup, settings=replace(setup.settings, coverage=float(value) / 100)),

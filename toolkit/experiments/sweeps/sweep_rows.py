@@ -27,6 +27,7 @@ PatchSize = tuple[float | None, float | None]
 """Printed side in mm, and that as a share of the object's longest side."""
 MARKERS = (("o", 8.0), ("s", 5.0), ("D", 4.5), ("^", 5.5), ("v", 5.5), ("P", 5.5))
 """Shape and size: the first is the largest, so that it shows where another lies on it."""
+NEAR_POINTS = 2
 MAX_COLUMNS = 3
 DODGE, SPREAD = 0.22, 0.6
 LONG_NAME, MANY_TICKS = 6, 4
@@ -168,7 +169,8 @@ def _agreed(values: Sequence[float | None]) -> float | None:
 def build_sweep_table(sweep: Sweep) -> "Table":
     """A row per value and variant: n, top-1 and its interval, McNemar's p against bare, then top-1 of each object.
 
-    A printed size is followed by its share of the longest side, where the objects agree on it.
+    A printed size is followed by its share of the longest side, where the objects agree on it; a coverage by what was
+    reached, where that is another.
     """
     one = len(sweep.objects) == 1
     name = next(iter(sweep.objects)) if one else POOLED
@@ -177,8 +179,8 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     pairs = {(pair.source, pair.object, pair.second): pair for pair in sweep.pairs}
     rows = []
     for label in sweep.values:
-        share = sweep.sizes.get((label, name), (None, None))[1]
-        shown = f"{label} ({format_percent(share)} %)" if sweep.axis.name in ("size", "coverage") and share else label
+        share = _find_share(sweep, name, label)
+        shown = f"{label} ({format_percent(share)} %)" if share else label
         for variant in sweep.variants:
             group, pair = groups.get((label, name, variant)), pairs.get((label, name, variant))
             if group is None or group.top1 is None:
@@ -271,5 +273,13 @@ def _format_tick(sweep: Sweep, name: str, label: str) -> str:
     missing = {skipped for own, skipped, _ in sweep.skipped if own == label}
     if name in missing or (name == POOLED and missing):
         text += "*" if name == POOLED else "\n–"
-    share = sweep.sizes.get((label, name), (None, None))[1] if sweep.axis.name in ("size", "coverage") else None
+    share = _find_share(sweep, name, label)
     return text if share is None else f"{text}\n{100 * share:.0f} %"
+
+
+def _find_share(sweep: Sweep, name: str, label: str) -> float | None:
+    """Share of the longest side that a size is; share that a wrap covers, where it is not what was asked for."""
+    share, asked = sweep.sizes.get((label, name), (None, None))[1], sweep.values[label]
+    if sweep.axis.name == "coverage" and share is not None and isinstance(asked, float | int):
+        return share if abs(100 * share - asked) > NEAR_POINTS else None
+    return share if sweep.axis.name == "size" else None
