@@ -20,6 +20,7 @@ from toolkit.objects.flatten import (
     points_of,
     take,
 )
+from toolkit.objects.open3d import load_open3d
 
 MANY = 14_000
 """A surface with more triangles is made coarse."""
@@ -51,7 +52,7 @@ def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
         surface: with m faces.
         allowed: (m,) bool.
     """
-    import open3d as o3d
+    o3d = load_open3d()
 
     rows = np.flatnonzero(allowed)
     used, faces = np.unique(surface.faces[rows], return_inverse=True)
@@ -103,7 +104,7 @@ def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float) -> t
 
 def _find_nearest(coarse: Surface, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(k,) the coarse triangle nearest to each point that faces the same way, -1 where it does not."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     scene = o3d.t.geometry.RaycastingScene()
     vertices = coarse.corners.reshape(-1, 3).astype(np.float32)
