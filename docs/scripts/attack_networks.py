@@ -18,8 +18,8 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.augment import find_worst_images
 from toolkit.training.classifier_config import Attack, ClassifierConfig
+from toolkit.training.classifier_task import find_worst_images
 from toolkit.training.images import open_images
 
 BATCH, STEPS = 100, 20

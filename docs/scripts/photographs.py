@@ -4,6 +4,7 @@ The photographs lie in a folder beside the repository (`../shared`); none of the
 """
 
 import csv
+import itertools
 import json
 import os
 import resource
@@ -19,13 +20,25 @@ import numpy as np
 from PIL import Image
 
 from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.imaging.colour import LINEAR_OF_CODE
+from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import read_image
-from toolkit.photos.gates.framing import NETWORK_SIDE_PX, measure_edge_blur, middle_of
+from toolkit.photos.board_pose import find_board
+from toolkit.photos.gates.framing import (
+    NETWORK_SIDE_PX,
+    check_blur,
+    check_over_exposure,
+    check_under_exposure,
+    measure_edge_blur,
+    middle_of,
+)
+from toolkit.photos.lens_fit import calibrate_lens
+from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.find import find_patch, search_photo, shrink_image
 from toolkit.photos.prints.fitted_photo import fit_photo, read_known
 from toolkit.photos.retexture import encode_like
+from toolkit.rig.board import CharucoBoard, MarkerGrid
 
 RECORDS = Path(__file__).parents[1] / "records" / "photographs"
 SHARED = Path(__file__).resolve().parents[3] / "shared"
@@ -33,6 +46,7 @@ STICKERS = SHARED / "photos" / "stickers-keyboard"
 PATCHES = sorted((STICKERS / "originals").glob("*.png"))
 LEVELS = (0, 64, 160, 250)
 """Grey levels between which noise is told: ink and shadow, middle, paper."""
+OTHERS_BOARD = CharucoBoard(7, 5, 30.0, 22.0, "DICT_4X4_50")
 
 
 def find_stickers() -> dict[str, object]:
@@ -208,9 +222,142 @@ def gather_retextured() -> dict[str, object]:
     }
 
 
+def draw_path(kind: str, sigma_px: float, rng: np.random.Generator) -> np.ndarray:
+    """(256, 2) places of a camera that moves while it exposes, whose larger principal deviation is `sigma_px`."""
+    if kind == "straight":
+        turn = rng.uniform(0, 2 * np.pi)
+        path = np.linspace(-0.5, 0.5, 256)[:, None] * [np.cos(turn), np.sin(turn)]
+    else:  # a hand: its velocity drifts, so that it lingers and hastens
+        drift = cv2.GaussianBlur(rng.normal(size=(256, 2)), (0, 0), 30, borderType=cv2.BORDER_REFLECT)
+        path = np.cumsum(drift, axis=0)
+    path = path - path.mean(axis=0)
+    return path * sigma_px / np.sqrt(np.linalg.eigvalsh(np.cov(path.T))[-1])
+
+
+def shake(image: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """The picture as it would be had the camera moved so: its light averaged along the path."""
+    reach = int(np.ceil(np.abs(path).max())) + 2
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    low = np.floor(path).astype(int)
+    for dx, dy in np.ndindex(2, 2):  # each place is shared by the four pixels round it
+        share = np.abs(1 - dx - (path - low)[:, 0]) * np.abs(1 - dy - (path - low)[:, 1])
+        np.add.at(kernel, (low[:, 1] + dy + reach, low[:, 0] + dx + reach), share)
+    light = cv2.filter2D((image / 255.0) ** 2.2, cv2.CV_32F, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+    return np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def sharpen(image: np.ndarray) -> np.ndarray:
+    """As phones do: an unsharp mask of once the difference."""
+    sigma = max(1.5 * min(image.shape[:2]) / 1080, 0.8)
+    picture = image.astype(np.float32)
+    return np.clip(2 * picture - cv2.GaussianBlur(picture, (0, 0), sigma), 0, 255).astype(np.uint8)
+
+
+def judge_gates() -> dict[str, object]:
+    """Real photographs that the gates refuse, and shaken ones that they pass: [how many, of how many]."""
+    counts: dict[str, list[int]] = {}
+
+    def add(key: str, hit: bool) -> None:
+        row = counts.setdefault(key, [0, 0])
+        row[0] += bool(hit)
+        row[1] += 1
+
+    for folder in ("stickers-keyboard", "charuco", "aruco-sheet", "colour-card"):
+        for number, file in enumerate(sorted((SHARED / "photos" / folder).glob("*.jpg"))):
+            image, rng = read_image(file), np.random.default_rng(number)
+            middle = middle_of(image[..., 0])
+            for label, known in (("", None), *([("board: ", OTHERS_BOARD)] if folder == "charuco" else [])):
+                shown = {"refused": image, "refused, sharpened": sharpen(image)}
+                for kind, sigma in itertools.product(("straight", "hand"), (1.0, 2.0)):
+                    shaken = shake(image, draw_path(kind, sigma * min(image.shape[:2]) / NETWORK_SIDE_PX, rng))
+                    shown |= {f"{kind} {sigma:g} px": shaken, f"{kind} {sigma:g} px, sharpened": sharpen(shaken)}
+                for what, picture in shown.items():
+                    sighting = None if known is None else find_board(picture, known)
+                    result = check_blur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), middle, sighting, known)
+                    add(label + what, result.failed if what.startswith("refused") else result.passed)
+            add("over-exposed", check_over_exposure(image[middle], is_object=False).failed)
+            add("under-exposed", check_under_exposure(None, image[middle]).failed)
+    return {"what": "refused as they were taken; passed though shaken by a path of that deviation", "counts": counts}
+
+
+def compare_boards() -> dict[str, object]:
+    """Boards of others: frames, errors and focal lengths against OpenCV by hand; how often two deviations hold."""
+    boards = {"charuco": OTHERS_BOARD, "aruco-sheet": MarkerGrid(4, 5, 42.5, 37.5, "DICT_6X6_50")}
+    told: dict[str, object] = {}
+    for name, board in boards.items():
+        files = sorted((SHARED / "photos" / name).glob("*.jpg"))
+        views = [view for file in files if (view := find_board(read_image(file), board)) is not None]
+        found, rng = calibrate_lens(views), np.random.default_rng(7)
+        world = [view.world_mm.astype(np.float32) for view in views]
+        corners = [(view.corners_px - 0.5).astype(np.float32) for view in views]
+        size = (views[0].width, views[0].height)
+        rms, matrix, *_ = cv2.calibrateCamera(world, corners, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
+        owner = np.load(SHARED / "photos/charuco/camera_intrinsics.npz")["cameraMatrix"][0, 0]
+        truth, within, apart = owner if name == "charuco" else found.lens.fx, [], []
+        for _ in range(60):
+            count, order = int(rng.integers(6, len(views) // 2 + 1)), rng.permutation(len(views))
+            try:
+                halves = [calibrate_lens([views[i] for i in part]) for part in (order[:count], order[count:][:count])]
+            except ToolkitError:  # too little slant in one of them
+                continue
+            within += [abs(one.lens.fx - truth) < 2 * one.focal_sigma_px for one in halves]
+            off, sure = np.ptp([one.lens.fx for one in halves]), np.hypot(*[one.focal_sigma_px for one in halves])
+            apart.append(off < 2 * sure)
+        told[name] = {
+            "frames": [len(views), len(files)], "rms_px": round(found.reprojection_px, 3),
+            "flat_px": round(found.flat_px, 3), "opencv_px": round(rms, 3), "fx": round(found.lens.fx, 1),
+            "sigma": round(found.focal_sigma_px, 1), "opencv_fx": round(float(matrix[0, 0]), 1),
+            "truth": round(float(truth), 1), "within": [sum(map(int, within)), len(within)],
+            "disjoint": [sum(map(int, apart)), len(apart)],
+        }  # fmt: skip
+    return told
+
+
+CARD_CELLS = np.array([
+    (34 + 57 * (column + 0.5), 33 + 57 * (row + 0.5)) for row in range(9) for column in range(8)
+    # its markers and its window are no colours
+    if not (row == 0 and column in (0, 7)) and not (row in (4, 5) and column in (3, 4))
+], np.float32)  # fmt: skip
+
+
+def compare_rooms() -> dict[str, object]:
+    """A colour card in two photographs by others: median ΔE00 of its cells from one to the other, light fitted."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL))
+    light, places = {}, {}
+    for name in ("color-card.png", "ref.jpg", "test.jpg"):
+        image = read_image(SHARED / "photos" / "colour-card" / name)
+        factor = 3  # the markers are small
+        corners, ids, _ = detector.detectMarkers(
+            cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        )
+        places[name] = {int(k): c.reshape(4, 2) / factor for k, c in zip(ids.ravel(), corners, strict=True)}
+        known = sorted(set(places[name]) & set(places["color-card.png"]))
+        to_photo, _ = cv2.findHomography(
+            np.concatenate([places["color-card.png"][k] for k in known]),
+            np.concatenate([places[name][k] for k in known]),
+        )
+        around = 24 * (cell_centres(7) - 0.5)
+        at = cv2.perspectiveTransform((CARD_CELLS[:, None] + around).reshape(-1, 1, 2).astype(np.float32), to_photo)
+        seen = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR).reshape(len(CARD_CELLS), -1, 3)
+        light[name] = np.median(srgb_to_linear(seen / 255.0), axis=1)
+    u, v = ((CARD_CELLS - CARD_CELLS.mean(axis=0)) / 256).T
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    medians = {}
+    for source, truth in (("ref.jpg", "test.jpg"), ("test.jpg", "ref.jpg")):
+        one, other = light[source], light[truth]
+        said = one.copy()
+        for k in range(3):  # bright cells count most, and 0.02 keeps noise in the blacks from being a factor
+            root, ratio = np.sqrt(one[:, k]), np.log((other[:, k] + 0.02) / (one[:, k] + 0.02))
+            said[:, k] *= np.exp(terms @ np.linalg.lstsq(terms * root[:, None], ratio * root, rcond=None)[0])
+        labs = (lab_of_linear(np.clip(values, 0, 1.2)) for values in (said, other))
+        medians[f"{source} to {truth}"] = round(float(np.median(delta_e2000(*labs))), 2)
+    return {"cells": len(CARD_CELLS), "delta_e_median": medians}
+
+
 PARTS: dict[str, Callable[[], dict[str, object]]] = {
     "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed, "keyboard": answer_real,
-    "retextured": gather_retextured,
+    "retextured": gather_retextured, "gates": judge_gates, "boards": compare_boards,
+    "rooms": compare_rooms,
 }  # fmt: skip
 
 if __name__ == "__main__":

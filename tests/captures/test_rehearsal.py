@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure
 from toolkit.boosters.transforms.printing import PrintProcess
 from toolkit.captures.manifest import read_manifest
-from toolkit.captures.rehearsal import Rehearsal, make_rehearsal
-from toolkit.captures.shoot import ShootSettings, describe_look, shoot_plan
+from toolkit.captures.shoot import Rehearsal, ShootSettings, describe_look, make_rehearsal, shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.imaging.printer import SOLIDS

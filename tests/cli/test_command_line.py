@@ -19,7 +19,7 @@ def in_a_process(code, *arguments, cwd=None):
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
 
 
-KINDS = "'numpy', 'PIL', 'torch', 'torchvision', 'open3d', 'matplotlib', 'cv2', 'trimesh', 'scipy', 'numba'"
+KINDS = "'numpy', 'PIL', 'torch', 'torchvision', 'open3d', 'matplotlib', 'cv2', 'trimesh', 'scipy', 'numba', 'rich'"
 HEAVY = f"heavy = sorted({{{KINDS}}} & set(sys.modules))"
 
 
@@ -109,7 +109,7 @@ def test_help_lists_the_road(run):
     ],
 )
 def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):
-    if arguments[0] == "plan":  # which needs a workspace
+    if arguments[0] in ("plan", "capture-sim"):  # which need a workspace
         run("init", ".")
     code, out, err = run(*arguments)
     assert code == 2
@@ -117,13 +117,16 @@ def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):
     assert "Traceback" not in out + err
 
 
-def test_eval_misses_its_folder_before_it_loads_a_network(run, monkeypatch):
+def test_eval_misses_its_images_before_it_loads_a_network(run, monkeypatch, tmp_path):
     def load(*_, **__):
         raise AssertionError("a network was loaded")
 
     monkeypatch.setattr("toolkit.models.load.load_classifier", load)
     code, _, err = run("eval", "captres")
     assert code == 2 and err.startswith("error: captres does not exist: expected a folder of images")
+    (tmp_path / "captures").mkdir()
+    code, _, err = run("eval")
+    assert code == 2 and "captures holds no images: expected " in err
 
 
 def test_ctrl_c_says_how_to_go_on(run, monkeypatch):

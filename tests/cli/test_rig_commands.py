@@ -9,7 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.cli.plan import what_pairs_can_show
+from toolkit.cli.rig import what_pairs_can_show
 from toolkit.rig.plan import read_plan
 from toolkit.training.machine import Check
 

@@ -1,10 +1,9 @@
 """Quiet is a state of the console, which nobody passes on."""
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from toolkit.cli import options
+from toolkit.cli.app import make_single
 from toolkit.core.console import notice, progress, quietly
 
 
@@ -42,6 +41,23 @@ def test_where_stderr_is_no_terminal_a_line_comes_every_ten_seconds(capsys, monk
     ]  # fmt: skip
 
 
+def test_one_thing_alone_is_not_counted_and_what_comes_before_the_first_is_not_in_the_rate(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("toolkit.core.console.monotonic", lambda: now[0])
+    with progress("Validating", 1) as bar:
+        now[0] += 60
+        bar.advance()
+    with progress("Drawing", 3) as bar:
+        bar.advance(0, note="compiling")
+        now[0] += 60
+        bar.advance()
+        now[0] += 20
+        bar.advance()
+    assert capsys.readouterr().err.splitlines() == [
+        "Validating …", "Drawing: 3 to do", "Drawing: 1 of 3", "Drawing: 2 of 3, 0.05/s, 20 s left",
+    ]  # fmt: skip
+
+
 def test_quiet_ends_with_an_error(capsys):
     with pytest.raises(ValueError), quietly():
         raise ValueError
@@ -50,11 +66,9 @@ def test_quiet_ends_with_an_error(capsys):
 
 
 def test_the_option_holds_until_its_command_has_ended():
-    app = typer.Typer()
-
-    @app.command()
-    def work(quiet: options.Quiet = False) -> None:
+    def work() -> None:
         say_all()
 
+    app = make_single(work)
     told = [CliRunner().invoke(app, arguments).stderr for arguments in ([], ["--quiet"], ["-q"], [])]
     assert [("a notice" in text) for text in told] == [True, False, False, True]

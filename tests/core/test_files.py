@@ -93,7 +93,7 @@ def test_json_is_readable_and_never_holds_what_json_has_not(tmp_path):
     ("content", "words"),
     [
         ('{"name": 3}', r"field 'name': .*, found 3"),
-        ("{}", r"field 'name': Field required"),
+        ("{}", r"field 'name' is missing"),
         ('{"name": "a", "parts": [{"width_mm": 2}, {"width_mm": -1}]}', r"field 'parts\.1\.width_mm': .*, found -1"),
         ("[]", r"edited\.json: expected named fields, found \[\]"),
         ('{"name": ', "not JSON at line 1"),

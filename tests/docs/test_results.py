@@ -147,6 +147,35 @@ def test_the_challenge_is_what_its_records_say() -> None:
         assert lows == sorted(lows, reverse=True)
 
 
+UNSEEN = "mobilenet_v1_0.75_192"
+
+
+def test_the_readme_says_when_to_take_a_patch_a_wrap_or_a_texture_by_the_table() -> None:
+    rows = {(one["network"], one["booster"]): one for one in read_table("wraps") if one["object"] == "all"}
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| (patch|wrap|texture) \|.*\| (\d+)(?:, [^|]*)? \| (\d+) \|$", readme, re.MULTILINE)
+    told = [tuple(rows[network, line[0]]["boosted"] for network in ("resnet18", UNSEEN)) for line in lines]
+    assert [line[0] for line in lines] == ["patch", "wrap", "texture"] and [line[1:] for line in lines] == told
+    bare = tuple(rows[network, "wrap"]["bare"] for network in ("resnet18", UNSEEN))
+    assert re.findall(r"right of 72: bare (\d+) \| a network that none saw: bare (\d+)", readme) == [bare]
+
+
+def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
+    names = {"ResNet-18": "resnet18", "MobileNetV2": "mobilenet_v2", "MobileNetV1 0.75": UNSEEN}
+    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wraps")
+    counts = r" \| (\d+) \| (\d+) \| (\d+) \| (\d+) \((\d+) / (\d+), p (?:< 0\.0001|= ([\d.]+))\) \|$"
+    told = {names[one[0]]: one[1:] for one in re.findall(r"^\| ([\w .-]+), seen[^|]*" + counts, page, re.MULTILINE)}
+    assert set(told) == {row["network"] for row in rows}
+    for network, (bare, patch, texture, wrap, gained, lost, p) in told.items():
+        of = {row["booster"]: row for row in rows if row["network"] == network and row["object"] == "all"}
+        assert (bare, patch, texture, wrap) == (of["wrap"]["bare"], *(of[one]["boosted"] for one in of))
+        assert (gained, lost) == (of["wrap"]["gained"], of["wrap"]["lost"])
+        exact = binomtest(int(gained), int(gained) + int(lost)).pvalue
+        assert float(of["wrap"]["p"]) == pytest.approx(exact, rel=0.01)
+        assert f"{exact:.{len(p) - 2}f}" == p if p else exact < 0.0001
+        assert int(wrap) - int(bare) == int(gained) - int(lost)
+
+
 def test_the_wraps_page_says_what_was_planned() -> None:
     names = {"carton_kenney": "carton", "car_taxi": "cab", "car_stationwagon": "station wagon", "bench": "park bench"}
     page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wrap-plans")

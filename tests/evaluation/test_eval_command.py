@@ -5,14 +5,13 @@ import json
 import pytest
 import torch
 import torchvision
-import typer
 from typer.testing import CliRunner
 
-from toolkit.cli.eval_ import evaluate
+from toolkit.cli.app import make_single
+from toolkit.cli.evaluate import evaluate
 from toolkit.core.errors import ToolkitError
 
-app = typer.Typer()
-app.command("eval")(evaluate)
+app = make_single(evaluate)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
+from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.tables import format_p, format_test
 from toolkit.evaluation.metrics import (
@@ -36,6 +37,9 @@ def test_wilson_against_published_numbers():
 
 def test_wilson_of_nothing_says_nothing():
     assert wilson_interval(0, 0) == (0.0, 1.0)
+    for k, n in ((5, 3), (-1, 3), (0, -1)):
+        with pytest.raises(ToolkitError, match=f"{k} successes of {n} trials: expected 0 to {n}"):
+            wilson_interval(k, n)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 torch = pytest.importorskip("torch")
 
 from toolkit.core.errors import ToolkitError  # noqa: E402
-from toolkit.models.exported import read_exported  # noqa: E402
+from toolkit.models.programs import read_exported  # noqa: E402
 from toolkit.models.weights import open_weights, read_state_dict  # noqa: E402
 from toolkit.training.checkpoint import Checkpoint  # noqa: E402
 

@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 msgpack = pytest.importorskip("msgpack")
 
 from toolkit.core.errors import ToolkitError  # noqa: E402
-from toolkit.worlds.airsim import _Image, unpack_pose  # noqa: E402
-from toolkit.worlds.msgpack_rpc import Connection  # noqa: E402
+from toolkit.worlds.airsim import (  # noqa: E402
+    Connection,
+    _Image,
+    unpack_pose,
+)
 
 HEAD = b"\x94\x01\x01"
 """Of the first reply: a list of four, a reply, its number."""

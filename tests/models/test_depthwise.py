@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from toolkit.models.depthwise import FastDepthwise
+from toolkit.models.precision import FastDepthwise
 
 
 @pytest.mark.parametrize(

@@ -101,5 +101,7 @@ def test_the_command_line_names_its_flag(tmp_path):
     from toolkit.cli import app
 
     (tmp_path / "net.onnx").write_bytes(b"x")
+    (tmp_path / "sim" / "mug" / "patched").mkdir(parents=True)
+    (tmp_path / "sim" / "mug" / "patched" / "1.png").write_bytes(b"looked at later")
     result = CliRunner().invoke(app, ["eval", str(tmp_path), "--weights", str(tmp_path / "net.onnx")])
     assert "and name its network with --model" in str(result.exception)

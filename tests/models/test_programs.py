@@ -53,6 +53,7 @@ def test_a_module_in_memory_becomes_a_classifier_and_stays_as_it_is(network):
 )
 def test_a_module_that_does_not_fit_what_is_said_of_it_is_one_line(network, labels, size, words):
     assert words in error_of(lambda: wrap_module(network, labels, size, device="cpu"))
+    assert "field 'mean' has no item 3" in error_of(lambda: wrap_module(network, labels, PX, (0.5, 0.5)))
 
 
 def test_a_module_in_place_of_a_name_is_told_how(network):
@@ -345,7 +346,7 @@ def test_its_hash_is_of_weights_and_code(code, tmp_path):
         ("wrong_field", "field 'size'"),
         ("number", "found int"),
         ("fails", "RuntimeError: no weights here"),
-        ("missing", "AttributeError"),
+        ("missing", "'my_networks' has no function 'missing'"),
         ("nan", "not a number"),
         ("listed", "gives a list of 2: expected one tensor, images × classes"),
         ("mapped", "gives a dict: expected one tensor"),
@@ -363,7 +364,8 @@ def test_what_a_function_may_not_return(code, function, expected):
 
 def test_functions_that_are_not_there(code):
     assert "python:MODULE:FUNCTION" in error_of(lambda: load_classifier("python:my_networks"))
-    assert "ModuleNotFoundError" in error_of(lambda: load_classifier("python:no_such_module:f"))
+    missing = "there is no module 'no_such_module': expected no_such_module.py in this folder"
+    assert missing in error_of(lambda: load_classifier("python:no_such_module:f"))
 
 
 @pytest.fixture

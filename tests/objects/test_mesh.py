@@ -62,6 +62,10 @@ def test_vertices_are_split_where_texture_or_crease_ask_for_it():
     np.testing.assert_allclose(creased.vertices[creased.faces], vertices[faces], atol=1e-6)
 
 
+def test_a_mesh_is_shown_by_its_counts(make_box):
+    assert repr(make_box()) == "Mesh(24 vertices, 12 faces, 1 materials)"
+
+
 def test_placing_scales_the_longest_side_and_centres_the_base(make_box):
     mesh = make_box((10, 20, 5))
     moved = Mesh(**{**vars(mesh), "vertices": mesh.vertices + np.array([7, -3, 2], np.float32)})

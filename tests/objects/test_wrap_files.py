@@ -76,6 +76,22 @@ def test_a_shipped_wrap_counts_where_it_fits_alone(item: TableObject, wrap: Wrap
     assert space.wrap("carton") == space.wraps_dir / "carton"
 
 
+def test_a_copy_made_to_be_shipped_is_the_same_wrap_in_less_room(
+    item: TableObject, wrap: Wrap, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "docs" / "scripts")
+    from ship_wraps import ship_wrap
+
+    written = write_wrap(tmp_path / "own", wrap)
+    size = ship_wrap(tmp_path / "own", tmp_path / "shipped", item)
+    assert size < 0.7 * sum(file.stat().st_size for file in (tmp_path / "own").iterdir())
+    shipped = read_wrap(tmp_path / "shipped")
+    assert np.array_equal(shipped.pixels, written.pixels)
+    assert shipped.record == written.record.model_copy(update={"map_sha256": shipped.record.map_sha256})
+    for one, other in zip(shipped.pieces, wrap.pieces, strict=True):
+        assert np.array_equal(one.faces, other.faces) and one.flat_mm == pytest.approx(other.flat_mm, abs=2e-5)
+
+
 def test_another_mesh_is_told(item: TableObject, wrap: Wrap, tmp_path: Path) -> None:
     space = make_workspace(tmp_path)
     write_wrap(space.wraps_dir / "carton", wrap)

@@ -5,9 +5,8 @@ import pytest
 import shapely
 import trimesh
 
-from toolkit.objects.coarse import MANY
 from toolkit.objects.flatten import Region, join_edges, weld_surface
-from toolkit.objects.grow import find_pieces
+from toolkit.objects.grow import MANY, find_pieces
 from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, mesh_from_corners
 from toolkit.objects.seams import find_folds, find_seams
 from toolkit.objects.trim import Limits, even_border

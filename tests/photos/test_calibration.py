@@ -18,9 +18,8 @@ from toolkit.photos.board_pose import BoardSighting, find_board, solve_pose
 from toolkit.photos.calibrate import calibrate_folder, stored_sighting
 from toolkit.photos.lens import (
     LensRecord,
+    choose_lens,
     lens_file,
-    lens_for,
-    lens_from_exif,
     lens_from_focal,
     read_lenses,
     write_lenses,
@@ -198,13 +197,10 @@ def test_equivalent_focal_length_keeps_the_diagonal_angle():
     assert 2 * np.degrees(np.arctan(2500 / lens.fx)) == pytest.approx(53.13, abs=0.01)
 
 
-def test_exif_by_equivalent_or_by_sensor(tmp_path):
+def test_exif_by_equivalent(tmp_path):
     photo = Photo(tmp_path / "a.jpg", "0", "jpeg", 3000, 4000, focal_mm=5.0, focal_35mm_mm=26.0)
-    assert lens_from_exif(photo).fx == pytest.approx(26 / 43.2666 * 5000)
-    assert lens_from_exif(photo, sensor_width_mm=6.4).fx == pytest.approx(
-        5 / 6.4 * 4000
-    )  # the longer side, upright or not
-    assert lens_from_exif(Photo(tmp_path / "a.jpg", "0", "jpeg", 3000, 4000)) is None
+    assert choose_lens(photo, []).lens.fx == pytest.approx(26 / 43.2666 * 5000)
+    assert choose_lens(Photo(tmp_path / "a.jpg", "0", "jpeg", 3000, 4000), []).lens is None
 
 
 def test_turning_a_lens_turns_its_picture():
@@ -265,7 +261,7 @@ def test_the_command_calibrates_photos_of_several_kinds_and_the_lens_serves_port
     assert record.camera == "Toolkit Pinhole Two" and (record.width, record.height) == (640, 480)
     assert record.fx == pytest.approx(LENS.fx, rel=0.003)
 
-    choice = lens_for(read_photo(portrait), space)
+    choice = choose_lens(read_photo(portrait), read_lenses(space))
     assert choice.source == "calibrated" and (choice.lens.width, choice.lens.height) == (480, 640)
     assert choice.lens.cx == pytest.approx(480 - record.cy) and choice.lens.cy == pytest.approx(record.cx)
     pose = solve_pose(find_board(np.ascontiguousarray(upright), BOARD), choice.lens)
@@ -308,19 +304,19 @@ def test_lenses_are_added_replaced_and_chosen_by_camera_focal_length_and_shape(s
     write_lenses(space, [record(fx=710)])
     assert sorted(one.fx for one in read_lenses(space)) == [350, 710]
 
-    choice = lens_for(a_photo(tmp_path), space)
+    choice = choose_lens(a_photo(tmp_path), read_lenses(space))
     assert choice.source == "calibrated" and choice.lens.fx == pytest.approx(71)  # 80 of 800 px
-    assert lens_for(a_photo(tmp_path, focal=13), space).lens.fx == pytest.approx(35)
-    upside_down = lens_for(a_photo(tmp_path, orientation=3), space).lens
+    assert choose_lens(a_photo(tmp_path, focal=13), read_lenses(space)).lens.fx == pytest.approx(35)
+    upside_down = choose_lens(a_photo(tmp_path, orientation=3), read_lenses(space)).lens
     assert (upside_down.cx, upside_down.cy) == (pytest.approx(39), pytest.approx(31))
 
-    unsaid = lens_for(a_photo(tmp_path, focal=None), space)
+    unsaid = choose_lens(a_photo(tmp_path, focal=None), read_lenses(space))
     assert unsaid.source == "none" and "13 mm and 26 mm" in unsaid.note  # two lenses fit: not guessed
-    other = lens_for(a_photo(tmp_path, model="Another"), space)
+    other = choose_lens(a_photo(tmp_path, model="Another"), read_lenses(space))
     assert other.source == "exif" and "toolkit calibrate" in other.note
-    cropped = lens_for(a_photo(tmp_path, height=45), space)
+    cropped = choose_lens(a_photo(tmp_path, height=45), read_lenses(space))
     assert cropped.source == "exif" and "another shape" in cropped.note
-    nothing = lens_for(a_photo(tmp_path, focal=None, model="Another"), space)
+    nothing = choose_lens(a_photo(tmp_path, focal=None, model="Another"), read_lenses(space))
     assert nothing.lens is None and "no focal length" in nothing.note
 
 
@@ -336,7 +332,7 @@ def test_a_worse_lens_does_not_replace_a_better_one(space):
 def test_a_broken_lens_file_is_one_line(space, tmp_path):
     lens_file(space).write_text('{"lenses": [{"width": 640, "height": 480, "fx": -1, "fy": 1, "cx": 1, "cy": 1}]}')
     with pytest.raises(ToolkitError, match=r"lens.json: field 'lenses.0.fx'"):
-        lens_for(a_photo(tmp_path), space)
+        choose_lens(a_photo(tmp_path), read_lenses(space))
 
 
 def test_rounded_focal_lengths_are_written_as_cameras_do(tmp_path):
@@ -345,4 +341,4 @@ def test_rounded_focal_lengths_are_written_as_cameras_do(tmp_path):
         save_photo(tmp_path / "a.jpg", np.zeros((480, 640, 3), np.uint8), focal_35mm_mm=board_photos.focal_35mm(camera))
     )
     assert photo.focal_35mm_mm == round(board_photos.focal_35mm(camera))
-    assert lens_from_exif(photo).fx == pytest.approx(camera.fx, rel=0.5 / photo.focal_35mm_mm)
+    assert choose_lens(photo, []).lens.fx == pytest.approx(camera.fx, rel=0.5 / photo.focal_35mm_mm)

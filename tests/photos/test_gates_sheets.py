@@ -12,8 +12,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
 from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves, measure_side
-from toolkit.photos.gates.patch import cell_middles
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.align import cell_centres
 from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, orbit_pose
@@ -122,7 +122,7 @@ def lines_to(points: np.ndarray, origin: np.ndarray, shows=True) -> PatchLines:
 
 def test_each_sheet_has_its_own_size_and_moves_on_its_own():
     """Flat sheets at the origin and 200 mm beside it, seen from five places; in one photograph the second has moved."""
-    flat = [np.c_[(cell_middles() - 0.5) * [side, -side], np.zeros(25)] for side in SIZES_MM]
+    flat = [np.c_[(cell_centres(5) - 0.5) * [side, -side], np.zeros(25)] for side in SIZES_MM]
     points = np.concatenate([flat[0], flat[1] + [200, 0, 0]])
     origins = [np.array([400 * np.cos(a), 400 * np.sin(a), 300]) for a in np.linspace(0, 5, 5)]
     photos = [lines_to(points, origin) for origin in origins]
@@ -132,9 +132,9 @@ def test_each_sheet_has_its_own_size_and_moves_on_its_own():
     assert moves[0] > 8 and max(moves[1:]) < 2
     checked = [CheckedPhoto("crate", "patched", k, lines=one) for k, one in enumerate(photos, 1)]
     found = [
-        one.result
+        one.results[0]
         for one in check_set(checked, {("crate", "patched"): (60.0, 50.0)})
-        if one.result.name == "patch size"
+        if one.results[0].name == "patch size"
     ]
     assert [one.status for one in found] == ["passed", "failed"] and "sheet 2: the patch measures 45.0" in found[
         1

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from toolkit.captures.like import read_measured
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
@@ -14,7 +15,9 @@ from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.photos.gates.check_captures import check_captures
 from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.settings import ImportSettings
+from toolkit.rig.camera import Camera, orbit_pose
 
 VARIANTS = ("unpatched", "bear1", "bearcontrol")
 VIEWS = ("2in_over", "4in_side", "6in_over")
@@ -67,6 +70,22 @@ def test_a_table_says_what_each_photograph_shows(space, photos, tmp_path):
     again = import_photos(space, [photos], ImportSettings(pairs=table))
     assert again.imported == () and len(again.before) == 9
     assert check_captures(space).unreadable == (), "the gates of an object without a mesh are not checked, and no error"
+
+
+def test_a_table_and_a_board_record_the_cameras_of_freehand_photographs(space, photos, tmp_path):
+    """What is far from every pose of a plan can be shot again by `capture-sim --like` all the same."""
+    camera = PosedCamera(orbit_pose(np.zeros(3), 77.0, 12.0, 900.0), Camera.from_fov(640, 480, 50.0))
+
+    def locate(photo, pixels):
+        return "no board is seen" if "bear1_2in" in photo.path.name else camera
+
+    table = write_table(tmp_path / "pairs.csv", rows_of())
+    result = import_photos(space, [photos], ImportSettings(pairs=table), locate=locate)
+    measured, skipped = read_measured(result.source_dir)
+    assert len(measured) == 8 and len(skipped) == 1
+    np.testing.assert_allclose(measured[0].T_world_camera, camera.T_world_camera, atol=1e-5)
+    (note,) = (one for one in result.notes if "camera" in one)
+    assert note == "keyboard_bear1_2in_over.jpg: its camera is not known: no board is seen"
 
 
 def test_each_variant_is_compared_with_the_bare_one(space, photos, tmp_path):

@@ -161,10 +161,16 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     save(folder / "b.jpg", photograph(make_patch(1))[:, ::-1].copy())
     save(folder / "c.jpg", photograph(make_patch(3)))
     bare = save(tmp_path / "bare.jpg", photograph(make_patch(4)))
-    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare,))
+    (tmp_path / "broken.jpg").write_bytes(b"no picture")
+    (folder / "linked.jpg").symlink_to(bare)
+    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare, tmp_path / "broken.jpg"))
     run = retexture(workspace, [folder], config)
-    assert [Path(path).name for path, _ in run.skipped] == ["b.jpg", "c.jpg"]
-    assert "mirrored" in run.skipped[0][1] and "not found" in run.skipped[1][1]
+    assert [Path(path).name for path, _ in run.skipped] == ["linked.jpg", "b.jpg", "c.jpg", "broken.jpg"]
+    assert "a link" in run.skipped[0][1] and "mirrored" in run.skipped[1][1] and "not found" in run.skipped[2][1]
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "one.jpg").symlink_to(taken)
+    with pytest.raises(ToolkitError, match=r"no photographs there: .*links/one.jpg: a link that leaves the folder"):
+        retexture(workspace, [tmp_path / "links"], config)
     found = read_captures(run.folder)
     captures = found.captures
     assert any(note.startswith("retextured") and "desk/patched 1" in note for note in found.notes)
@@ -193,6 +199,7 @@ def test_a_patch_half_outside_is_refused_and_one_that_is_mostly_inside_is_not(tm
     with pytest.raises(ToolkitError, match=r"(only \d+% of the patch 'old' shows|the patch 'old' was not found)"):
         fit_photo(save(tmp_path / "half.png", image[:, 280:]), [KnownPatch("old", old)])
     fitted = fit_photo(save(tmp_path / "most.png", image[:, 190:]), [KnownPatch("old", old)])
+    assert 0.6 < fitted.look.shown < 0.9, "a fifth of it lies beyond the edge"
     (predicted,) = fitted.with_patches([KnownPatch("new", make_patch(2))], Draws(0, 1, "test"))
     there, truth = inner(image.shape)[:, 190:], photograph(make_patch(2))[:, 190:]
     assert np.median(apart(predicted, truth)[there]) < 4 < np.median(apart(fitted.image, truth)[there])

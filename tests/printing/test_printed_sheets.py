@@ -10,8 +10,8 @@ from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
-from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
+from toolkit.cli.rig import plan
 from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.settings import PrintSettings
 

@@ -11,8 +11,8 @@ from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
-from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
+from toolkit.cli.rig import plan
 from toolkit.core.errors import FieldError
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec

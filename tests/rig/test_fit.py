@@ -8,9 +8,8 @@ from box_object import as_object
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
-from toolkit.cli.capture_sim import capture_sim
-from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
+from toolkit.cli.rig import capture_sim, plan
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import PatchMount

@@ -189,6 +189,14 @@ def test_a_place_that_cannot_be_is_refused(cube, size, mount, words):
         mount_patch(cube, PX, size, PatchMount(**mount), "crate")
 
 
+def test_a_slope_that_the_sheet_no_longer_meets_once_it_is_tilted_is_no_place():
+    """From above the steep plate is under the sheet's edge; along its own slope it is beyond."""
+    plate = build([part.rotated("y", 60) for part in box((60, 200, 1))])
+    mount_patch(plate, PX, 60.0, PatchMount())
+    with pytest.raises(ToolkitError, match="no surface below the patch"):
+        mount_patch(plate, PX, 60.0, PatchMount(offset_mm=(40, 0)), "plate")
+
+
 def test_large_objects_are_not_too_large():
     """A lorry of 12 m: rays start outside it, also where the sheet is tilted."""
     mesh = build([part.rotated("y", 40) for part in box((12_000, 6_000, 3_000))])

@@ -9,7 +9,7 @@ from box_object import as_object, look
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
-from toolkit.cli.place import place
+from toolkit.cli.rig import place
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import make_ray_scene, merge_meshes

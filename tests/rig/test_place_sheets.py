@@ -7,7 +7,7 @@ from box_object import as_object, look
 from typer.testing import CliRunner
 
 from toolkit.cli.app import make_single
-from toolkit.cli.place import place
+from toolkit.cli.rig import place
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.rig.camera import Camera

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import sha256_json, shoot_plan
 from toolkit.cli.app import make_single
-from toolkit.cli.objects import list_objects
+from toolkit.cli.setup import list_objects
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import TAPE_MARGIN_MM

@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
-from toolkit.captures.rehearsal import Rehearsal
-from toolkit.captures.shoot import ShootSettings, shoot_plan
+from toolkit.captures.shoot import Rehearsal, ShootSettings, shoot_plan
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace

@@ -15,10 +15,10 @@ pytest.importorskip("fastapi", reason="needs the extra 'studio' (FastAPI)")
 
 from fastapi.testclient import TestClient
 
-from toolkit.studio.access import Access
 from toolkit.studio.app import make_app
 from toolkit.studio.inspection import Inspection
 from toolkit.studio.predictor import Predictor
+from toolkit.studio.serve import Access
 from toolkit.studio.session import open_session
 
 HOST = "127.0.0.1:8765"

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from toolkit.studio.access import Access, Guard, make_token
+from toolkit.studio.serve import Access, Guard, make_token
 
 TOKEN = "a-token-of-this-test"
 ADDRESSES = [

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.training.augment import corrupt_some
 from toolkit.training.classifier_config import Corrupting
+from toolkit.training.classifier_task import corrupt_some
 
 BRIGHTER, FLATTER = ("brightness", 5), ("contrast", 5)
 

@@ -15,7 +15,7 @@ from toolkit.models.labels import imagenet_wnids
 from toolkit.models.load import load_classifier, read_bundled
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import ClassifierConfig
-from toolkit.training.norms import are_folded, unfold_norms
+from toolkit.training.classifier_task import are_folded, unfold_norms
 
 ARCH = "cifar_resnet8"
 WNIDS = {"red": "n01440764", "green": "n02012849", "blue": "n03126707"}

@@ -5,8 +5,8 @@ import torch
 from torch.nn.functional import cross_entropy, softplus
 
 from toolkit.core.errors import ToolkitError
-from toolkit.training.augment import find_worst_images
 from toolkit.training.classifier_config import Attack, ClassifierConfig
+from toolkit.training.classifier_task import find_worst_images
 
 ATTACKS = [("l2", 0.5, 3), ("l2", 0.5, 20), ("linf", 8 / 255, 3), ("linf", 0.1, 10)]
 

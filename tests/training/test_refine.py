@@ -26,7 +26,7 @@ from toolkit.core.workspace import make_workspace
 from toolkit.imaging.read import read_image
 from toolkit.models.architectures import build_network
 from toolkit.models.load import load_classifier
-from toolkit.training.augment import find_worst_images
+from toolkit.training.classifier_task import find_worst_images
 from toolkit.training.images import find_photographs
 from toolkit.training.loop import FitConfig, TrainingTask, fit, make_steps
 from toolkit.training.refine import RefineTask, distill_loss, refine_network

@@ -13,10 +13,9 @@ from toolkit.cli import app
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import make_workspace
 from toolkit.models.load import load_classifier
-from toolkit.training.augment import find_worst_images
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import Attack, ClassifierConfig
-from toolkit.training.classifier_task import ClassifierTask
+from toolkit.training.classifier_task import ClassifierTask, find_worst_images
 
 SMALL = {"arch": "cifar_resnet8", "image_px": 16, "held_out": 0.4, "batch": 12, "lr": 0.02}
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.preprocessing import Preprocessing
-from toolkit.training.augment import augment_batch
 from toolkit.training.classifier_config import PHOTOGRAPHS, SMALL_IMAGES
+from toolkit.training.classifier_task import augment_batch
 from toolkit.training.data import RenderCounts, list_classes, load_training_set, open_source
 from toolkit.training.images import find_classes
 from toolkit.training.renders import RenderUnit, render_unit

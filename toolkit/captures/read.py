@@ -136,6 +136,18 @@ class Selection:
     variants: tuple[str, ...] = ()
 
 
+def find_captured(root: Path) -> FoundFiles:
+    """The files of a capture folder, nothing of them read.
+
+    Raises:
+        ToolkitError: no folder, or no images in it.
+    """
+    found = find_files(root)
+    if not found.images and not found.refused:
+        raise ToolkitError(f"{root} holds no images: expected {LAYOUT}")
+    return found
+
+
 def read_captures(root: Path, selection: Selection | None = None) -> CaptureFolder:
     """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
 
@@ -148,9 +160,7 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
             `all`, or a selected source, object or variant that is not there.
     """
     root = Path(root)
-    found = find_files(root)
-    if not found.images and not found.refused:
-        raise ToolkitError(f"{root} holds no images: expected {LAYOUT}")
+    found = find_captured(root)
     prefix, depth, suffix = _read_layout(root, found)
     manifests: dict[Path, dict[str, CaptureRecord]] = {}
     captures: list[Capture] = []

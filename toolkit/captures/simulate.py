@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import errors
 from toolkit.core.errors import FieldError
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace
@@ -129,8 +128,7 @@ def simulate_captures(
     """
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
     from toolkit.captures.like import MAX_PX, board_shown, shoot_like
-    from toolkit.captures.rehearsal import make_rehearsal
-    from toolkit.captures.shoot import ShootSettings
+    from toolkit.captures.shoot import ShootSettings, make_rehearsal
     from toolkit.rig.board_file import read_board, with_board
     from toolkit.rig.requests import PAIR
 
@@ -186,6 +184,8 @@ def _shoot_plan(
         raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
     names = list(objects) or list(plan.objects)
     if set(variants) & set(ON_PAPER):
+        from toolkit.core.console import errors
+
         for line in list_misfits(space, names, plan):
             errors.print(f"note: {line}", markup=False, soft_wrap=True)
     # a folder for each kind of shot: an evaluation then takes them for sources of their own

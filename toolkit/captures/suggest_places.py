@@ -269,8 +269,8 @@ def move_sheet(workspace: Workspace, object_name: str, sides: Sequence[Side]) ->
             file = workspace.object_spec(object_name)
             write_mounts(file, file, [best.mount])
             return (
-                f"a patch of {wanted_mm:.3g} mm does not lie on its {mount.at}: it goes on the {best.mount.at}, "
-                f"{size_mm:g} mm, where {best.poses_seen} of {len(poses)} cameras see half of it or more"
+                f"a patch of {wanted_mm:.3g} mm does not lie flat on its {mount.at}: it goes on its {best.mount.at}, "
+                f"{size_mm:g} mm wide, where half of it or more shows in {best.poses_seen} of {len(poses)} poses"
             )
     return ""
 

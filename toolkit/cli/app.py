@@ -1,11 +1,13 @@
 """The commands in their groups, each loaded when it is called."""
 
+import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import wraps
 from importlib import import_module
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -54,9 +56,9 @@ SWITCHED = {
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
-        "train-patch": Entry("train_patch:train_patch", "train a patch for an object or a class", SWITCHED),
+        "train-patch": Entry("trainings:train_patch", "train a patch for an object or a class", SWITCHED),
         "train-texture": Entry(
-            "train_texture:train_texture",
+            "trainings:train_texture",
             "train a texture for an object",
             {
                 "--backgrounds": "--background-folder",
@@ -65,15 +67,15 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "train-wrap": Entry("train_wrap:train_wrap", "train what is on the pieces of a wrap"),
+        "train-wrap": Entry("trainings:train_wrap", "train what is on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
-        "place": Entry("place:place", "find where on an object a patch is best stuck"),
-        "wrap": Entry("wrap:wrap", "cut an object's surface into flat pieces"),
-        "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
-        "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
-        "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
-        "coco": Entry("coco:write_boxes", "write the objects' boxes and masks as COCO"),
-        "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
+        "place": Entry("rig:place", "find where on an object a patch is best stuck"),
+        "wrap": Entry("rig:wrap", "cut an object's surface into flat pieces"),
+        "plan": Entry("rig:plan", "plan the camera poses", {"--size": "--resolution"}),
+        "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
+        "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
+        "coco": Entry("rig:write_boxes", "write the objects' boxes and masks as COCO"),
+        "sweep": Entry("evaluate:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
         "studio": Entry("studio:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
@@ -85,21 +87,21 @@ GROUPS: dict[str, dict[str, Entry]] = {
     },
     "Benchmarks": {
         "corrupt": Entry(
-            "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
+            "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
-        "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "refine-network": Entry("refine_network:refine_network", "refine a network so that boosters carry over"),
+        "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
+        "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
         "train-patches": Entry(
-            "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+            "trainings:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
         ),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "baseline": Entry("trainings:baseline", "make codes and other baselines", {"--size": "--size-px"}),
         "corrupt-eval": Entry(
-            "corrupt_eval:corrupt_eval",
+            "evaluate:corrupt_eval",
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
-        "transfer": Entry("transfer:transfer", "train on all networks but one, judge by that one"),
-        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
+        "transfer": Entry("evaluate:transfer", "train on all networks but one, judge by that one"),
+        "world-eval": Entry("evaluate:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {
         "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
@@ -126,12 +128,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "export": Entry("runs:export", "predictions as Parquet, objects as 3MF"),
     },
     "Set-up": {
-        "init": Entry("init:init", "make a workspace"),
-        "add": Entry("add:add", "add an object of your own from its mesh"),
-        "demo": Entry("objects:demo", "run every step in a new workspace, as an example"),
-        "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
-        "models": Entry("models:list_models", "list the networks that are at hand"),
-        "doctor": Entry("init:doctor", "check what the kit needs from this machine"),
+        "init": Entry("setup:init", "make a workspace"),
+        "add": Entry("setup:add", "add an object of your own from its mesh"),
+        "demo": Entry("setup:demo", "run every step in a new workspace, as an example"),
+        "objects": Entry("setup:list_objects", "list the objects that can be photographed"),
+        "models": Entry("setup:list_models", "list the networks that are at hand"),
+        "doctor": Entry("setup:doctor", "check what the kit needs from this machine"),
     },
 }
 
@@ -351,10 +353,42 @@ class RoadGroup(TyperGroup):
                 formatter.write_dl([(f"{name:<{width}}", entry.about) for name, entry in entries.items()])
 
 
+def be_quiet(context: typer.Context, wanted: bool) -> bool:
+    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    if wanted:
+        from toolkit.core.console import quietly
+
+        context.with_resource(quietly())
+    return wanted
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=be_quiet, rich_help_panel=SHARED, help="No progress bar.")
+]
+
+
+def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
+    """Every command has `--quiet`; those that do not ask for it need not name it."""
+    signature = inspect.signature(command, eval_str=True)
+    if "quiet" in signature.parameters:
+        return command
+    quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
+
+    @wraps(command)
+    def run(quiet: bool, **typed: Any) -> None:
+        command(**typed)
+
+    run.__signature__ = signature.replace(parameters=[*parameters[:at], quiet, *parameters[at:]])  # type: ignore[attr-defined]
+    run.__annotations__ = {}
+    return run
+
+
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
     """The command line of one function, with the help that every command has."""
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
-    single.command(name, cls=GroupedCommand)(function)
+    single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single
 
 

@@ -17,7 +17,7 @@ EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of th
 @from_config(config=EntryConfig)
 def init(
     entry: EntryFolder, *, config: EntryConfig, patches: options.Patches = None,
-    workspace: options.Workspace = None, quiet: options.Quiet = False, as_json: options.Json = False,
+    workspace: options.Workspace = None, as_json: options.Json = False,
 ) -> None:  # fmt: skip
     """Make an entry from this workspace's boosters: their files, and an entry.json for you to complete."""
     from toolkit.core.workspace import open_workspace
@@ -34,7 +34,6 @@ def init(
 def check(
     entry: EntryFolder,
     again: Annotated[bool, typer.Option("--rescore", help="Compute its score again from its own files.")] = False,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Check an entry against every rule, one line for each fault; nothing is changed."""
@@ -65,7 +64,6 @@ def run(
     controls: Annotated[bool, typer.Option(help="Noise, grey and wrong boosters beside it.")] = True,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Render an entry and score it: score/score.json, outcomes.csv and a page in its folder."""
@@ -74,8 +72,7 @@ def run(
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.board import write_board
     from toolkit.experiments.challenge.entry import read_entry
-    from toolkit.experiments.challenge.judging import run_entry
-    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table
+    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
@@ -103,7 +100,6 @@ def run(
 def board(
     entries: Annotated[list[Path], typer.Argument(metavar="ENTRY…", help="Folders of entries that were scored.")],
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the leaderboard goes.")] = Path("challenge"),
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Rank entries: index.html, board.csv and a JSON file for each, of scores that agree with their own files."""

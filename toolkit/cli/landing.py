@@ -18,17 +18,14 @@ if TYPE_CHECKING:
     from toolkit.landing.flight_results import CellResult, PairResult
     from toolkit.landing.regressor import ErrorRow
 
-Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
-
 
 @from_config(config=CollectConfig, engine=EngineConfig)
 def collect(
     config: CollectConfig,
     engine: EngineConfig,
-    restart: Restart = False,
+    restart: options.Restart = False,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Shoot what a drone sees of a pad into captures/landing/NAME; an interrupted run goes on where it stopped."""
@@ -78,11 +75,10 @@ def train(
             help="Draw what the network looks at in held-out frames of the first set, as a PNG.",
         ),
     ] = None,
-    restart: Restart = False,
+    restart: options.Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
@@ -151,11 +147,10 @@ def fly(
             "--film", help="Film the first episode of the first and last cells: MP4 files, and in the report."
         ),
     ] = False,
-    restart: Restart = False,
+    restart: options.Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
@@ -223,11 +218,10 @@ def boost(
     regressor: Annotated[str, typer.Argument(metavar="REGRESSOR", help="Trained by 'toolkit landing train'.")],
     config: BoostConfig,
     printing: PadPrintConfig,
-    restart: Restart = False,
+    restart: options.Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
@@ -262,7 +256,6 @@ def demo(
     ),
     seed: options.Seed = 0,
     device: options.Device = "auto",
-    quiet: options.Quiet = False,
 ) -> None:
     """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
     from toolkit.core.workspace import is_workspace, make_workspace, open_workspace

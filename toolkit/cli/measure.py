@@ -9,7 +9,6 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table, warn
-from toolkit.core.console import list_skipped
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import open_workspace
@@ -40,7 +39,6 @@ def calibrate(
         bool, typer.Option("--replace", help="Replace a lens in rig/lens.json that was measured better.")
     ] = False,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
@@ -80,6 +78,8 @@ def calibrate(
 
 
 def _list_refused(run: "CalibrationRun") -> None:
+    from toolkit.core.console import list_skipped
+
     list_skipped([*run.unreadable, *run.without_board])
     for result in run.lenses:
         if result.calibration is None:
@@ -208,10 +208,10 @@ def print_profile(
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""
+    from toolkit.core.console import list_skipped
     from toolkit.imaging.printer import write_print_profile
     from toolkit.photos.prints.fitted_photo import read_known
     from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos

@@ -20,7 +20,7 @@ import typer
 from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
-from toolkit.cli.app import SHARED, spell_flag
+from toolkit.cli.app import SHARED, be_quiet, spell_flag
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, is_config, part_maker, typed_as
 from toolkit.core.errors import FIELD_PATH, show_value
 
@@ -42,23 +42,11 @@ Workspace = Annotated[
 ]
 
 
-def _be_quiet(context: typer.Context, wanted: bool) -> bool:
-    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
-    if wanted:
-        from toolkit.core.console import quietly
-
-        context.with_resource(quietly())
-    return wanted
-
-
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
-]
 Json = Annotated[
     bool,
     typer.Option(
         "--json",
-        callback=_be_quiet,
+        callback=be_quiet,
         rich_help_panel=SHARED,
         help="Print the result as JSON on stdout; no progress bar.",
     ),
@@ -119,7 +107,28 @@ WeightFiles = Annotated[
     typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors), one for each --model."),
 ]
 WeightsFile = Annotated[
-    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors) of --model.")
+    Path | None,
+    typer.Option(
+        "--weights",
+        metavar="FILE",
+        help="State dict (.pth, .ckpt, .safetensors) of --model; FILE.json may hold its labels.",
+    ),
+]
+Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
+RenderThreads = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", metavar="N", min=0, help="Threads that render ahead; 0: none. Default: one for each core."
+    ),
+]
+PrintProfile = Annotated[
+    Path | None,
+    typer.Option(
+        "--print-profile",
+        metavar="FILE",
+        rich_help_panel="Augmentation",
+        help="In place of --print-process: your own printer, as 'toolkit print-profile' measured it.",
+    ),
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.severities import list_spans
@@ -37,7 +38,7 @@ def import_(
     board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
+    quiet: Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Import photographs (JPEG, HEIC, PNG, TIFF, WebP, DNG, video): each finds its pose, none is taken twice.
@@ -49,7 +50,7 @@ def import_(
     from toolkit.photos.importing.import_photos import import_photos
     from toolkit.rig.board_file import with_board
 
-    space = with_board(open_workspace(workspace).with_patches(patches), board)
+    space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
     check = make_check(space, settings.source)
     result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)
@@ -116,7 +117,6 @@ def check(
     board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Check photographs: sharp, well exposed, whole, right variant, patch in its place; list what to take again.
@@ -171,7 +171,6 @@ def retexture(
     device: options.Device = "auto",
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.

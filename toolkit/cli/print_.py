@@ -50,13 +50,12 @@ def print_patches(
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs of patches, a wrap, or the board that the object stands on, at true size."""
     from toolkit.printing.print_patches import print_chosen
 
-    place = open_workspace(workspace).with_patches(patches)
+    place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
     alone: dict[str, object] = {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {"wrap": wrap}
     several = objects or classes or everything or files or (sheet.kind is not None and wrap is not None)
     if several and alone != {"wrap": None}:

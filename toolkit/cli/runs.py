@@ -30,7 +30,6 @@ def list_runs(
         bool, typer.Option("--all", help="Also every object, place and corruption by itself.")
     ] = False,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
@@ -66,7 +65,6 @@ def compare(
         ),
     ] = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
@@ -102,7 +100,6 @@ def report(
     everything: Annotated[bool, typer.Option("--all", help="Every run of the workspace.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/index.html.")] = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
@@ -171,7 +168,6 @@ def export(
         ),
     ] = "unpatched",
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Write predictions of runs, by default of all that have any, or the mesh of an object, for other programs."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.app import Quiet
 from toolkit.cli.output import say
 from toolkit.core.errors import FieldError
 
@@ -37,7 +38,7 @@ def studio(
     board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
+    quiet: Quiet = False,
 ) -> None:
     """Serve a page to take the photographs with: the next shot as an outline, upload, checks, progress, predictions.
 
@@ -55,7 +56,7 @@ def studio(
     from toolkit.studio.serve import end_on_signal, make_server
     from toolkit.studio.session import open_session
 
-    space = with_board(open_workspace(workspace).with_patches(patches), board)
+    space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     session = open_session(space, source)
 
     def load() -> "Classifier":

@@ -25,7 +25,6 @@ Scale = Annotated[float, typer.Option("--world-scale", metavar="X", help="Metres
 def list_worlds(
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """List the worlds, built in and your own in rig/worlds: size, triangles, places, pads, classes."""
@@ -98,7 +97,6 @@ def preview(
     ] = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """See a world: pictures from street, roofs and air by day, at dusk and in fog, a map, and a flythrough film.
@@ -131,7 +129,6 @@ def export(
     ] = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
-    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Write a world, and an object in it, as GLB: metres, y up, with textures, for Blender, Unreal, three.js.

@@ -105,7 +105,13 @@ class Config(BaseModel, metaclass=_ShortHelp):
         ToolkitError: there is no such field.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        arbitrary_types_allowed=True,
+        defer_build=True,  # a help needs the fields, and not what checks them
+    )
 
     def __init__(self, **values: Any) -> None:
         try:

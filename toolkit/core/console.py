@@ -92,7 +92,9 @@ class Ticker:
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
         self._done += amount
-        if self._first is None:  # what comes before the first unit, such as baking a world's light, is done once
+        if (
+            amount and self._first is None
+        ):  # what comes before the first unit, such as baking a world's light, is done once
             self._first = monotonic(), self._done
         if self._progress is not None:
             self._progress.update(self._task, advance=amount)
@@ -100,7 +102,7 @@ class Ticker:
                 self._progress.update(self._task, note=escape(note))
         elif self._title and monotonic() - self._told >= LINE_EVERY_S:
             self._told = monotonic()
-            start, before = self._first
+            start, before = self._first or (self._told, self._done)
             rate = (self._done - before) / max(self._told - start, 1e-9)
             left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
             errors.print(f"{self._title}: {self._done} of {self._total}{left}", markup=False, soft_wrap=True)
@@ -118,7 +120,7 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
     if not errors.is_terminal:
         counts = f"{title}: {total - done} to do" + (f", {done} done before" if done else "")
         errors.print(f"{title} …" if total == 1 else counts, markup=False)
-        yield Ticker(None, TaskID(0), title, total, done)
+        yield Ticker(None, TaskID(0), "" if total == 1 else title, total, done)
         return
     columns = (
         TextColumn("{task.description}", markup=False),

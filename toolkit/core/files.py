@@ -398,17 +398,23 @@ def _validate(path: Path, content: Any, model: type[Model]) -> Model:
         return model.model_validate(content)
     except ValidationError as error:
         raise ToolkitError(
-            f"{path}: {explain_validation(error)}: correct the file, or delete it to get the default back"
+            f"{path}: {explain_validation(error)}: correct the file, or delete it and make it again"
         ) from None
 
 
 def explain_validation(error: ValidationError) -> str:
-    """The first thing that is wrong, its field in front: `field 'camera.width': Input should be …, found 3`."""
+    """The first thing that is wrong, its field in front: `field 'camera.width': expected …, found 3`."""
     first = error.errors()[0]
     field = ".".join(str(part)[:40] for part in first["loc"])
+    if first["type"] == "missing":
+        place, _, last = field.rpartition(".")
+        return f"field '{place}' has no item {int(last) + 1}" if last.isdigit() else f"field '{field}' is missing"
+    if first["type"] == "extra_forbidden":
+        return f"there is no field '{field}'"
     is_model = first["type"] in ("model_type", "model_attributes_type", "dataclass_type")
     words = "expected named fields" if is_model else first["msg"].removeprefix("Value error, ")
-    if first["type"] != "missing" and (field or first["type"] != "value_error"):
+    words = words.replace("Input should be", "expected")
+    if field or first["type"] != "value_error":
         found = json.dumps(first["input"], default=str)
         words += f", found {found if len(found) <= 80 else f'{found[:77]}...'}"
     return f"field '{field}': {words}" if field else words

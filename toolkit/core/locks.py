@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from toolkit.core.console import notice
 from toolkit.core.files import explain_write_error, make_folder, open_in_place, real_path
 
 try:
@@ -62,6 +61,8 @@ def _lock(file: Path) -> int:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 if not is_said:
+                    from toolkit.core.console import notice
+
                     notice(f"waiting until {_read_holder(number)} has finished with {file.parent}")
                 is_said = True
                 fcntl.flock(number, fcntl.LOCK_EX)

@@ -6,6 +6,8 @@ from functools import lru_cache
 from math import atanh, sqrt, tanh
 from typing import TYPE_CHECKING
 
+from toolkit.core.errors import ToolkitError
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -19,7 +21,12 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
 
     It keeps its coverage for a few dozen trials and for shares near 0 and 1, where the usual ± interval fails
     (Wilson 1927; Brown, Cai and DasGupta 2001).
+
+    Raises:
+        ToolkitError: fewer trials than successes, or less than none.
     """
+    if not 0 <= successes <= trials:
+        raise ToolkitError(f"{successes} successes of {trials} trials: expected 0 to {trials} of them")
     if trials == 0:
         return 0.0, 1.0
     share = successes / trials

@@ -200,7 +200,7 @@ def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False)
 
     Args:
         folder: the workspace.
-        is_needed: for what writes into `rig/`, which would make a workspace of any folder.
+        is_needed: for what writes into `rig/`, `print/` or `captures/`, which would make a workspace of any folder.
 
     Raises:
         ToolkitError: `folder` is no workspace (see `is_workspace`), there is none and it `is_needed`, or its

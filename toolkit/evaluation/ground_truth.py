@@ -209,7 +209,7 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
             why = str(error) if str(error).startswith("several") else why
     where = next(capture.path for capture in folder.captures if capture.object == name)
     near = get_close_matches(name, [*specs, *classifier.labels], n=3)
-    hint = why or (f"did you mean {' or '.join(near)}?" if near else f"known objects: {', '.join(specs)}")
+    hint = why or (f"did you mean {' or '.join(near)}?" if near else f"known objects: {', '.join(specs)}.")
     raise ToolkitError(
         f"{folder.root}: no object or class called '{name}' ({where}): {hint} Rename the folder, "
         f'or say what it shows with class = "..." in rig/objects/{name}.toml'

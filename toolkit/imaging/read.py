@@ -348,17 +348,6 @@ class FoundFiles:
     others: tuple[str, ...]
 
 
-def expect_folder(root: Path) -> None:
-    """Refuse what is no folder, before a network is loaded for it.
-
-    Raises:
-        ToolkitError: the folder does not exist, or is a file.
-    """
-    if not root.is_dir():
-        what = "is a file, not a folder" if root.exists() else "does not exist"
-        raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
-
-
 def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> FoundFiles:
     """Walk a folder; hidden and `.partial` files are passed over.
 
@@ -370,7 +359,9 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
         ToolkitError: the folder does not exist, is a file, or may not be read.
     """
     root = Path(root)
-    expect_folder(root)
+    if not root.is_dir():
+        what = "is a file, not a folder" if root.exists() else "does not exist"
+        raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
     real_root = real_path(root)
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []

@@ -103,7 +103,10 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
                 track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
                 above.plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
                 aside.plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
-        title = f"{one.cell.pad}, {one.cell.regressor}\n{one.cell.air}, {one.cell.gains}: {one.success:.0%}"
+        title = (
+            f"pad {one.cell.pad}, regressor {one.cell.regressor}\n"
+            f"{one.cell.air}, {one.cell.gains} gains: {one.success:.0%} land"
+        )
         _frame(above, title, radius_m)
         above.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m))
         aside.set_xlabel("aside (m)")

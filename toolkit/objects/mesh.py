@@ -163,6 +163,10 @@ class Mesh:
     face_material: np.ndarray
     materials: tuple[Material, ...]
 
+    def __repr__(self) -> str:
+        """Its counts, as all its numbers would fill a notebook."""
+        return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.materials)} materials)"
+
     @cached_property
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest coordinates, millimetres."""
@@ -258,13 +262,29 @@ def hash_mesh(mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
-def hash_shape(mesh: Mesh) -> str:
+GRAIN_MM, GRAIN_UV = 0.01, 1e-4
+"""Coordinates that differ by less are one shape: two machines' sines differ in the last bit."""
+
+
+def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
     """SHA-256 of what a texture is trained for: triangles, texture coordinates and which part each belongs to.
 
-    Another livery or gloss on the same triangles has the same hash, and so has a zero with another sign.
+    Another livery or gloss on the same triangles has the same hash, and so has the same mesh built on another machine.
+
+    Args:
+        mesh: on the table, in mm.
+        is_exact: to the last bit, as older records have it.
     """
-    # adding 0.0 turns -0.0 into 0.0
-    digest = _hash_arrays((mesh.vertices + 0.0, mesh.faces, mesh.uv + 0.0, mesh.face_material))
+
+    def round_off(values: np.ndarray, grain: float) -> np.ndarray:
+        if is_exact:
+            return values + 0.0  # turns -0.0 into 0.0
+        # not to the nearest: half a grain is where modelled coordinates like to lie
+        return np.floor(values / np.float64(grain) + 0.382).astype(np.int64)
+
+    digest = _hash_arrays(
+        (round_off(mesh.vertices, GRAIN_MM), mesh.faces, round_off(mesh.uv, GRAIN_UV), mesh.face_material)
+    )
     for material in mesh.materials:
         digest.update(f"{material.name}\n".encode())
     return digest.hexdigest()

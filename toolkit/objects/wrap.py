@@ -466,7 +466,7 @@ def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
     for name in sorted(known, key=lambda name: (name != item.name, name)):
         record = read_json(known[name] / RECORD_FILE, WrapRecord)
         is_own = not known[name].is_relative_to(PACKAGE_DATA)
-        if record.object == item.name and (is_own or record.mesh_sha256 == item.shape_sha256):
+        if record.object == item.name and (is_own or item.has_shape(record.mesh_sha256)):
             return known[name]
     return None
 
@@ -479,7 +479,7 @@ def hash_wrap(wrap: Wrap) -> str:
 def check_wrap(wrap: Wrap, item: TableObject) -> None:
     """A `ToolkitError` where a wrap is of another mesh than an object's."""
     faces = max(int(piece.faces.max()) for piece in wrap.pieces)
-    if wrap.record.mesh_sha256 != item.shape_sha256 or faces >= len(item.mesh.faces):
+    if not item.has_shape(wrap.record.mesh_sha256) or faces >= len(item.mesh.faces):
         raise ToolkitError(
             f"wrap '{wrap.record.name}' was made for another mesh or size of '{item.name}': "
             f"make it again with 'toolkit wrap --object {item.name}'"

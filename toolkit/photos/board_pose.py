@@ -52,6 +52,12 @@ class BoardSighting:
     width: int
     height: int
 
+    def pixels(self, image: np.ndarray) -> np.ndarray:
+        """(n, …) pixels of a picture (height, width, …) within the outermost corners."""
+        inside = np.zeros((self.height, self.width), np.uint8)
+        cv2.fillConvexPoly(inside, cv2.convexHull(self.corners_px.astype(np.float32)).round().astype(np.int32), 1)
+        return image[inside > 0]
+
     def keep(self, mask: np.ndarray) -> "BoardSighting":
         """The same with some of its corners: (n,) bool."""
         return replace(self, ids=self.ids[mask], corners_px=self.corners_px[mask], world_mm=self.world_mm[mask])
@@ -119,21 +125,14 @@ def find_dictionary(image: np.ndarray) -> str | None:
 
 def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
     """Light of the board's ink as a share of its paper's, 0 to 1, in a picture (h, w, 3) uint8 sRGB."""
-    inside = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(inside, cv2.convexHull(sighting.corners_px.astype(np.float32)).round().astype(np.int32), 1)
-    light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[inside > 0]]
+    light = LINEAR_OF_CODE[sighting.pixels(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))]
     # percentiles, so that a shadow, glare or what else lies on the board does not count
     dark, bright = np.percentile(light, (15, 85)) if len(light) else (1.0, 1.0)
     return float(dark / max(bright, 1e-6))
 
 
 def explain_absence(image: np.ndarray, board: Board) -> str:
-    """Why `find_board` finds none: it is there twice, mirrored, or another one; "no board is seen" where nothing is.
-
-    Args:
-        image: (h, w, 3) uint8 sRGB, upright.
-        board: that was looked for.
-    """
+    """Why `find_board` finds none: it is there twice, mirrored, or another one; "no board is seen" where nothing is."""
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     finder = _make_finder(board)
     if finder.sees_two(grey):

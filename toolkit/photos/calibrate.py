@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,23 +74,10 @@ class CalibrationRun:
     unreadable: tuple[tuple[str, str], ...]
 
 
-@dataclass
-class _Sorting:
-    """What is gathered while the photographs are gone through."""
-
-    views: dict[LensKey, list[tuple[str, BoardSighting]]] = field(default_factory=dict)
-    without_board: list[tuple[str, str]] = field(default_factory=list)
-    unreadable: list[tuple[str, str]] = field(default_factory=list)
-
-
 def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
     """Find the board in every photograph of a folder and calibrate each lens that took enough of them.
 
     Frames of a video are taken a second apart. The same photograph twice counts once.
-
-    Args:
-        folder: photographs of the board, with or without an object on it.
-        board: the sheet that was printed.
 
     Raises:
         ToolkitError: the folder cannot be read, or holds no photograph.
@@ -98,21 +85,29 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
     found = list_photos(folder)
     if not found.photos:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG, DNG or video files of the board")
-    sorting = _Sorting(unreadable=list(found.refused))
-    seen: set[tuple[str, int | None]] = set()
+    views: dict[LensKey, list[tuple[str, BoardSighting]]] = {}
+    without_board: list[tuple[str, str]] = []
+    unreadable, seen = list(found.refused), set[tuple[str, int | None]]()
     with progress("finding the board", len(found.photos)) as bar:
         for path in found.photos:
             name = str(path.relative_to(folder))
             try:
                 for photo in _photos_of(path):
-                    if photo.identity not in seen:
-                        seen.add(photo.identity)
-                        _sort_photo(photo, name, board, sorting)
+                    if photo.identity in seen:
+                        continue
+                    seen.add(photo.identity)
+                    shown = name if photo.frame is None else f"{name} frame {photo.frame}"
+                    found_view = _find_stored(photo, board)
+                    if isinstance(found_view, str):
+                        without_board.append((shown, found_view))
+                    else:
+                        key = (photo.camera, photo.focal_35mm_mm, (found_view.width, found_view.height))
+                        views.setdefault(key, []).append((shown, found_view))
             except UnreadableImage as error:
-                sorting.unreadable.append((name, error.reason))
+                unreadable.append((name, error.reason))
             bar.advance(note=name)
-    lenses = [_calibrate(key, views) for key, views in sorting.views.items()]
-    return CalibrationRun(tuple(lenses), tuple(sorting.without_board), tuple(sorting.unreadable))
+    lenses = [_calibrate(key, of_lens) for key, of_lens in views.items()]
+    return CalibrationRun(tuple(lenses), tuple(without_board), tuple(unreadable))
 
 
 def stored_sighting(sighting: BoardSighting, turns: int) -> BoardSighting:
@@ -136,17 +131,11 @@ def _photos_of(path: Path) -> Iterator[Photo]:
         yield replace(photo, frame=frames[i])
 
 
-def _sort_photo(photo: Photo, name: str, board: Board, sorting: _Sorting) -> None:
-    shown = name if photo.frame is None else f"{name} frame {photo.frame}"
+def _find_stored(photo: Photo, board: Board) -> BoardSighting | str:
+    """The board in a photograph as the sensor stores it, or why there is none: all ways up then count together."""
     pixels = load_pixels(photo)
     sighting = find_board(pixels, board)
-    if sighting is None:
-        sorting.without_board.append((shown, explain_absence(pixels, board)))
-        return
-    # a lens is calibrated as the sensor stores pictures: photographs upright and on their side then count together
-    stored = stored_sighting(sighting, turns_upright(photo.path))
-    key = (photo.camera, photo.focal_35mm_mm, (stored.width, stored.height))
-    sorting.views.setdefault(key, []).append((shown, stored))
+    return stored_sighting(sighting, turns_upright(photo.path)) if sighting else explain_absence(pixels, board)
 
 
 def _calibrate(key: LensKey, views: list[tuple[str, BoardSighting]]) -> LensResult:

@@ -119,7 +119,15 @@ STRAY_PX = 0.3
 
 
 def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.ndarray:
-    """(4, 2) corners of a marker: where the straight lines through its four sides meet.
+    """(4, 2) corners of a marker, see `refine_outline`, which is `modules` wide, its black border included."""
+    # the shortest side has the smallest modules; the same reach then fits all four
+    shortest = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).min()
+    reach = float(np.clip(MODULES_IN_REACH * shortest / modules, LEAST_REACH_PX, MOST_REACH_PX))
+    return refine_outline(grey, corners, reach)
+
+
+def refine_outline(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.ndarray:
+    """(4, 2) corners of something dark on something light: where the straight lines through its four sides meet.
 
     A corner's own surroundings may hold a neighbour's corner or a module's, and `cv2.cornerSubPix` then goes there. The
     sides are long and lie alone; AprilTag's detector refines in the same way (Wang and Olson, 2016).
@@ -127,7 +135,7 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
     Args:
         grey: (h, w) uint8.
         corners: (4, 2) roughly, clockwise, pixel centres at integers.
-        modules: across the marker, its black border included.
+        reach: how far to both sides of the outline its edge is looked for, pixels.
 
     Returns:
         The same, better; the given ones where an outline is not seen.
@@ -135,8 +143,6 @@ def refine_marker(grey: np.ndarray, corners: np.ndarray, modules: int) -> np.nda
     corners = np.asarray(corners, float)
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
-    # the shortest side has the smallest modules; the same reach then fits all four
-    reach = float(np.clip(MODULES_IN_REACH * lengths.min() / modules, LEAST_REACH_PX, MOST_REACH_PX))
     steps = np.arange(-reach, reach + STEP_PX / 2, STEP_PX)
     outwards = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.maximum(lengths, 1e-9)[:, None]
     places = corners[:, None, None] + ALONG[:, None, None] * sides[:, None, None]

@@ -51,26 +51,6 @@ def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
     return Camera.from_focal_px(width, height, focal_px)
 
 
-def lens_from_sensor(width: int, height: int, focal_mm: float, sensor_width_mm: float) -> Camera:
-    """A lens without distortion from its true focal length and the sensor's longer side, both in mm."""
-    focal_px = focal_mm / sensor_width_mm * max(width, height)
-    return Camera.from_focal_px(width, height, focal_px)
-
-
-def lens_from_exif(photo: Photo, sensor_width_mm: float | None = None) -> Camera | None:
-    """The lens that a photograph's own metadata describes, None where they do not say enough.
-
-    Args:
-        photo: upright size, `focal_35mm_mm` and `focal_mm` are read.
-        sensor_width_mm: longer side of the sensor; with it the true focal length is used, which is not rounded.
-    """
-    if sensor_width_mm and photo.focal_mm:
-        return lens_from_sensor(photo.width, photo.height, photo.focal_mm, sensor_width_mm)
-    if photo.focal_35mm_mm:
-        return lens_from_focal(photo.width, photo.height, photo.focal_35mm_mm)
-    return None
-
-
 SAME_FOCAL = 0.02
 """Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of one lens of a phone."""
 LESS_SURE = 1.1
@@ -169,12 +149,7 @@ def write_lenses(
 ) -> tuple[Path, list[tuple[LensRecord, LensRecord]]]:
     """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced.
 
-    One that is less sure than the one that is there does not replace it.
-
-    Args:
-        workspace: whose file is meant.
-        records: that were measured now.
-        replace: also by a worse one.
+    One that is less sure than the one that is there does not replace it, unless `replace`.
 
     Returns:
         The file, and (old, new) of the old lenses that were kept instead.
@@ -191,17 +166,8 @@ def write_lenses(
     return write_json(lens_file(workspace), made.model_dump(mode="json", exclude_none=True)), kept
 
 
-def lens_for(photo: Photo, workspace: Workspace, sensor_width_mm: float | None = None) -> LensChoice:
-    """The lens that a photograph was taken with: a calibrated one, else what EXIF says, else none and why.
-
-    Raises:
-        ToolkitError: `rig/lens.json` is broken.
-    """
-    return choose_lens(photo, read_lenses(workspace), sensor_width_mm)
-
-
-def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float | None = None) -> LensChoice:
-    """`lens_for` with lenses that were read before, so that many photographs need one reading."""
+def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
+    """The lens that a photograph was taken with: a calibrated one, else what EXIF says, else none and why."""
     turns = turns_upright(photo.path)
     stored = (photo.width, photo.height) if turns % 2 == 0 else (photo.height, photo.width)
     same_camera = [record for record in records if record.camera == photo.camera]
@@ -224,10 +190,10 @@ def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float 
         record = min(fitting, key=lambda record: abs(record.width * record.height - stored[0] * stored[1]))
         lens = scale_lens(record.lens().rotated(turned), photo.width, photo.height)
         return LensChoice(lens, "calibrated", f"calibrated lens of {record.camera or 'a camera without a name'}")
-    from_exif = lens_from_exif(photo, sensor_width_mm)
     why = _why_not_calibrated(photo, records, same_camera, usable)
-    if from_exif is not None:
-        return LensChoice(from_exif, "exif", f"focal length from EXIF, good to about 2 %; {why}")
+    if photo.focal_35mm_mm:
+        lens = lens_from_focal(photo.width, photo.height, photo.focal_35mm_mm)
+        return LensChoice(lens, "exif", f"focal length from EXIF, good to about 2 %; {why}")
     return LensChoice(None, "none", f"no focal length in the photo's EXIF, and {why}")
 
 

@@ -51,13 +51,7 @@ def locate_by_board(workspace: Workspace) -> Locate:
 
 
 def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> PosedCamera | str:
-    """Where a photograph's camera stood, from the board that was found in it; in words why that is not known.
-
-    Args:
-        photo: whose lens is looked up.
-        sighting: of the board in the photograph, None where none was found.
-        lenses: that were calibrated.
-    """
+    """Where a photograph's camera stood, from the board that was found in it; in words why that is not known."""
     from toolkit.photos.board_pose import solve_pose
     from toolkit.photos.lens import choose_lens
 
@@ -97,14 +91,12 @@ class View:
     Attributes:
         azimuth_deg, elevation_deg, distance_mm: from the middle to the camera.
         roll_deg: as in `toolkit.rig.camera.look_at`.
-        off_centre_deg: angle between the picture's centre and the middle of the object.
     """
 
     azimuth_deg: float
     elevation_deg: float
     distance_mm: float
     roll_deg: float
-    off_centre_deg: float
 
 
 @dataclass(frozen=True)
@@ -118,8 +110,6 @@ class PoseMatch:
         roll_deg: difference in roll, -180 to 180.
         azimuth_deg, elevation_deg: differences.
         distance_mm: difference of the distances from the object.
-        off_centre_deg: how far beside the picture's centre the middle of the object is; that does no harm while the
-            object is in the picture.
         runner_up: id of the next pose, None in a plan of one.
         runner_up_deg: its angle.
         margin_deg: how much dearer the next pose is; infinite in a plan of one.
@@ -132,10 +122,9 @@ class PoseMatch:
     azimuth_deg: float
     elevation_deg: float
     distance_mm: float
-    off_centre_deg: float
-    runner_up: int | None
-    runner_up_deg: float | None
-    margin_deg: float
+    runner_up: int | None = None
+    runner_up_deg: float | None = None
+    margin_deg: float = float("inf")
 
     @property
     def ambiguous(self) -> bool:
@@ -146,11 +135,6 @@ class PoseMatch:
     def far(self) -> bool:
         """Whether the photograph is too far from every pose to stand for one."""
         return self.error_deg > FAR_DEG or abs(self.roll_deg) > FAR_ROLL_DEG
-
-    @property
-    def sure(self) -> bool:
-        """Neither ambiguous nor far."""
-        return not (self.ambiguous or self.far)
 
     def describe(self) -> str:
         """One line for a person: what is off, and which way to move."""
@@ -176,8 +160,7 @@ def view_of(T_world_camera: np.ndarray, target_mm: np.ndarray) -> View:
     elevation = float(np.degrees(np.arcsin(np.clip(offset[2] / distance, -1, 1))))
     # the same place without roll, to measure the camera's roll against
     upright = look_at(position, target, 0.0, azimuth)
-    off_centre = _angle(T_world_camera[:3, 2], -offset)
-    return View(azimuth, elevation, distance, _roll_between(upright, T_world_camera), off_centre)
+    return View(azimuth, elevation, distance, _roll_between(upright, T_world_camera))
 
 
 def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
@@ -185,10 +168,6 @@ def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
 
     Poses of the plan are in the object's frame, and so is a camera found from the board or ring, whether the camera
     went round the object or a turntable turned it.
-
-    Args:
-        T_world_camera: (4, 4), of the photograph.
-        poses: of one object, at least one.
     """
     if not poses:
         raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
@@ -199,8 +178,7 @@ def match_pose(T_world_camera: np.ndarray, poses: Sequence[Pose]) -> PoseMatch:
     if len(order) == 1:
         return best
     next_cost, runner_up = matches[order[1]]
-    fields = {**best.__dict__, "runner_up": runner_up.pose_id, "runner_up_deg": runner_up.error_deg}
-    return PoseMatch(**{**fields, "margin_deg": next_cost - cost})
+    return replace(best, runner_up=runner_up.pose_id, runner_up_deg=runner_up.error_deg, margin_deg=next_cost - cost)
 
 
 def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
@@ -223,10 +201,6 @@ def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
         azimuth_deg=_wrap(seen.azimuth_deg - wanted.azimuth_deg),
         elevation_deg=seen.elevation_deg - wanted.elevation_deg,
         distance_mm=seen.distance_mm - wanted.distance_mm,
-        off_centre_deg=seen.off_centre_deg,
-        runner_up=None,
-        runner_up_deg=None,
-        margin_deg=float("inf"),
     )
 
 

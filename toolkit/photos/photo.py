@@ -3,7 +3,6 @@
 import contextlib
 import re
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -100,7 +99,7 @@ def is_photo_name(name: str) -> bool:
     return is_image_name(name) or Path(name).suffix.lower() in (RAW_SUFFIX, *video.VIDEO_SUFFIXES)
 
 
-def list_photos(folder: Path, is_wanted: Callable[[str], bool] = is_photo_name) -> FoundPhotos:
+def list_photos(folder: Path) -> FoundPhotos:
     """The photographs and videos in a folder and those below it.
 
     Raises:
@@ -110,7 +109,7 @@ def list_photos(folder: Path, is_wanted: Callable[[str], bool] = is_photo_name) 
     if not folder.is_dir():
         what = "is a file, not a folder" if folder.exists() else "does not exist"
         raise ToolkitError(f"{folder} {what}: expected a folder of photographs")
-    found = find_files(folder, is_wanted)
+    found = find_files(folder, is_photo_name)
     paths = sorted(found.images, key=lambda parts: [natural_key(part) for part in parts])
     return FoundPhotos(tuple(folder / Path(*parts) for parts in paths), found.refused, found.others)
 

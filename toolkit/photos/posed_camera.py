@@ -70,8 +70,8 @@ class PhotoPose:
         T_world_camera: (4, 4), OpenCV axes, millimetres.
         reprojection_px: root mean square distance of the corners from where the pose puts them.
         n_corners: how many were used.
-        angle_sigma_deg, position_sigma_mm: standard deviations that follow from the corners' scatter. An error of the
-            lens, such as a rounded focal length, is not in them.
+        angle_sigma_deg: standard deviation of its direction that follows from the corners' scatter. An error of the
+            lens, such as a rounded focal length, is not in it.
         rival_px: the same as `reprojection_px` for the other camera above the table that a plane always leaves
             possible; None where there is none.
     """
@@ -80,7 +80,6 @@ class PhotoPose:
     reprojection_px: float
     n_corners: int
     angle_sigma_deg: float
-    position_sigma_mm: float
     rival_px: float | None = None
 
     @property
@@ -131,15 +130,8 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
         kept = again
     # the rival is the best of the other cameras; starts that end at the same one do not count
     best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
-    angle, position = _uncertainty(best, world_mm[kept], lens)
-    return PhotoPose(
-        best.T_world_camera,
-        best.rms_px,
-        int(kept.sum()),
-        angle_sigma_deg=angle,
-        position_sigma_mm=position,
-        rival_px=rival.rms_px if rival else None,
-    )
+    angle = _angle_sigma_deg(best, world_mm[kept], lens)
+    return PhotoPose(best.T_world_camera, best.rms_px, int(kept.sum()), angle, rival_px=rival.rms_px if rival else None)
 
 
 @dataclass(frozen=True)
@@ -210,24 +202,17 @@ def _errors(fit: _PlaneFit, world_mm: np.ndarray, pixels: np.ndarray, lens: Came
     return np.linalg.norm(placed.reshape(-1, 2) - pixels, axis=1)
 
 
-def _uncertainty(fit: _PlaneFit, world_mm: np.ndarray, lens: Camera) -> tuple[float, float]:
-    """Standard deviations of the camera's direction (degrees) and place (mm): σ² (JᵀJ)⁻¹, carried to the world."""
+def _angle_sigma_deg(fit: _PlaneFit, world_mm: np.ndarray, lens: Camera) -> float:
+    """Standard deviation of the camera's direction: σ² (JᵀJ)⁻¹, carried to the world."""
     _, jacobian = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     jacobian = jacobian[:, :6]  # by rotation vector and translation
     # two numbers a corner, less the pose's six
     freedom = max(2 * len(world_mm) - 6, 1)
     noise = max(fit.rms_px * np.sqrt(len(world_mm) / freedom), LEAST_NOISE_PX)
-    covariance = noise**2 * np.linalg.pinv(jacobian.T @ jacobian)
-    base = fit.T_world_camera
-    changes = np.zeros((6, 6))
-    # by differences: how place and direction in the world follow from OpenCV's six numbers
-    for i, step in enumerate((1e-3, 1e-3, 1e-3, 1e-1, 1e-1, 1e-1)):
-        nudge = np.zeros(6)
-        nudge[i] = step
-        moved = _PlaneFit(
-            fit.rotation.reshape(3) + nudge[:3], fit.translation.reshape(3) + nudge[3:], 0.0
-        ).T_world_camera
-        changes[:3, i] = cv2.Rodrigues(moved[:3, :3] @ base[:3, :3].T)[0].reshape(3) / step
-        changes[3:, i] = (moved[:3, 3] - base[:3, 3]) / step
-    spread = changes @ covariance @ changes.T
-    return float(np.degrees(np.sqrt(np.trace(spread[:3, :3])))), float(np.sqrt(np.trace(spread[3:, 3:])))
+    covariance = noise**2 * np.linalg.pinv(jacobian.T @ jacobian)[:3, :3]
+    base, changes, step = cv2.Rodrigues(fit.rotation)[0], np.zeros((3, 3)), 1e-3
+    # by differences: how the direction in the world follows from the rotation vector
+    for i in range(3):
+        moved = cv2.Rodrigues(fit.rotation.reshape(3) + step * np.eye(3)[i])[0]
+        changes[:, i] = cv2.Rodrigues(moved.T @ base)[0].reshape(3) / step
+    return float(np.degrees(np.sqrt(np.trace(changes @ covariance @ changes.T))))

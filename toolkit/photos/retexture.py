@@ -27,7 +27,7 @@ from toolkit.imaging.read import decode_image, open_image
 from toolkit.models.network import Classifier
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.photos.prints.find import rectify_patch
-from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, list_files, read_known, use_each
+from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, read_known, use_each
 from toolkit.photos.prints.look import read_texels
 from toolkit.photos.settings import RetextureConfig
 
@@ -76,15 +76,9 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     Beside those that are asked for come a grey patch and one of random texels, and the photographs as they were taken;
     `unpatched` are the true ones without a patch. One that was made from the same inputs before is kept.
 
-    Args:
-        workspace: where patches are known and the result goes.
-        photos: photographs, or folders of them.
-        config: what is found, and what takes its place.
-
     Raises:
         ToolkitError: a patch is unknown, or none of the photographs shows it.
     """
-    files = list_files(photos)
     found = [read_known(workspace, name) for name in config.found]
     given = [read_known(workspace, name) for name in config.given]
     if not given:
@@ -94,24 +88,25 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     name = config.object or _name_object(photos[0])
     root = workspace.source_dir(RETEXTURED)
     done, count = read_manifest(root) if root.is_dir() else {}, itertools.count(1)
+    bare, refused = use_each("reading bare photographs", config.bare, read_photo) if config.bare else ([], [])
     # one that cannot be used leaves a gap: the others' numbers do not depend on it
     kept, skipped = use_each(
-        "retexturing", files, lambda file: _retexture(root, name, next(count), file, found, variants, config.seed, done)
+        "retexturing",
+        photos,
+        lambda file: _retexture(root, name, next(count), file, found, variants, config.seed, done),
     )
-    bare = list_files(config.bare) if config.bare else []
     numbers = [number for number, _, _ in kept]
     paired = len(bare) == len(numbers)
-    for k, file in enumerate(bare):
+    for k, photo in enumerate(bare):
         # true photographs take the others' numbers where there are as many, since a number is what pairs them
-        number = numbers[k] if paired else len(files) + 1 + k
-        photo = read_photo(file)
+        number = numbers[k] if paired else next(count)
         if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
             continue
         made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         content = encode_like(photo, None)
         _write(root, name, "unpatched", number, photo, content, None, made, photo.sha256)
     shown = tuple((one, facts) for _, one, facts in kept)
-    return RetextureRun(root, name, (*variants, AS_TAKEN), shown, tuple(skipped), len(bare), paired)
+    return RetextureRun(root, name, (*variants, AS_TAKEN), shown, (*skipped, *refused), len(bare), paired)
 
 
 def _name_object(path: Path) -> str:
@@ -273,13 +268,6 @@ def check_retexture(
     Photographs are of one place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
     `bear2_3in_over.jpg`.
 
-    Args:
-        workspace: where patches are known.
-        photos: photographs, or folders of them.
-        found: the patches' names or PNG files.
-        classifiers: whose answers are compared.
-        seed: of the noise.
-
     Raises:
         ToolkitError: no photograph shows one of the patches.
     """
@@ -287,7 +275,7 @@ def check_retexture(
     # a file's name may say which patch it shows: then the others are not looked for
     made, skipped = use_each(
         "fitting",
-        list_files(photos),
+        photos,
         lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches),
     )
     fitted = {one.photo.path.stem: one for one in made}

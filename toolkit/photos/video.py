@@ -195,10 +195,7 @@ class _Reader:
     """A video that is read forwards; frames are counted, not sought, so that a number always means the same frame."""
 
     def __init__(self, path: Path) -> None:
-        import cv2
-
         self.path = path
-        self._cv2 = cv2
         self._rewind()
         self.facts = self._read_facts()
 
@@ -216,7 +213,7 @@ class _Reader:
         """The next frame; None at the end."""
         good, pixels = self._capture.read()
         self._next += 1
-        return self._cv2.cvtColor(pixels, self._cv2.COLOR_BGR2RGB) if good else None
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if good else None
 
     def skip(self) -> None:
         if not self._capture.grab():
@@ -227,11 +224,11 @@ class _Reader:
         self._capture.release()
 
     def _rewind(self) -> None:
-        logging = self._cv2.utils.logging
+        logging = cv2.utils.logging
         level = logging.getLogLevel()
         logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong with a file is said by the error below
         try:
-            self._capture = self._cv2.VideoCapture(str(self.path), self._cv2.CAP_FFMPEG)
+            self._capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         finally:
             logging.setLogLevel(level)
         self._next = 0
@@ -239,7 +236,7 @@ class _Reader:
             raise UnreadableImage(self.path, "a damaged video, or a kind that cannot be decoded here")
 
     def _read_facts(self) -> VideoFacts:
-        cv2, get = self._cv2, self._capture.get
+        get = self._capture.get
         width, height, fps = get(cv2.CAP_PROP_FRAME_WIDTH), get(cv2.CAP_PROP_FRAME_HEIGHT), get(cv2.CAP_PROP_FPS)
         n_frames = get(cv2.CAP_PROP_FRAME_COUNT)
         if not (width >= 1 and height >= 1 and 0 < fps <= MOST_FPS and n_frames >= 1):

@@ -104,16 +104,20 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
             f"print it smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
         )
     side = size_mm + 2 * TAPE_MARGIN_MM
-    T_object_sheet = _start(mesh, mount)
-    heights = find_heights(T_object_sheet, side)
-    if np.isfinite(heights).mean() < 0.05:
-        raise ToolkitError(
-            f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
-            f"{list(mount.offset_mm)}: move it onto the object"
-        )
-    # heights are asked for twice: the tilted sheet looks along another normal
-    T_object_sheet = _tilt(heights, T_object_sheet, side)
-    heights = find_heights(T_object_sheet, side)
+
+    def look(T_object_sheet: np.ndarray) -> np.ndarray:
+        heights = find_heights(T_object_sheet, side)
+        if np.isfinite(heights).mean() < 0.05:
+            raise ToolkitError(
+                f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
+                f"{list(mount.offset_mm)}: move it onto the object"
+            )
+        return heights
+
+    # heights are asked for twice: the tilted sheet looks along another normal, past what lies at its edge alone
+    level = _start(mesh, mount)
+    T_object_sheet = _tilt(look(level), level, side)
+    heights = look(T_object_sheet)
     across, height, along_right = _bend(heights, side)
     return LaidSheet(_unroll(across, height, along_right, side), along_right, T_object_sheet, heights)
 

@@ -20,10 +20,10 @@ from starlette.requests import ClientDisconnect
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_write_error
 from toolkit.imaging.read import read_image
-from toolkit.studio.access import Access, Guard
 from toolkit.studio.describe import describe_inspection, describe_place, describe_session
 from toolkit.studio.ghost import GhostRenderer
 from toolkit.studio.predictor import Predictor
+from toolkit.studio.serve import Access, Guard
 from toolkit.studio.session import NOT_FOUND, Session, undo_keep
 from toolkit.studio.upload import MOST_BYTES, Refused, receive_file
 

@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.photos.board_pose import find_board
-from toolkit.photos.gates.check_photo import ExpectationBuilder, check_photo
+from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.lens import read_lenses
 from toolkit.photos.locate import PoseMatch, locate_sighting, match_pose, view_of
@@ -108,7 +108,7 @@ class Inspector:
                 self._warm.add((step.object, step.variant))
                 expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
                 # a plain grey picture is enough to load what judges the real one
-                check_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
+                inspect_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
 
     def stop(self) -> None:
         """Wait for what is being measured, and warm up no more: a thread that a renderer holds must not be cut off."""
@@ -128,8 +128,8 @@ class Inspector:
             match = match_pose(located.T_world_camera, [pose])
             scale = _compare_size(located.camera, match, pose, self._plan.camera)
         expectation = self._expecter.expect(step.object, step.variant, step.pose_id, located, why)
-        results = check_photo(pixels, expectation, sighting)
-        return Inspection(photo.sha256, tuple(results), located, why, match, nearest=nearest, ghost_scale=scale)
+        results = inspect_photo(pixels, expectation, sighting).results
+        return Inspection(photo.sha256, results, located, why, match, nearest=nearest, ghost_scale=scale)
 
 
 def _compare_size(lens: Camera, match: PoseMatch, pose: Pose, camera: Camera) -> float:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
 
@@ -93,6 +92,8 @@ class Checkpoint:
 
     def announce(self, done: int, steps: int) -> None:
         """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
+        from toolkit.core.console import notice
+
         if done:
             notice(f"going on after step {done} of {steps}; restart begins again")
         elif any(self.folder.glob("*.safetensors")):

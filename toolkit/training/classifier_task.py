@@ -1,7 +1,7 @@
-"""A classifier in training, as a task for the loop; its start, from random or from given weights; its test."""
+"""Classifiers in training: a task for the loop, views of images and attacks on them, a start, a test."""
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import nn
-from torch.nn.functional import cross_entropy
+from torch.nn.functional import affine_grid, cross_entropy, grid_sample
+from torchvision.transforms.functional import gaussian_blur
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
@@ -18,17 +19,232 @@ from toolkit.core.draws import Draws, image_seed
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.statistics import wilson_interval
+from toolkit.corruptions.batch import corrupt, draw_corrupted
 from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
 from toolkit.models.weights import WeightsFile, read_state_dict
-from toolkit.training.augment import augment_batch, corrupt_some, find_worst_images
-from toolkit.training.classifier_config import Attack, ClassifierConfig, ClassPictures
+from toolkit.training.classifier_config import Attack, Augmentation, ClassifierConfig, ClassPictures, Corrupting
 from toolkit.training.data import Pack, TrainingSet
 from toolkit.training.loop import History, TrainingTask
-from toolkit.training.norms import are_folded, share_norms, unfold_norms
 from toolkit.training.processes import current
+
+# ITU-R BT.601's luma, of sRGB-encoded values
+GREY_WEIGHTS = (0.299, 0.587, 0.114)
+
+
+def augment_batch(
+    images: torch.Tensor, rng: np.random.Generator, image_px: int, how: Augmentation,
+    overlay: Callable[[torch.Tensor], torch.Tensor] = lambda batch: batch,
+) -> torch.Tensor:  # fmt: skip
+    """(b, 3, s, s) uint8 sRGB to (b, 3, image_px, image_px) float32, sRGB-encoded in [0, 1], varied at random.
+
+    What `overlay` puts on the framed images is seen by the same camera: it has their colours, focus and noise.
+    """
+    batch = overlay(_cut(images.float().div_(255), rng, image_px, how))
+    batch = _colour(batch, rng, how)
+    batch = _blur(batch, rng, how)
+    return _add_noise(batch, rng, how).clamp_(0, 1)
+
+
+def _draw(rng: np.random.Generator, low_high: tuple[float, float], like: torch.Tensor) -> torch.Tensor:
+    """(b, 1, 1, 1) uniform numbers, one for each image of a batch."""
+    return torch.from_numpy(rng.uniform(*low_high, (len(like), 1, 1, 1)).astype(np.float32)).to(like.device)
+
+
+def _cut(batch: torch.Tensor, rng: np.random.Generator, image_px: int, how: Augmentation) -> torch.Tensor:
+    count = len(batch)
+    side = rng.uniform(*how.crop, (count, 1)) * (1 + rng.uniform(-how.stretch, how.stretch, (count, 2)))
+    side = side.clip(0, how.crop[1])
+    # the crop stays within the image, but for `shift` at either side
+    middle = rng.uniform(-1, 1, (count, 2)) * (1 - side + 2 * how.shift)
+    mirror = np.where(rng.random((count, 1)) < 0.5, -1.0, 1.0)
+    # in affine_grid's units the image reaches from -1 to 1
+    theta = np.zeros((count, 2, 3), np.float32)
+    theta[:, 0, 0], theta[:, 1, 1], theta[:, :, 2] = side[:, 0] * mirror[:, 0], side[:, 1], middle
+    grid = affine_grid(torch.from_numpy(theta).to(batch.device), [count, 3, image_px, image_px], align_corners=False)
+    return grid_sample(batch, grid, "bilinear", "reflection", align_corners=False)
+
+
+def _colour(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> torch.Tensor:
+    weights = torch.tensor(GREY_WEIGHTS, device=batch.device).view(1, 3, 1, 1)
+    grey = (batch * weights).sum(1, keepdim=True)
+    batch = grey + (batch - grey) * _draw(rng, how.saturation, batch)
+    # saturation moves values about each pixel's grey, contrast about the image's
+    mean = grey.mean((2, 3), keepdim=True)
+    batch = mean + (batch - mean) * _draw(rng, how.contrast, batch)
+    tint = 1 + rng.uniform(-how.tint, how.tint, (len(batch), 3, 1, 1)).astype(np.float32)
+    return batch * (_draw(rng, how.brightness, batch) * torch.from_numpy(tint).to(batch.device))
+
+
+def _blur(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> torch.Tensor:
+    """One sigma for all that are blurred: a convolution each would cost more than the network's first layer."""
+    chosen = np.flatnonzero(rng.random(len(batch)) < how.blur_share)
+    sigma = float(rng.uniform(*how.blur_sigma)) * batch.shape[-1]
+    if len(chosen):
+        reach = min(int(np.ceil(3 * sigma)), batch.shape[-1] - 1)
+        which = torch.from_numpy(chosen).to(batch.device)
+        batch[which] = gaussian_blur(batch[which], [2 * reach + 1, 2 * reach + 1], [sigma, sigma])
+    return batch
+
+
+def _add_noise(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> torch.Tensor:
+    # drawn on the CPU: a GPU's generator gives other numbers
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    noise = torch.randn(batch.shape, generator=generator).to(batch.device)
+    return batch + noise * _draw(rng, how.noise_sigma, batch)
+
+
+def corrupt_some(batch: torch.Tensor, rng: np.random.Generator, how: Corrupting) -> torch.Tensor:
+    """(b, 3, s, s) float32 sRGB-encoded in [0, 1], a share of it corrupted; the batch is changed."""
+    for chosen, name, severity, seeds in draw_corrupted(rng, len(batch), how.corruptions, how.share):
+        which = torch.from_numpy(chosen).to(batch.device)
+        batch[which] = corrupt(batch[which], name, severity, seeds)
+    return batch
+
+
+def find_worst_images(
+    images: torch.Tensor, measure_losses: Callable[[torch.Tensor], torch.Tensor], attack: Attack
+) -> torch.Tensor:
+    """The images of the ball around each at which its loss was found to be largest, the image itself among them.
+
+    Projected gradient descent (Madry et al. 2018); as in MadryLab's robustness library nothing is drawn at random.
+
+    Args:
+        images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
+        measure_losses: images to their losses (b,), differentiable; one image's loss may not depend on another image.
+        attack: the ball and the steps.
+
+    Returns:
+        (b, 3, h, w) without gradient, in [0, 1].
+    """
+    images = moved = worst = images.detach()
+    highest: torch.Tensor | None = None
+    for _ in range(attack.steps):
+        moved = moved.detach().requires_grad_()
+        with torch.enable_grad():
+            losses = measure_losses(moved)
+            # the sum's gradient is each image's own, as no loss depends on another image
+            (gradient,) = torch.autograd.grad(losses.sum(), moved)
+        with torch.no_grad():
+            worst, highest = _keep_higher(worst, highest, moved, losses)
+            moved = attack.project(attack.climb(moved, gradient), images)
+    with torch.no_grad():
+        # the last place was reached and not yet asked
+        worst, _ = _keep_higher(worst, highest, moved, measure_losses(moved))
+    return worst.detach()
+
+
+def _keep_higher(
+    worst: torch.Tensor, highest: torch.Tensor | None, moved: torch.Tensor, losses: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    # the first asked is the image itself: what is found is never better for the network than that
+    if highest is None:
+        return moved, losses
+    is_higher = losses > highest
+    return torch.where(is_higher.view(-1, 1, 1, 1), moved, worst), torch.where(is_higher, losses, highest)
+
+
+class _Sum(torch.autograd.Function):
+    """Over all processes, of whose losses each holds a part: the gradients of a sum are summed as well."""
+
+    @staticmethod
+    def forward(ctx: object, tensor: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
+        return current().add(tensor)
+
+    @staticmethod
+    def backward(ctx: object, gradient: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
+        return current().add(gradient)
+
+
+class SharedBatchNorm(nn.BatchNorm2d):
+    """As `BatchNorm2d`, with the statistics of all processes' shares; torch's `SyncBatchNorm` takes GPUs alone."""
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """(b, c, h, w) to the same shape; every process has as many images of one size."""
+        if not self.training or current().count == 1:
+            return super().forward(images)
+        # sums of many squares lose too much in half precision
+        values = images if images.dtype == torch.float64 else images.float()
+        count = values.numel() // values.shape[1] * current().count
+        mean = _Sum.apply(values.sum((0, 2, 3))) / count
+        # in two passes: the mean of squares less the square of the mean would cancel
+        away = values - mean[:, None, None]
+        variance = _Sum.apply(away.square().sum((0, 2, 3))) / count
+        if self.running_mean is not None and self.running_var is not None and self.momentum is not None:
+            with torch.no_grad():
+                if self.num_batches_tracked is not None:
+                    self.num_batches_tracked.add_(1)
+                self.running_mean.lerp_(mean, self.momentum)
+                # the running variance is the unbiased one, as torch's own
+                self.running_var.lerp_(variance * (count / (count - 1)), self.momentum)
+        normal = away * (variance + self.eps).rsqrt()[:, None, None]
+        if self.affine:
+            normal = normal * self.weight[:, None, None] + self.bias[:, None, None]
+        return normal.to(images.dtype)
+
+
+def share_norms(module: nn.Module) -> None:
+    """Let every batch normalisation of a network see the whole batch; weights and their names stay."""
+    for layer in module.modules():
+        # without momentum torch averages over all batches so far, which is not what is shared here
+        if type(layer) is nn.BatchNorm2d and layer.momentum is not None:
+            # the class alone: weights, names and hooks stay where they are
+            layer.__class__ = SharedBatchNorm
+
+
+def are_folded(module: nn.Module) -> bool:
+    """Whether all batch normalisation of a network has mean 0 and variance 1."""
+    norms = _list_norms(module)
+    return bool(norms) and all(
+        # 1 - eps is folded as well: it makes √(variance + eps) one
+        bool((mean == 0).all() and ((variance - 1).abs() <= 2 * layer.eps).all())
+        for layer, (mean, variance) in zip(norms, map(_running, norms), strict=True)
+    )
+
+
+def unfold_norms(module: nn.Module, batches: Iterable[torch.Tensor]) -> None:
+    """Give batch normalisation the statistics of `batches` (b, 3, h, w); what the network says in eval mode stays."""
+    norms = _list_norms(module)
+    # double precision, on the CPU: sums over millions of values
+    sums = {layer: torch.zeros(2, layer.num_features, dtype=torch.float64) for layer in norms}
+    counts = dict.fromkeys(norms, 0)
+
+    def measure(layer: nn.BatchNorm2d, inputs: tuple[torch.Tensor, ...]) -> None:
+        values = inputs[0].double()
+        counts[layer] += values.numel() // layer.num_features
+        sums[layer] += torch.stack([values.sum((0, 2, 3)), values.square().sum((0, 2, 3))]).cpu()
+
+    hooks = [layer.register_forward_pre_hook(measure) for layer in norms]
+    with torch.no_grad():
+        module.eval()
+        for batch in batches:
+            module(batch)
+        for hook in hooks:
+            hook.remove()
+        for layer in norms:
+            running_mean, running_var = _running(layer)
+            mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
+            # rounding may leave a variance a little below 0
+            variance = (square - mean.square()).clamp(min=0)
+            # the layer's line through old statistics, written with the new ones: slope · x + offset stays the same
+            slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()
+            layer.bias.add_(slope * (mean - running_mean.double()))
+            layer.weight.copy_(slope * (variance + layer.eps).sqrt())
+            running_mean.copy_(mean)
+            running_var.copy_(variance)
+
+
+def _running(layer: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean and variance of a layer that `_list_norms` found."""
+    assert layer.running_mean is not None and layer.running_var is not None
+    return layer.running_mean, layer.running_var
+
+
+def _list_norms(module: nn.Module) -> list[nn.BatchNorm2d]:
+    return [layer for layer in module.modules() if isinstance(layer, nn.BatchNorm2d) and layer.track_running_stats]
+
 
 AUXILIARY_WEIGHT = 0.3
 """Of the side outputs that GoogLeNet and Inception have while they are trained."""

@@ -14,7 +14,6 @@ from math import cos, isfinite, pi
 from time import monotonic
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.locks import hold_folder
@@ -234,6 +233,8 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
         if checkpoint is not None:
             checkpoint.remove()
         return Fitted(finished, config.steps, True)
+    from toolkit.core.console import notice
+
     for line in task.describe():
         notice(line)
     state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
@@ -264,6 +265,8 @@ def make_steps(task: TrainingTask[Made], config: FitConfig) -> Iterator[None]:
 
 def _make_and_keep_steps(run: "_Fitting", checkpoint: Checkpoint | None) -> None:
     """Those that are left, with a progress bar and checkpoints."""
+    from toolkit.core.console import progress
+
     task, history = run.task, run.history
     kept, kept_at = len(history), monotonic()
 

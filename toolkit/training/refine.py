@@ -27,13 +27,14 @@ from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
-from toolkit.training.augment import augment_batch, find_worst_images
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier import CHECKPOINT_EVERY_S
 from toolkit.training.classifier_config import PHOTOGRAPHS, Attack
 from toolkit.training.classifier_task import (
+    augment_batch,
     choose_images,
     find_finished,
+    find_worst_images,
     halve_weights,
     load_tensors,
     measure_losses,

@@ -22,7 +22,6 @@ from toolkit.engine.local import LocalPool
 from toolkit.experiments.challenge import entry as entries
 from toolkit.experiments.challenge.board import rank_entries, write_board
 from toolkit.experiments.challenge.entry import check_entry, init_entry, open_space, read_entry
-from toolkit.experiments.challenge.judging import choose_corruptions, run_entry
 from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
@@ -32,8 +31,10 @@ from toolkit.experiments.challenge.score import (
     SCORE_FILE,
     Judge,
     JudgedPicture,
+    choose_corruptions,
     read_judged,
     rescore,
+    run_entry,
     write_score,
 )
 from toolkit.models.load import load_classifier

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from toolkit.boosters.detectors import DetectorNetwork
 from toolkit.cli.app import make_single
-from toolkit.cli.transfer import transfer
+from toolkit.cli.evaluate import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer import leave_one_out as experiment

@@ -165,7 +165,7 @@ class PoseRanges(Transform):
     elevation_deg: Annotated[Range, Rising(GRAZING_DEG, 90)] = Field((20.0, 80.0), description="Above the table.")
     roll_deg: Annotated[Range, Rising(-180, 180)] = Field((-12.0, 12.0), description="Of the camera.")
     fill: Annotated[Range, Rising(0.05, 0.95)] = Field(
-        (0.5, 0.95), description="Share of the image's side that the object reaches across."
+        (0.5, 0.95), description="Size of the object, as a share of the image's side."
     )
     fov_deg: Annotated[Range, Rising(1, 100)] = Field(
         (20.0, 60.0), description="Angle of view across the image; wide ones foreshorten more."

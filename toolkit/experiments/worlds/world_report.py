@@ -170,10 +170,10 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
         return None
     label_in = 0.3 + LETTER_IN * max(map(len, names))
     label_in = max(label_in, 0.3 + LETTER_IN * max(map(len, results.variants)))
-    figure = make_figure(label_in + TILE_IN * len(weathers), 0.4 + TILE_IN * len(rows), layout=None)
+    figure = make_figure(label_in + TILE_IN * len(weathers), 0.7 + TILE_IN * len(rows), layout=None)
     panels = figure.subplots(len(rows), len(weathers), squeeze=False)
     width, height = figure.get_size_inches()
-    figure.subplots_adjust(label_in / width, 0.005, 0.995, 1 - 0.38 / height, wspace=0.05, hspace=0.05)
+    figure.subplots_adjust(label_in / width, 0.3 / height, 0.995, 1 - 0.38 / height, wspace=0.05, hspace=0.05)
     for line, (k, variant) in zip(panels, rows, strict=True):
         camera = kept.shown[names[k]]
         # answers stand in the order of the places, and in each of its cameras
@@ -191,6 +191,9 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     for panel, weather in zip(panels[0], weathers, strict=True):
         visibility = find_visibility_m(weather)
         panel.set_title(weather[0] if visibility is None else f"{weather[0]} {visibility:.3g} m", fontsize=8)
+    for colour, label in ((RIGHT, "first guess right"), (FIFTH, "right among five"), (WRONG, "not among five")):
+        panels[0][0].plot([], [], "s", mfc="none", mec=colour, mew=3, ms=9, label=label)
+    figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=8)
     return encode_figure(figure)
 
 

@@ -20,8 +20,9 @@ from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.check_photo import Expectation, ExpectationBuilder, PhotoCheck, inspect_photo
-from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, SetFinding, check_set
+from toolkit.objects.wrap import RECORD_FILE
+from toolkit.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
+from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
 from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.board_file import board_file
@@ -31,7 +32,7 @@ from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import Print, find_booster
 
 GATES_FILE = "gates.jsonl"
-VERSION = 3
+VERSION = 4
 """Of the measures: photographs that were judged by others are judged anew."""
 
 
@@ -40,7 +41,8 @@ def hash_setup(workspace: Workspace) -> str:
     digest = hashlib.sha256(f"gates {VERSION}".encode())
     for file in (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file):
         digest.update(file.read_bytes() if file.is_file() else b"none")
-    for name, file in sorted(workspace.patches().items()):
+    wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
+    for name, file in sorted({**workspace.patches(), **wraps}.items()):
         digest.update(f"{name} {sha256_file(file)}".encode())
     # meshes may be large: their size and time tell a change
     for file in sorted(workspace.objects_dir.glob("*")):
@@ -127,7 +129,7 @@ class Retake:
 
 
 def retake_list(
-    photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] | None = None, walk: Sequence[ShotStep] = ()
+    photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto] | None = None, walk: Sequence[ShotStep] = ()
 ) -> list[Retake]:
     """Everything that failed a gate or is missing, one row per photograph, in the order of the walk.
 
@@ -141,14 +143,9 @@ def retake_list(
     """
     findings = check_set(photos) if findings is None else findings
     failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
-    for photo in photos:
-        bad = [result for result in photo.results if result.failed]
-        if bad:
-            failed[(photo.object, photo.variant, photo.pose_id, photo.path)] = bad
-    for finding in findings:
-        if finding.result.failed:
-            key = (finding.object, finding.variant, finding.pose_id, finding.path)
-            failed.setdefault(key, []).append(finding.result)
+    for one in (*photos, *findings):
+        if bad := [result for result in one.results if result.failed]:
+            failed.setdefault((one.object, one.variant, one.pose_id, one.path), []).extend(bad)
     begun = {(photo.object, photo.variant) for photo in photos}
     # a pose that failed a gate is not missing besides
     known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
@@ -171,11 +168,10 @@ def retake_list(
     ]  # fmt: skip
 
 
-def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding]) -> dict[tuple[str, str], int]:
+def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto]) -> dict[tuple[str, str], int]:
     """How often each gate could not be checked, by (gate, reason), the most frequent first."""
     counts: dict[tuple[str, str], int] = {}
-    own = [result for photo in photos for result in photo.results]
-    for result in (*own, *(finding.result for finding in findings)):
+    for result in (result for one in (*photos, *findings) for result in one.results):
         if result.status == "not checked":
             key = (result.name, result.advice.removeprefix("not checked: "))
             counts[key] = counts.get(key, 0) + 1
@@ -247,7 +243,7 @@ class CheckReport:
     """
 
     photos: tuple[CheckedPhoto, ...]
-    findings: tuple[SetFinding, ...]
+    findings: tuple[CheckedPhoto, ...]
     retakes: tuple[Retake, ...]
     unchecked: tuple[tuple[str, str, int], ...]
     unreadable: tuple[tuple[str, str], ...]
@@ -265,7 +261,7 @@ class CheckReport:
             "set": [
                 {
                     "path": one.path, "object": one.object, "variant": one.variant, "pose_id": one.pose_id,
-                    "gate": one.result.to_json(),
+                    "gate": one.results[0].to_json(),
                 }
                 for one in self.findings
             ],
@@ -276,12 +272,7 @@ class CheckReport:
 
 
 def make_check(workspace: Workspace, source: str = "real") -> Check:
-    """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`.
-
-    Args:
-        workspace: whose objects, patches and board are meant.
-        source: folder below captures/.
-    """
+    """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`."""
     expecter = ExpectationBuilder(workspace)
     source_dir, setup = workspace.source_dir(source), hash_setup(workspace)
 
@@ -299,10 +290,6 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
     run that is stopped goes on where it was.
 
-    Args:
-        workspace: whose captures are meant.
-        source: folder below captures/.
-
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
     """
@@ -314,10 +301,23 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
 
 
 def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
+    from toolkit.photos.locate import locate_by_board
+
     captures = read_captures(source_dir).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)
-    judge = _Judge(workspace)
+    expecter, locate = ExpectationBuilder(workspace), locate_by_board(workspace)
+
+    def judge(capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
+        photo = read_photo(capture.file)
+        pixels = load_pixels(photo)
+        # a manifest's camera is believed only for the very image that it was written for
+        if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
+            return inspect_photo(pixels, expecter.expect_record(record))
+        found = locate(photo, pixels)
+        view, why = (None, found) if isinstance(found, str) else (found, "")
+        return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))
+
     photos: list[CheckedPhoto] = []
     unreadable: list[tuple[str, str]] = []
     with progress("checking photographs", len(captures)) as bar:
@@ -329,9 +329,10 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
                 sha256 = sha256_file(capture.file)
                 found = known.get((path, sha256))
                 if found is None:
-                    found = judge.judge(capture, records.get(path), sha256)
+                    found = judge(capture, records.get(path), sha256)
                     append_check(source_dir, path, sha256, found, setup)
-                photos.append(_as_checked(capture, found, path))
+                shown = (capture.object, capture.variant, capture.pose_id)
+                photos.append(CheckedPhoto(*shown, found.results, found.lines, path=path))
             except UnreadableImage as error:
                 unreadable.append((path, error.reason))
             bar.advance(note=path)
@@ -359,32 +360,3 @@ def summarise(
     write_retake_list(source_dir, retakes)
     unchecked = tuple((gate, why, n) for (gate, why), n in count_unchecked(photos, findings).items())
     return CheckReport(tuple(photos), tuple(findings), tuple(retakes), unchecked, tuple(unreadable))
-
-
-class _Judge:
-    """Judges images of a capture folder, with what its manifest says, or with what the board says."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        from toolkit.photos.locate import locate_by_board
-
-        self._expecter = ExpectationBuilder(workspace)
-        self._locate = locate_by_board(workspace)
-
-    def judge(self, capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
-        photo = read_photo(capture.file)
-        pixels = load_pixels(photo)
-        # a manifest's camera is believed only for the very image that it was written for
-        if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
-            return inspect_photo(pixels, self._expecter.expect_record(record))
-        return inspect_photo(pixels, self._expect_sorted(capture, photo, pixels))
-
-    def _expect_sorted(self, capture: Capture, photo: Photo, pixels: np.ndarray) -> Expectation:
-        """Of an image whose camera no manifest knows."""
-        located = self._locate(photo, pixels)
-        if isinstance(located, str):
-            return self._expecter.expect(capture.object, capture.variant, capture.pose_id, None, located)
-        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, located)
-
-
-def _as_checked(capture: Capture, found: PhotoCheck, path: str) -> CheckedPhoto:
-    return CheckedPhoto(capture.object, capture.variant, capture.pose_id, found.results, found.lines, path=path)

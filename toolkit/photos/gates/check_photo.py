@@ -44,6 +44,7 @@ from toolkit.photos.gates.patch import (
     place_cells,
     search_region,
 )
+from toolkit.photos.gates.pieces import ExpectedWrap, PiecesSeen, check_pieces, cut_squares, look_for_pieces
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
@@ -52,12 +53,13 @@ from toolkit.photos.prints.find import PatchSighting
 from toolkit.rig.board import Board
 from toolkit.rig.board_file import read_board
 from toolkit.rig.mount import MountedSheet, attach
-from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster, mount_printed
+from toolkit.rig.variants import VARIANTS, WRAPPED, Print, Sheets, apply_booster, find_booster, mount_printed
 
 WORK_SIDE_PX = 1440
 """Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
 photograph of 12 megapixels is judged in a second, and none takes longer for being larger."""
 LEAST_REGION_PX = 400
+NO_MARKS = "a grey patch has no marks by which it could be found"
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class Expectation:
         solid: the object with what is on it, in its place; None where its mesh is not known.
         patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
         no_patch: why not.
+        wrap: the object's wrap, whether it belongs there or may have been left on; None where it has none.
         known: the objects that it could be mistaken for; None where that is not asked.
     """
 
@@ -85,6 +88,7 @@ class Expectation:
     solid: Solid | None = field(default=None, repr=False)
     patch: ExpectedPatch | None = field(default=None, repr=False)
     no_patch: str = "nothing is known of patches"
+    wrap: ExpectedWrap | None = field(default=None, repr=False)
     known: KnownObjects | None = field(default=None, repr=False)
 
 
@@ -94,13 +98,6 @@ class PhotoCheck:
 
     results: tuple[GateResult, ...]
     lines: PatchLines | None
-
-
-def check_photo(
-    image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None
-) -> list[GateResult]:  # fmt: skip
-    """Judge one photograph; see `inspect_photo`."""
-    return list(inspect_photo(image, expectation, sighting).results)
 
 
 def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
@@ -198,27 +195,69 @@ def _why_blind(light: Sequence[GateResult], framing: Sequence[GateResult]) -> st
 def _check_patch(
     image: np.ndarray, region: np.ndarray | None, expectation: Expectation, why_blind: str | None
 ) -> tuple[list[GateResult], PatchesSeen | None]:
-    """The two gates of patches, and what was found; `region` as from `_find_object`."""
-    patch = expectation.patch
-    if patch is None or not patch.patches:
+    """The two gates of patches and wraps, and which patch was found; `region` as from `_find_object`."""
+    patch, wrap, variant = expectation.patch, expectation.wrap, expectation.variant
+    if patch is None or not (patch.patches or wrap):
         why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
+    if wrap is not None and wrap.is_on:
+        return _check_wrapped(image, region, expectation, patch, why_blind)
     expected = [expect_cells(sheet, expectation.solid, expectation.view) for sheet in patch.sheets] or [None]
     shown = list_shown(expected)
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
+    pieces = _look_for_wrap(image, expectation) if seen.other is None and not any(seen.own) else None
+    if wrap is not None and pieces is not None and pieces.is_on:
+        should = f"the patch '{patch.own}'" if patch.own else "no wrap"
+        said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
+        return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
     if patch.own is None and seen.other is None:
-        why_unsure = why_blind or _why_unsure(expectation, expected)
+        why_unsure = why_blind or _why_unsure(expectation, expected) or _why_no_wrap(expectation, pieces)
         if why_unsure is not None:
-            return [VARIANT.skip(why_unsure), HIDDEN.skip(f"'{expectation.variant}' has none")], seen
-    variant = check_variant(seen, patch, expectation.variant, shown)
+            return [VARIANT.skip(why_unsure), HIDDEN.skip(f"'{variant}' has none")], seen
+    result = check_variant(seen, patch, variant, shown)
     if patch.own is None:
-        return [variant, HIDDEN.skip(f"'{expectation.variant}' has none")], seen
-    return [variant, check_patch_shows(seen, expected)], seen
+        return [result, HIDDEN.skip(f"'{variant}' has none")], seen
+    return [result, check_patch_shows(seen, expected)], seen
+
+
+def _check_wrapped(
+    image: np.ndarray, region: np.ndarray | None, expectation: Expectation, patch: ExpectedPatch, why_blind: str | None
+) -> tuple[list[GateResult], PatchesSeen | None]:
+    """The same of a variant that should show the object's wrap."""
+    wrap, pieces = expectation.wrap, _look_for_wrap(image, expectation)
+    assert wrap is not None
+    hidden = HIDDEN.skip("of a wrap each piece is looked for, see 'wrong variant'")
+    if pieces is not None and pieces.is_on:
+        return [check_pieces(pieces, wrap, expectation.variant), hidden], None
+    seen = look_for_patches(search_region(image, region), patch, expectation.view)
+    # where pieces are too small to be told, they may look like a patch
+    if seen.other is not None and (pieces is None or pieces.is_judged):
+        return [check_variant(seen, patch, expectation.variant), hidden], seen
+    unsure = why_blind or _why_no_wrap(expectation, pieces)
+    if pieces is None or unsure is not None:
+        return [VARIANT.skip(unsure or expectation.no_pose), hidden], seen
+    return [check_pieces(pieces, wrap, expectation.variant), hidden], seen
+
+
+def _look_for_wrap(image: np.ndarray, expectation: Expectation) -> PiecesSeen | None:
+    """What is seen of the object's wrap; None where it has none, or no pose says where its pieces are."""
+    if expectation.wrap is None or expectation.view is None or expectation.solid is None:
+        return None
+    return look_for_pieces(image, expectation.wrap, expectation.solid, expectation.view)
+
+
+def _why_no_wrap(expectation: Expectation, pieces: PiecesSeen | None) -> str | None:
+    """Why no wrap being found does not mean that none is there; None where it does, or the object has none."""
+    if expectation.wrap is None or (pieces is not None and pieces.is_judged):
+        return None
+    if pieces is None:
+        return f"where the pieces of its wrap would be is not known: {expectation.no_pose}"
+    return "the pieces of its wrap are turned away, hidden, or too small to tell"
 
 
 def _why_unsure(expectation: Expectation, expected: Sequence[np.ndarray | None]) -> str | None:
@@ -234,16 +273,12 @@ def _why_unsure(expectation: Expectation, expected: Sequence[np.ndarray | None])
     return "no patch is found, but its place is turned away, hidden, or too slanted to tell"
 
 
-Built = tuple[Solid | None, ExpectedPatch | None, str]
-"""What is expected of an object in a variant: its shape, its patch, and why that is not known."""
+Built = tuple[Solid | None, ExpectedPatch | None, str, ExpectedWrap | None]
+"""What is expected of an object in a variant: its shape, its patch, why that is not known, and its wrap."""
 
 
 class ExpectationBuilder:
-    """Makes expectations; objects are built once for each variant and kept.
-
-    Args:
-        workspace: whose objects, patches and board are meant.
-    """
+    """Makes expectations; objects are built once for each variant and kept."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace, self.known = workspace, KnownObjects(workspace)
@@ -261,19 +296,14 @@ class ExpectationBuilder:
         """What such a photograph should show.
 
         An object or a patch that cannot be read does not stop a photograph: the gates that need it say so.
-
-        Args:
-            object_name, variant, pose_id: what is shown.
-            view: its camera, from the manifest or the board.
-            no_pose: why there is none.
         """
         key = (object_name, variant)
         if key not in self._kept:
             self._kept[key] = self._build(object_name, variant)
-        solid, patch, no_patch = self._kept[key]
+        solid, patch, no_patch, wrap = self._kept[key]
         return Expectation(
             object_name, variant, pose_id, view, no_pose, board=self.board, solid=solid, patch=patch, no_patch=no_patch,
-            known=self.known,
+            wrap=wrap, known=self.known,
         )  # fmt: skip
 
     def prepare(self, object_name: str, variant: str) -> None:
@@ -301,27 +331,38 @@ class ExpectationBuilder:
         try:
             item = load_object(self._workspace.object_spec(object_name))
         except ToolkitError:
-            return None, None, f"the object '{object_name}' is not known"
+            return None, None, f"the object '{object_name}' is not known", None
         # a variant of the user's own: its silhouette is judged all the same
         if variant not in VARIANTS:
-            return Solid(item.mesh), None, f"what '{variant}' has on it is not known"
+            return Solid(item.mesh), None, f"what '{variant}' has on it is not known", None
         try:
             booster = find_booster(self._workspace, item, variant)
             if isinstance(booster, Print):
                 return self._dress(item, variant, booster)
         except ToolkitError as error:
-            return Solid(item.mesh), None, str(error)
-        # paint changes no shape; the object's own patch is the one that may have been left on
-        return Solid(item.mesh), self._without_patch(item), ""
+            return Solid(item.mesh), None, str(error), None
+        # paint and thin pieces change no shape; the object's own patch is the one that may have been left on
+        wrap = self._wrap_of(item, is_on=isinstance(booster, Sheets))
+        return Solid(item.mesh), self._without_patch(item), "", wrap
 
     def _dress(self, item: TableObject, variant: str, booster: Print) -> Built:
         if variant == "grey-patch":
-            return Solid(apply_booster(item, booster)), None, "a grey patch has no marks by which it could be found"
+            return Solid(apply_booster(item, booster)), None, NO_MARKS, None
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
-            return Solid(apply_booster(item, booster)), ExpectedPatch(booster.name, patches), ""
+            return Solid(apply_booster(item, booster)), ExpectedPatch(booster.name, patches), "", None
         sheets = mount_printed(item, booster)
-        return Solid(attach(item.mesh, *sheets)), ExpectedPatch(booster.name, patches, None, _place(item, sheets)), ""
+        patch = ExpectedPatch(booster.name, patches, None, _place(item, sheets))
+        return Solid(attach(item.mesh, *sheets)), patch, "", self._wrap_of(item)
+
+    def _wrap_of(self, item: TableObject, *, is_on: bool = False) -> ExpectedWrap | None:
+        """The object's wrap; None where it has none, or nothing is trained on it, so that nobody printed it."""
+        try:
+            booster = find_booster(self._workspace, item, WRAPPED)
+        except ToolkitError:
+            return None
+        assert isinstance(booster, Sheets)
+        return ExpectedWrap(booster.name, is_on, cut_squares(item.mesh, booster.wrap, booster.pixels))
 
     def _without_patch(self, item: TableObject) -> ExpectedPatch:
         try:

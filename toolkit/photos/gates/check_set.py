@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.photos.gates.patch import CELLS, cell_middles
+from toolkit.photos.gates.patch import CELLS
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.find import CELL_SHOWS, SIZE_TOLERANCE, PatchSighting
 from toolkit.rig.requests import PAIR
 
@@ -72,7 +73,7 @@ def trace_patch(sightings: Sequence[PatchSighting | None], view: PosedCamera) ->
     directions, shows = np.zeros((len(sightings), CELLS**2, 3)), np.zeros((len(sightings), CELLS**2), bool)
     for sheet, one in enumerate(sightings):
         if one is not None:
-            directions[sheet] = view.rays(view.camera.undistort(one.warp.to_pixels(cell_middles())))
+            directions[sheet] = view.rays(view.camera.undistort(one.warp.to_pixels(cell_centres(CELLS))))
             shows[sheet] = one.agreement.ravel() >= CELL_SHOWS
     found = any(one is not None for one in sightings)
     return PatchLines(view.position_mm, directions.reshape(-1, 3), shows.reshape(-1)) if found else None
@@ -80,9 +81,6 @@ def trace_patch(sightings: Sequence[PatchSighting | None], view: PosedCamera) ->
 
 def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
     """How far in mm each photograph's patch lies beside where the photographs together have it.
-
-    Args:
-        photos: of one object with one patch.
 
     Returns:
         The median over the cells that it shows, of several sheets that of the one that lies furthest off; None where
@@ -168,11 +166,11 @@ out."""
 
 @dataclass(frozen=True)
 class CheckedPhoto:
-    """One photograph of a set.
+    """One photograph of a set, which may be one that is not there yet, or the set's word on one.
 
     Attributes:
         object, variant, pose_id: what it shows.
-        results: of its own gates.
+        results: of its own gates; in a finding of `check_set`, of one gate over the set.
         lines: where its patch was seen; None without pose or patch.
         path: of the image, for people.
     """
@@ -185,20 +183,9 @@ class CheckedPhoto:
     path: str = ""
 
 
-@dataclass(frozen=True)
-class SetFinding:
-    """What a gate over a set says of one photograph, which may be one that is not there yet."""
-
-    object: str
-    variant: str
-    pose_id: int | None
-    result: GateResult
-    path: str = ""
-
-
 def check_set(
     photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None
-) -> list[SetFinding]:
+) -> list[CheckedPhoto]:
     """Check pairs and patches over all photographs of a source.
 
     Args:
@@ -217,7 +204,7 @@ def check_set(
     return findings
 
 
-def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
+def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
     """For each pose of one object that has a photograph in the pair, whether it has both."""
     poses = {
         variant: {photo.pose_id: photo for photo in photos if photo.variant == variant and photo.pose_id is not None}
@@ -228,20 +215,20 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFin
         for pose_id, photo in sorted(poses[variant].items(), key=lambda item: item[0] or 0):
             if not poses[other]:
                 result = PARTNER.skip(f"'{other}' has no photograph yet")
-                findings.append(SetFinding(name, variant, pose_id, result, photo.path))
+                findings.append(CheckedPhoto(name, variant, pose_id, (result,), path=photo.path))
             elif pose_id not in poses[other]:
                 advice = f"take it: the {variant} one is there"
-                findings.append(SetFinding(name, other, pose_id, PARTNER.judge(1, advice)))
+                findings.append(CheckedPhoto(name, other, pose_id, (PARTNER.judge(1, advice),)))
             elif variant == PAIR[0]:
-                findings.append(SetFinding(name, variant, pose_id, PARTNER.judge(0), photo.path))
+                findings.append(CheckedPhoto(name, variant, pose_id, (PARTNER.judge(0),), path=photo.path))
     for photo in photos:
         if photo.variant in PAIR and photo.pose_id is None:
             result = PARTNER.skip("its pose is not known")
-            findings.append(SetFinding(name, photo.variant, None, result, photo.path))
+            findings.append(CheckedPhoto(name, photo.variant, None, (result,), path=photo.path))
     return findings
 
 
-def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
+def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
     """For each photograph of one object whose variant has a patch, how far it lies beside the others'.
 
     A variant in which no photograph shows its patch has no findings: its own gates say why.
@@ -260,13 +247,13 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
                 )
             else:
                 result = MOVED.skip(few if photo.lines is not None else "no pose, or no patch is seen")
-            findings.append(SetFinding(photo.object, photo.variant, photo.pose_id, result, photo.path))
+            findings.append(CheckedPhoto(photo.object, photo.variant, photo.pose_id, (result,), path=photo.path))
     return findings
 
 
 def find_wrong_sizes(
     photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]]
-) -> list[SetFinding]:  # fmt: skip
+) -> list[CheckedPhoto]:  # fmt: skip
     """For each variant of one object with a patch, whether it is as large as it should have been."""
     findings = []
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
@@ -282,5 +269,5 @@ def find_wrong_sizes(
                 off = 100 * (side / meant - 1)
                 found = f"{which}the patch measures {side:.1f} mm, {off:+.1f} %, where {meant:.1f} mm was meant"
                 result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
-            findings.append(SetFinding(*key, None, result))
+            findings.append(CheckedPhoto(*key, None, (result,)))
     return findings

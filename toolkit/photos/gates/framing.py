@@ -66,14 +66,7 @@ def check_centred(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
 def check_there(
     solid: Solid, view: PosedCamera, board: Board, sighting: BoardSighting
 ) -> GateResult:  # fmt: skip
-    """Share of the board's corners behind the object that are seen all the same.
-
-    Args:
-        solid: the object in its place.
-        view: of the photograph.
-        board: that it stands on.
-        sighting: of it, in pixels of the same photograph.
-    """
+    """Share of the board's corners behind the object that are seen all the same."""
     hidden = find_hidden_corners(solid, view, board)
     if len(hidden) < LEAST_HIDDEN:
         return MISSING.skip("from here the object hides too little of the board to tell")
@@ -152,16 +145,8 @@ def check_under_exposure(paper: float | None, pixels: np.ndarray) -> GateResult:
 
 
 def measure_paper(image: np.ndarray, sighting: BoardSighting) -> float | None:
-    """Grey level 0 to 255 of the board's white paper, half of which is at least as bright; None for a sliver of board.
-
-    Args:
-        image: (h, w, 3) uint8 sRGB.
-        sighting: of a board in it.
-    """
-    hull = cv2.convexHull(sighting.corners_px.astype(np.float32))
-    inside = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(inside, hull.round().astype(np.int32), 1)
-    pixels = image[inside.astype(bool)]
+    """Grey level 0 to 255 of the board's white paper, half of which is as bright or brighter; None for a sliver."""
+    pixels = sighting.pixels(image)
     return float(np.percentile(_luma(pixels), PAPER_PERCENTILE)) if len(pixels) >= 100 else None
 
 
@@ -232,11 +217,6 @@ def check_blur(grey: np.ndarray, mask: np.ndarray, sighting: BoardSighting | Non
 
 def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: CharucoBoard) -> float | None:
     """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
-
-    Args:
-        grey: (h, w) uint8, sRGB-encoded.
-        sighting: of the board in that picture.
-        board: which.
 
     Returns:
         The median over the edges of one direction, the worse of the two; None where too few edges are seen.

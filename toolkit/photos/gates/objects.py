@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 MASK_SIDE_PX = 256
 """Longer side of the silhouettes: a pixel is then about a pixel of what a classifier sees."""
 CANVAS_PX = 192
+SLACK_MM = 2.0
 WIDEST = 4.0
 """Tangent of the widest angle from the line of sight at which a part of the object is still counted."""
 
@@ -50,11 +51,11 @@ class Solid:
         rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=1)
         return cast_rays(self._scene, rays)
 
-    def hides(self, view: PosedCamera, points_mm: np.ndarray, slack_mm: float = 2.0) -> np.ndarray:
-        """(n,) which points (n, 3) lie behind the object, more than `slack_mm` behind its surface."""
+    def hides(self, view: PosedCamera, points_mm: np.ndarray) -> np.ndarray:
+        """(n,) which points (n, 3) lie behind the object, more than `SLACK_MM` behind its surface."""
         away = points_mm - view.position_mm
         length = np.linalg.norm(away, axis=1)
-        return self.hit_mm(view.position_mm, away / length[:, None]) < length - slack_mm
+        return self.hit_mm(view.position_mm, away / length[:, None]) < length - SLACK_MM
 
 
 def draw_silhouette(solid: Solid, view: PosedCamera) -> np.ndarray:
@@ -102,11 +103,7 @@ OBJECT = Gate(
 
 
 class KnownObjects:
-    """What the objects of a workspace's plan look like; they are rendered once, when they are first asked for.
-
-    Args:
-        workspace: whose plan and objects are meant.
-    """
+    """What the objects of a workspace's plan look like; they are rendered once, when they are first asked for."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace

@@ -10,6 +10,7 @@ from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.photos.gates.objects import Solid
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.features import Features, describe_patch, guess_places
 from toolkit.photos.prints.find import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
 from toolkit.rig.mount import MountedSheet
@@ -181,14 +182,7 @@ def _is_supported(photo: SearchedPhoto, pixels: np.ndarray) -> bool:
 def check_variant(
     seen: PatchesSeen, patch: ExpectedPatch, variant: str, shown: Sequence[bool] | None = None
 ) -> GateResult:  # fmt: skip
-    """Count what is wrong: a patch that does not belong there, or none where one does.
-
-    Args:
-        seen: what was found.
-        patch: what should be there.
-        variant: for the advice.
-        shown: as for `look_for_patches`.
-    """
+    """Count what is wrong: a patch that does not belong there, or none where one does."""
     own, was_found = patch.own, any(seen.own)
     if seen.other is not None:
         should = f"the patch '{own}'" if own else "no patch"
@@ -285,13 +279,7 @@ def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
         edges = [np.stack([np.interp(run, steps, values[:, k, i]) for i in range(3)], axis=1) for k in (0, 1)]
         return edges[0] * (1 - share[:, None]) + edges[1] * share[:, None]
 
-    outward = place(cell_middles(), normals)
+    outward = place(cell_centres(CELLS), normals)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    return PlacedSheet(at, place(cell_middles(), points), outward, place(corners, points))
-
-
-def cell_middles() -> np.ndarray:
-    """(25, 2) middles of a patch's cells, (u, v) in [0, 1], rows down."""
-    steps = (np.arange(CELLS) + 0.5) / CELLS
-    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    return PlacedSheet(at, place(cell_centres(CELLS), points), outward, place(corners, points))

@@ -16,19 +16,22 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
+from toolkit.photos.gates.check_photo import ExpectationBuilder
 from toolkit.photos.gates.objects import KnownObjects
 from toolkit.photos.gates.patch import place_cells
+from toolkit.photos.gates.pieces import look_for_pieces
 from toolkit.photos.importing.evidence import NOT_FOLLOWED, Evidence, Group
 from toolkit.photos.importing.gather import CaptureKey, SourceIndex
 from toolkit.photos.importing.match import RenderMatcher
 from toolkit.photos.locate import match_pose
 from toolkit.photos.match_render import LEAST_SCORE
 from toolkit.photos.photo import load_pixels
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.find import SearchedPhoto, find_patch, search_photo
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
-from toolkit.rig.variants import VARIANTS, Print, find_booster, mount_printed
+from toolkit.rig.variants import VARIANTS, WRAPPED, Print, find_booster, mount_printed
 
 WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All
@@ -91,17 +94,11 @@ def _accumulate(costs: np.ndarray) -> np.ndarray:
 
 
 class Clues:
-    """What the pictures say of the shots that they may be; renders and patches are made ready once.
-
-    Args:
-        workspace: whose objects and patches are meant.
-        plan: holds the poses.
-        matcher: compares photographs with renders.
-    """
+    """What the pictures say of the shots that they may be; renders and patches are made ready once."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
         self._workspace, self._plan, self._matcher = workspace, plan, matcher
-        self._known = KnownObjects(workspace)
+        self._known, self._expecter = KnownObjects(workspace), ExpectationBuilder(workspace)
         self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
     def weigh(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
@@ -117,6 +114,8 @@ class Clues:
         try:
             costs += self._weigh_objects(one, shots)
             costs += self._weigh_patches(one, shots, groups)
+            if one.located is not None:
+                costs += self._weigh_wraps(one, shots, one.located)
             if one.located is None and len(shots) <= MOST_SHOTS:
                 costs += self._weigh_likeness(one, shots, groups)
         except UnreadableImage:
@@ -162,6 +161,18 @@ class Clues:
         if all(corners is None for corners in seen.values()):
             return np.array([UNSEEN if (shot.object, shot.variant) in seen else 0.0 for shot in shots])
         return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])
+
+    def _weigh_wraps(self, one: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
+        """By the board it is known where a wrap's pieces would show: seen or not, it is told from a bare object."""
+        is_on: dict[str, bool] = {}
+        for name in {shot.object for shot in shots if shot.variant == WRAPPED}:
+            expected = self._expecter.expect(name, WRAPPED)
+            if expected.wrap is not None and expected.solid is not None:
+                seen = look_for_pieces(load_pixels(one.candidate.photo), expected.wrap, expected.solid, view)
+                if seen.is_judged:
+                    is_on[name] = seen.is_on
+        wrong = [is_on.get(shot.object, shot.variant == WRAPPED) != (shot.variant == WRAPPED) for shot in shots]
+        return np.where(wrong, WRONG, 0.0)
 
     def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:
         mounted = self._find_patch((shot.object, shot.variant))
@@ -217,13 +228,7 @@ def place_with_gaps(
 ) -> list[Evidence]:  # fmt: skip
     """The evidence, those placed whose order says nothing only because photographs are missing or too many.
 
-    Args:
-        evidence: of the new photographs, in the order in which they were taken.
-        plan: holds the poses.
-        steps: the shot list, empty where there is none.
-        index: shots that it has an image of are no gaps.
-        clues: what the pictures say.
-        again: whether shots that have an image may be meant.
+    Shots that have an image are no gaps, unless `again`.
     """
     every = list(evidence)
     taken = set() if again else {(one.object, one.variant, one.pose_id) for one in index.current.values()}

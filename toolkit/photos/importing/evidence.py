@@ -64,13 +64,7 @@ def collect_evidence(
 
     Those that were still count for the order: it is of all that were taken.
 
-    Args:
-        candidates: in the order in which they were taken.
-        plan: holds the poses.
-        steps: the shot list, empty where there is none.
-        index: what was imported before.
-        settings: what was asked for.
-        locate: finds the camera by the board.
+    Candidates are in the order in which they were taken.
 
     Raises:
         ToolkitError: nothing says which object and variant the photographs show.

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -107,12 +107,7 @@ def measure_coverage(
 ) -> tuple[Coverage, ...]:  # fmt: skip
     """Count poses of each object that has images in the source, in each variant that it has and in the pair.
 
-    Args:
-        index: of the source.
-        whole: records of its images.
-        plan: says which poses there should be.
-        imported: records that came now.
-        name: an object to count though it has no image.
+    `name` is an object to count though it has no image.
     """
     variants: dict[str, list[str]] = {name: []} if name else {}
     for record in whole:
@@ -248,7 +243,8 @@ def _import_photos(
     notes = check_settings(workspace, settings)
     refuse_captures(workspace, paths)
     if settings.pairs is not None:
-        return _import_pairs(workspace, paths, settings, settings.pairs, check=check, ask=ask)
+        locate = locate or (locate_by_board(workspace) if workspace.board else None)
+        return _import_pairs(workspace, paths, settings, settings.pairs, locate=locate, check=check, ask=ask)
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s)
@@ -277,18 +273,37 @@ def _import_photos(
 
 
 def _import_pairs(
-    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, table: Path, *, check: Check | None,
-    ask: Ask | None,
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, table: Path, *, locate: Locate | None,
+    check: Check | None, ask: Ask | None,
 ) -> ImportResult:  # fmt: skip
-    """Import what a table pairs by hand: neither plan nor board is asked."""
+    """Import what a table pairs by hand: no plan is asked, and a board, where one is named, for the cameras alone."""
     rows, notes = read_pairs(table), list[str]()
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.source_dir(settings.source))
     resolved, refused = match_pairs(rows, gathered.candidates, index, dict(gathered.duplicates))
     resolved = drop_copies(resolve_occupied(resolved, refused, index, settings, ask), refused)
+    if locate is not None:
+        resolved = _locate_pairs(resolved, locate, notes)
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     coverage = partial(count_variants, imported=imported)
     return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
+
+
+def _locate_pairs(resolved: Sequence[Resolved], locate: Locate, notes: list[str]) -> list[Resolved]:
+    """The same with their cameras, where the board shows them."""
+    made: list[Resolved] = []
+    with progress("finding the board", len(resolved)) as bar:
+        for evidence, decision in resolved:
+            photo, label = evidence.candidate.photo, evidence.candidate.label
+            with suppress(UnreadableImage):  # storing it says so
+                found = locate(photo, load_pixels(photo))
+                if isinstance(found, str):
+                    notes.append(f"{label}: its camera is not known: {found}")
+                else:
+                    evidence = replace(evidence, located=found)
+            made.append((evidence, decision))
+            bar.advance(note=label)
+    return made
 
 
 def _finish(

@@ -63,11 +63,7 @@ def decide_pose(
     must not contradict each other: what is less believed may decide between two poses that are about equally near, and
     turns a photograph into a doubt where it names another pose than the board shows.
 
-    Args:
-        evidence: of the photograph.
-        plan: holds the poses.
-        how: `ImportSettings.match`; any but `auto` asks for that evidence alone.
-        by_render: what the nearest render says; slow, and asked last.
+    Any `how` but `auto` asks for that evidence alone.
     """
     group = evidence.find_group()
     if group is None:
@@ -144,12 +140,7 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
 
 
 class RenderMatcher:
-    """Compares photographs with renders of their objects, which are made once per object and variant.
-
-    Args:
-        workspace: whose objects and boosters are meant.
-        plan: holds the poses.
-    """
+    """Compares photographs with renders of their objects, which are made once per object and variant."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
         self._workspace, self._plan = workspace, plan

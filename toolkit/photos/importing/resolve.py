@@ -31,14 +31,6 @@ def resolve_photos(
 ) -> tuple[list[Resolved], list[tuple[str, str]]]:  # fmt: skip
     """Decide for all photographs; what stays open is asked, and refused where nobody answers.
 
-    Args:
-        evidence: of the photographs, in the order in which they were taken.
-        plan: holds the poses.
-        index: what is there.
-        settings: what was asked for.
-        ask: puts a question to a person; None where there is none.
-        by_render: what the nearest render says of a photograph.
-
     Returns:
         Photographs to store in that order, and (label, reason) of those that are refused.
     """
@@ -270,11 +262,7 @@ def match_pairs(
 ) -> tuple[list[Resolved], list[tuple[str, str]]]:  # fmt: skip
     """What each new photograph shows by the table, and (label, reason) of those that it does not place.
 
-    Args:
-        rows: from `read_pairs`.
-        candidates: the photographs.
-        index: what was imported before.
-        duplicates: labels of copies, which were left out already.
+    `duplicates` are labels of copies, which were left out already.
 
     Raises:
         ToolkitError: a file of the table is none of the photographs, or several.

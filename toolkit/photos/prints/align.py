@@ -45,6 +45,12 @@ class PatchWarp:
         """In the same photo at another size."""
         return PatchWarp(np.diag([factor, factor, 1.0]) @ self.homography, self.bend * factor)
 
+    def moved(self, by_px: np.ndarray) -> "PatchWarp":
+        """In a picture that begins elsewhere."""
+        shift = np.eye(3)
+        shift[:2, 2] = by_px
+        return PatchWarp(shift @ self.homography, self.bend)
+
     @property
     def corners(self) -> np.ndarray:
         """(4, 2) pixels of the file's upper left, upper right, lower right and lower left corner."""
@@ -67,6 +73,12 @@ def bend_terms(uv: np.ndarray) -> np.ndarray:
     x, y = 2 * uv[:, 0] - 1, 2 * uv[:, 1] - 1
     xx, xy, yy = x * x, x * y, y * y
     return np.stack([xx, xy, yy, xx * x, xx * y, yy * x, yy * y], axis=1)
+
+
+def cell_centres(n: int) -> np.ndarray:
+    """(n², 2) middles of n × n cells of a patch, (u, v) in [0, 1], rows down."""
+    steps = (np.arange(n) + 0.5) / n
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
 
 
 def area(corners: np.ndarray) -> float:
@@ -288,7 +300,7 @@ def _enlarge(patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
     return np.asarray(cv2.GaussianBlur(source, (0, 0), sigmaX=max(sigma[0], 0.01), sigmaY=max(sigma[1], 0.01)))
 
 
-def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[PatchWarp, int]:
+def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWarp:
     """Align the patch exactly with the photo, flat at first and then bending with the paper.
 
     In each round the patch is drawn where it is thought to lie, points on it are followed into the photo (Lucas and
@@ -301,10 +313,10 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[P
         start: some pixels off.
 
     Returns:
-        The best warp on the way, and how many points agree with it to a pixel.
+        The best warp on the way.
     """
-    best, best_score, inliers = start, float(agreement(grey[..., None], patch_grey, start).mean()), 0
-    warp = start
+    best = warp = start
+    best_score = float(agreement(grey[..., None], patch_grey, start).mean())
     for stiffness in STIFFNESS:
         drawn = draw_patch(patch_grey, warp, grey.shape)
         if drawn is None or drawn.inside.sum() < 4 * LEAST_PIXELS:
@@ -320,10 +332,9 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[P
         converged = stiffness < 0.02 and score < best_score + CONVERGED
         if score > best_score:
             best, best_score = warp, score
-            inliers = int((np.linalg.norm(warp.to_pixels(uv) - pixels, axis=1) < 1).sum()) if len(uv) else 0
         if converged:
             break
-    return best, inliers
+    return best
 
 
 def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray, np.ndarray]:
@@ -331,8 +342,7 @@ def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray,
     theirs = _equalise(drawn.cut(grey))
     # outside of the patch nothing is known: the photo stands in for it, so that the rim does not look moved
     ours = np.where(drawn.inside, _equalise(drawn.picture[..., 0]), theirs)
-    steps = (np.arange(GRID) + 0.5) / GRID
-    uv = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    uv = cell_centres(GRID)
     corner = np.array([drawn.left, drawn.top])
     at = warp.to_pixels(uv) - corner
     h, w = drawn.inside.shape

@@ -97,7 +97,7 @@ def read_colours(
         patch_pixels: (n, n, 3) uint8 sRGB, the file; without it nothing is known of white texels.
 
     Raises:
-        ToolkitError: there is no white to go by, or too little of the patch is to be seen unclipped.
+        ToolkitError: there is no white to go by, or too little of the patch shows and is not over-exposed.
     """
     scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
@@ -107,7 +107,7 @@ def read_colours(
     rows, columns = _usable(small, drawn, sighting)
     if len(rows) < LEAST_PIXELS:
         raise ToolkitError(
-            f"only {len(rows)} pixels of the patch are to be seen and not over-exposed, at least {LEAST_PIXELS} are "
+            f"only {len(rows)} pixels of the patch show and are not over-exposed, at least {LEAST_PIXELS} are "
             "needed: take the photo nearer, or darker"
         )
     uv = drawn.uv[rows, columns]
@@ -141,15 +141,11 @@ def read_colours(
 
 def compare_colours(colours: PrintedColours, patch_pixels: np.ndarray) -> ColourComparison:
     """Printed-colour error: the print against the file (n, n, 3) uint8 sRGB, pixel by pixel."""
-    return _compare(colours.seen, colours.draw(srgb_to_linear(patch_pixels / 255.0)), colours.white_from)
+    return compare_light(colours.seen, colours.draw(srgb_to_linear(patch_pixels / 255.0)), colours.white_from)
 
 
-def compare_texels(texels: np.ndarray, seen: np.ndarray) -> ColourComparison:
-    """The same of texels (k, 3) uint8 sRGB, whose linear light (k, 3) is known as a share of paper's."""
-    return _compare(seen, srgb_to_linear(texels / 255.0), "texels")
-
-
-def _compare(seen: np.ndarray, meant: np.ndarray, white_from: str) -> ColourComparison:
+def compare_light(seen: np.ndarray, meant: np.ndarray, white_from: str) -> ColourComparison:
+    """The same of linear light (k, 3), as a share of paper's, against what the file means."""
     difference = linear_to_srgb(seen).astype(float) - linear_to_srgb(meant)
     bias, rms = difference.mean(axis=0), np.sqrt((difference**2).mean(axis=0))
     return ColourComparison(

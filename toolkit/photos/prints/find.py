@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from toolkit.photos.corners import refine_outline
 from toolkit.photos.prints.align import (
     FLAT,
     UNIT_CORNERS,
     PatchWarp,
     agreement,
     align,
+    cell_centres,
     fit_warp,
     is_plausible,
     map_points,
@@ -50,7 +52,6 @@ class PatchSighting:
             photo, in pixels whose first one's centre is (0.5, 0.5).
         homography: (3, 3) from (u, v, 1) on the patch, u right and v down in [0, 1], to pixels: the flat sheet that
             lies nearest.
-        inliers: points on the patch that lie within a pixel of where they should.
         confidence: mean correlation of photo and file over the half of the patch that agrees best, at most 1.
         warp: the same with the paper's bend.
         agreement: (5, 5) correlation by cell of the patch, rows down.
@@ -58,7 +59,6 @@ class PatchSighting:
 
     corners_px: np.ndarray
     homography: np.ndarray
-    inliers: int
     confidence: float
     warp: PatchWarp
     agreement: np.ndarray
@@ -115,6 +115,27 @@ def find_patch(
     return best if best is not None and is_believed(best) else None
 
 
+def find_there(image: np.ndarray, patch_pixels: np.ndarray, there: PatchWarp) -> PatchSighting | None:
+    """Find a print in the one place where it should be, give or take some pixels; places are of the part looked at.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB.
+        patch_pixels: (n, n, 3) uint8 sRGB.
+        there: where the camera's pose has it.
+
+    Returns:
+        None where it is not seen, as `find_patch`.
+    """
+    corners, reach = there.corners, there.side_px / 2
+    low, high = (np.maximum(side, 0).astype(int) for side in (corners.min(axis=0) - reach, corners.max(axis=0) + reach))
+    part = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
+    there = there.moved(-low)
+    if not is_plausible(there, part.shape):
+        return None
+    sighting = _look(part, patch_pixels, [there])
+    return sighting if sighting is not None and is_believed(sighting) else None
+
+
 def is_believed(sighting: PatchSighting) -> bool:
     """Whether a sighting is no chance likeness: plainly alike, or alike enough with half of the patch showing."""
     if sighting.confidence >= LEAST_CONFIDENCE:
@@ -124,10 +145,8 @@ def is_believed(sighting: PatchSighting) -> bool:
 
 def rectify_patch(image: np.ndarray, sighting: PatchSighting, n_px: int) -> np.ndarray:
     """(n_px, n_px, 3) uint8: the patch as the photo has it, straightened, the file's upper left corner first."""
-    steps = (np.arange(n_px) + 0.5) / n_px
-    uv = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
     scale = min(1.0, n_px / max(sighting.warp.side_px, 1.0))
-    at = sighting.warp.scaled(scale).to_pixels(uv).reshape(n_px, n_px, 2)
+    at = sighting.warp.scaled(scale).to_pixels(cell_centres(n_px)).reshape(n_px, n_px, 2)
     return sample_image(shrink_image(image, scale), at)
 
 
@@ -160,10 +179,10 @@ def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) 
     likeness, start = max(ranked, key=lambda pair: pair[0])
     if likeness < LEAST_START:
         return None
-    warp, inliers = align(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), grey, start)
+    warp = align(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), grey, start)
     scores = agreement(small, colour, warp)
     warp = warp.scaled(1 / scale)
-    return PatchSighting(warp.corners, warp.homography, inliers, _confidence(scores), warp, agreement=scores)
+    return PatchSighting(warp.corners, warp.homography, _confidence(scores), warp, agreement=scores)
 
 
 def _confidence(scores: np.ndarray) -> float:
@@ -196,7 +215,6 @@ the rig with the camera known measure within 0.4 %."""
 LEAST_SHARE = 0.12
 """Of the photo that the sheet must cover."""
 EDGE_SEARCH_PX = 1000
-EDGE_POINTS = 60
 REACH_PX = 6
 SQUARE = 0.02
 """Sides of a measured patch that differ by more than this share say that what was found is not that sheet."""
@@ -209,13 +227,11 @@ class PageMeasure:
     Attributes:
         size_mm: side of the square of equal area.
         across_mm, down_mm: mean sides along the file's rows and columns.
-        page_px: (4, 2) corners of the sheet in the photo.
     """
 
     size_mm: float
     across_mm: float
     down_mm: float
-    page_px: np.ndarray
 
 
 def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) -> PageMeasure | None:
@@ -243,7 +259,7 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
         corners = map_points(T_mm_px, sighting.corners_px)
         sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         across, down = float(sides[[0, 2]].mean()), float(sides[[1, 3]].mean())
-        measure = PageMeasure(float(np.sqrt(across * down)), across, down, page)
+        measure = PageMeasure(float(np.sqrt(across * down)), across, down)
         if best is None or abs(np.log(across / down)) < abs(np.log(best.across_mm / best.down_mm)):
             best = measure
     return best if best is not None and abs(np.log(best.across_mm / best.down_mm)) < SQUARE else None
@@ -269,7 +285,8 @@ def find_page(image: np.ndarray) -> np.ndarray | None:
         return None
     factor = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
     corners = _order(rough.astype(float) + 0.5) * factor
-    return _sharpen(cv2.GaussianBlur(image.min(axis=2), (0, 0), 1.0).astype(np.float32), corners, REACH_PX / scale)
+    # inverted, as paper is lighter than what it lies on
+    return refine_outline(255 - cv2.GaussianBlur(image.min(axis=2), (0, 0), 1.0), corners - 0.5, REACH_PX / scale) + 0.5
 
 
 def _touches_edge(corners: np.ndarray, size: tuple[int, int]) -> bool:
@@ -281,38 +298,3 @@ def _order(corners: np.ndarray) -> np.ndarray:
     about = corners - corners.mean(axis=0)
     turned = corners[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
     return np.roll(turned, -int(turned.sum(axis=1).argmin()), axis=0)
-
-
-def _sharpen(grey: np.ndarray, corners: np.ndarray, reach_px: float) -> np.ndarray | None:
-    """Corners as meeting points of lines that are fitted to where each edge is steepest, to a part of a pixel."""
-    lines = []
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = (end - start) / np.linalg.norm(end - start)
-        inwards = np.array([-along[1], along[0]])
-        steps = np.arange(-reach_px, reach_px + 0.25, 0.5)
-        share = np.linspace(0.08, 0.92, EDGE_POINTS)
-        points = start + share[:, None] * (end - start)
-        profile = sample_image(grey, points[:, None] + steps[:, None] * inwards)
-        rise = np.maximum(np.diff(profile, axis=1), 0)
-        sharpest = rise.argmax(axis=1)
-        near = np.abs(np.arange(rise.shape[1]) - sharpest[:, None]) <= 3
-        weight = np.where(near, rise, 0)
-        total = weight.sum(axis=1)
-        middle = (steps[:-1] + steps[1:]) / 2
-        offset = (weight * middle).sum(axis=1) / np.maximum(total, 1e-6)
-        edge = points + offset[:, None] * inwards
-        line = _fit_line(edge[total > 0.3 * np.median(total) + 1e-6])
-        if line is None:
-            return None
-        lines.append(line)
-    # lines as homogeneous vectors: their cross product is where they meet
-    meets = [np.cross(lines[k - 1], lines[k]) for k in range(4)]
-    return np.array([meet[:2] / meet[2] for meet in meets])
-
-
-def _fit_line(points: np.ndarray) -> np.ndarray | None:
-    """(3,) the line through most of (n, 2) points, homogeneous."""
-    if len(points) < EDGE_POINTS // 3:
-        return None
-    vx, vy, x, y = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01).ravel().astype(float)
-    return np.cross([x, y, 1.0], [x + vx, y + vy, 1.0])

@@ -141,34 +141,43 @@ def _without(searched: SearchedPhoto, sighting: PatchSighting) -> SearchedPhoto:
     return replace(searched, features=features)
 
 
-def list_files(paths: Sequence[Path]) -> list[Path]:
-    """Photographs that are named, and those in folders that are.
+def _list_files(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[str, str]]]:
+    """Photographs that are named, and those in folders that are; and (path, reason) of links that are not followed.
 
     Raises:
         ToolkitError: there are none.
     """
-    files = [file for path in paths for file in (list_photos(path).photos if path.is_dir() else [path])]
+    files: list[Path] = []
+    refused: list[tuple[str, str]] = []
+    for path in paths:
+        if path.is_dir():
+            found = list_photos(path)
+            files += found.photos
+            refused += [(f"{path}/{name}", why) for name, why in found.refused]
+        else:
+            files.append(path)
     if not files:
-        raise ToolkitError(f"{', '.join(map(str, paths))}: no photographs there")
-    return files
+        why = f": {refused[0][0]}: {refused[0][1]}" if refused else ""
+        raise ToolkitError(f"{', '.join(map(str, paths))}: no photographs there{why}")
+    return files, refused
 
 
 def use_each(
-    title: str, files: Sequence[Path], use: Callable[[Path], T], least: int = 1
+    title: str, photos: Sequence[Path], use: Callable[[Path], T], least: int = 1
 ) -> tuple[list[T], list[tuple[str, str]]]:
-    """What `use` makes of each photograph, and (path, reason) of those that it refuses.
+    """What `use` makes of each photograph, and (path, reason) of those that it refuses, links among them.
 
     Args:
         title: of the progress bar.
-        files: the photographs.
+        photos: photographs, or folders of them.
         use: raises ToolkitError for one that cannot be used; the others do not depend on it.
         least: how many are needed.
 
     Raises:
         ToolkitError: fewer can be used; the message says why of the first.
     """
+    files, skipped = _list_files(photos)
     made: list[T] = []
-    skipped: list[tuple[str, str]] = []
     with progress(title, len(files)) as bar:
         for file in files:
             try:
@@ -215,7 +224,7 @@ def view_photos(
         ToolkitError: fewer than two photographs show one of them.
     """
     patches = [read_known(workspace, name) for name in found]
-    fitted, skipped = use_each("finding the patch", list_files(photos), lambda file: fit_photo(file, patches), least=2)
+    fitted, skipped = use_each("finding the patch", photos, lambda file: fit_photo(file, patches), least=2)
     each, views = max(1, -(-count // len(fitted))), []
     for number, one in enumerate(fitted):
         with_hidden = _add_hidden(one)

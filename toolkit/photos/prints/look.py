@@ -20,7 +20,7 @@ from scipy import sparse
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.photos.prints.align import Drawn, PatchWarp, fit_warp, follow, place_cut, sample_image
+from toolkit.photos.prints.align import Drawn, PatchWarp, cell_centres, fit_warp, follow, place_cut, sample_image
 from toolkit.photos.prints.colours import cube_weights, solve_cube
 from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
 
@@ -75,7 +75,7 @@ class PrintedLook:
         noise: (8, 3) standard deviation by level of luma, evenly from 0 to 1, for luma and chromas.
         grain_px: (2,) deviation of the Gaussian that makes white noise as smooth as that of luma, of chroma.
         delta_e: median ΔE00 of the texels that were fitted to.
-        shown: share of the texels that are not hidden.
+        shown: share of the texels that are in the picture and not hidden.
     """
 
     warp: PatchWarp
@@ -100,8 +100,7 @@ def even_texels(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, n
     Paper is what the look makes of the file's white: no margin is needed.
     """
     seen, trust = read_texels(image, sighting, n)
-    steps = (np.arange(n) + 0.5) / n
-    light = np.exp(light_terms(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)) @ look.light)
+    light = np.exp(light_terms(cell_centres(n)) @ look.light)
     white = srgb_to_linear(look.colours(np.full((1, 1, 3), 255, np.uint8))[0, 0])
     return srgb_to_linear(seen) / light / white, trust
 
@@ -121,11 +120,6 @@ def ripple_terms(uv: np.ndarray) -> np.ndarray:
 
 def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarray) -> PrintedLook:
     """Fit what printer, light and camera made of a patch's known texels.
-
-    Args:
-        image: (h, w, 3) uint8 sRGB.
-        sighting: of the patch in it.
-        patch_pixels: (n, n, 3) uint8 sRGB, the file.
 
     Raises:
         ToolkitError: too little of the patch is to be seen.
@@ -151,6 +145,8 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
         sighting.shown,
     )
     look = _refine_place(image, look, patch_pixels)
+    # what lies outside of the picture does not show either
+    look = replace(look, shown=min(look.shown, float((trust > 0).mean())))
     part, moved = _cut_middle(image, look.warp)
     look = replace(look, kernels=_fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels)))
     noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
@@ -171,8 +167,7 @@ def read_texels(image: np.ndarray, sighting: PatchSighting, n: int) -> tuple[np.
     samples = int(np.clip(np.ceil(sighting.warp.side_px / n), *TEXEL_SAMPLES))
     scale = min(1.0, samples * n / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
-    steps = (np.arange(n * samples) + 0.5) / (n * samples)
-    at = warp.to_pixels(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)).reshape(n * samples, -1, 2)
+    at = warp.to_pixels(cell_centres(n * samples)).reshape(n * samples, -1, 2)
     values = sample_image(small, at).astype(np.float32).reshape(n, samples, n, samples, 3).mean(axis=(1, 3)) / 255
     # a texel that the frame cuts would be the mean of what is repeated beyond it
     within = ((at > 0) & (at < np.array(small.shape[1::-1]))).all(axis=-1)
@@ -191,8 +186,7 @@ def _fit_colours(
     """
     n = patch_pixels.shape[0]
     weights = cube_weights(patch_pixels.reshape(-1, 3) / 255.0)
-    steps = (np.arange(n) + 0.5) / n
-    terms = light_terms(np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2))
+    terms = light_terms(cell_centres(n))
     some = np.linspace(0, n * n - 1, min(n * n, MOST_TEXELS)).round().astype(int)
     around = [_shift(n, *step) for step in ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))]
     shares = np.zeros((3, len(around)))

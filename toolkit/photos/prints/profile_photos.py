@@ -10,6 +10,7 @@ import numpy as np
 from toolkit import __version__
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
 from toolkit.objects.records import Patch, read_patch
 from toolkit.photos.photo import load_pixels, read_photo
@@ -17,12 +18,12 @@ from toolkit.photos.prints.colours import (
     ColourComparison,
     PrintedColours,
     compare_colours,
-    compare_texels,
+    compare_light,
     read_colours,
 )
 from toolkit.photos.prints.find import SIZE_TOLERANCE, find_patch, measure_on_page
 from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, fit_texels, read_strip
-from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, list_files, use_each
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, use_each
 from toolkit.photos.prints.look import even_texels
 from toolkit.printing.page import Paper
 from toolkit.printing.print_patches import choose_wearer, say_sizes, select_patches
@@ -114,16 +115,12 @@ def profile_photos(
         ToolkitError: a folder cannot be read, or no photo could be used; the message says why of the first.
     """
     expected_mm = size_mm or patch.size_mm
-    read, skipped = use_each(
-        "reading prints", list_files(paths), lambda file: _read_print(file, patch, paper, expected_mm)
-    )
-    photos = [photo for photo, _, _ in read]
+    read, skipped = use_each("reading prints", paths, lambda file: _read_print(file, patch, paper, expected_mm))
+    photos, about = [photo for photo, _, _ in read], patch.record
     fitted = fit_colours(
         [part for _, part, _ in read], patch.pixels, [strip for _, _, strip in read if strip is not None]
     )
-    made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
-    about, hashes = patch.record, tuple(photo.sha256 for photo in photos)
-    profile = _make_profile(fitted, about.name, about.png_sha256, name or about.name, hashes, made)
+    profile = _make_profile(fitted, (about.name, about.png_sha256), name or about.name, photos, by)
     return ProfileRun(profile, tuple(photos), tuple(skipped), fitted.tried, tuple(_warn(photos, expected_mm)))
 
 
@@ -132,23 +129,14 @@ def profile_patches(
 ) -> ProfileRun:
     """Fit a print profile to photographs of patches whose files are known, cut tight or not: white is their own.
 
-    Args:
-        paths: photographs, or folders of them.
-        patches: that may be printed in them; where there are several, `held_out` is of a whole patch that the profile
-            was not fitted to.
-        name: of the profile.
-        by: who measured.
-
     Raises:
         ToolkitError: no photo shows one of the patches.
     """
-    read, skipped = use_each("reading prints", list_files(paths), lambda file: _read_patch(file, patches))
+    read, skipped = use_each("reading prints", paths, lambda file: _read_patch(file, patches))
     photos = [photo for photo, _, _ in read]
     fitted = fit_texels([part for _, _, part in read])
     used = list({patch.name: patch for _, patch, _ in read}.values())
-    made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
-    hashes = tuple(photo.sha256 for photo in photos)
-    profile = _make_profile(fitted, "+".join(patch.name for patch in used), used[0].sha256, name, hashes, made)
+    profile = _make_profile(fitted, ("+".join(patch.name for patch in used), used[0].sha256), name, photos, by)
     return ProfileRun(profile, tuple(photos), tuple(skipped), fitted.tried, ())
 
 
@@ -159,7 +147,7 @@ def _read_patch(
     found = fit_photo(file, patches)
     pixels = found.patch.pixels
     seen, trust = even_texels(found.image, found.sighting, found.look, pixels.shape[0])
-    colour = compare_texels(pixels.reshape(-1, 3)[trust > 0], seen[trust > 0])
+    colour = compare_light(seen[trust > 0], srgb_to_linear(pixels.reshape(-1, 3)[trust > 0] / 255.0), "texels")
     photo = ProfiledPhoto(file.name, found.photo.sha256, found.look.warp.side_px, colour, False, None)
     return photo, found.patch, (pixels, seen, trust)
 
@@ -186,14 +174,16 @@ def _read_print(
 
 
 def _make_profile(
-    fitted: FittedColours, patch: str, patch_sha256: str, name: str, photos: tuple[str, ...], made: ProfileMade
+    fitted: FittedColours, patch: tuple[str, str], name: str, photos: Sequence[ProfiledPhoto], by: str | None
 ) -> PrintProfile:
+    """The profile as it is written; `patch` is the name and hash of what was printed."""
     coefficients = tuple((float(r), float(g), float(b)) for r, g, b in fitted.coefficients.round(6))
     return PrintProfile(
-        name=name, patch=patch, patch_sha256=patch_sha256, model=fitted.model,
+        name=name, patch=patch[0], patch_sha256=patch[1], model=fitted.model,
         power=fitted.power, exponents=fitted.exponents, coefficients=coefficients, paper_linear=white_paper(),
-        photos=photos, n_samples=fitted.n_samples, strip_cells=fitted.strip_cells, without=fitted.without,
-        held_out=fitted.held_out, made=made,
+        photos=tuple(photo.sha256 for photo in photos), n_samples=fitted.n_samples, strip_cells=fitted.strip_cells,
+        without=fitted.without, held_out=fitted.held_out,
+        made=ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by),
     )  # fmt: skip
 
 

@@ -1,0 +1,270 @@
+"""Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from toolkit.captures.simulate import SimulateConfig, simulate_captures
+from toolkit.cli import options
+from toolkit.cli.app import Quiet
+from toolkit.cli.options import from_config
+from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
+from toolkit.engine.config import EngineConfig
+from toolkit.rig.requests import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
+
+if TYPE_CHECKING:
+    from toolkit.printing.shot_list.job import WrittenShotList
+    from toolkit.rig.plan import CapturePlan, Pose
+
+
+@from_config(config=PlaceConfig)
+def place(
+    *,
+    object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to look for places on.")],
+    config: PlaceConfig,
+    train: Annotated[
+        int,
+        typer.Option(
+            "--train",
+            metavar="STEPS",
+            min=0,
+            help="Also train a patch in each of the best places, for this many steps.",
+        ),
+    ] = 0,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="Put the best place into the object's file, rig/objects/NAME.toml.")
+    ] = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Score places and sizes for a patch by what cameras see of it, and draw the best.
+
+    One sheet is scored by the plan's cameras; with --sheets 2 or more, those that go on together by random ones.
+    """
+    from toolkit.captures.suggest_places import TITLES, suggest_places
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifiers
+
+    space = open_workspace(workspace)
+    networks = load_classifiers(model, weights, device, space.classifiers_dir) if train else []
+    found = suggest_places(space, object_name, config, networks=networks, steps=train, write=write, seed=seed)
+    if as_json:
+        show_json(found.as_json())
+        return
+    show_table(TITLES, found.rows())
+    for line in found.lines():
+        say(line)
+    for line in found.warnings():
+        warn(line)
+
+
+@from_config(config=WrapConfig)
+def wrap(
+    *,
+    object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to find pieces on.")],
+    config: WrapConfig,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Cut an object's surface into few flat pieces that lie on it, by what random cameras see; draw and keep them."""
+    from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
+    from toolkit.core.workspace import open_workspace
+
+    found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
+    if as_json:
+        show_json(found.as_json())
+        return
+    show_table(PIECE_TITLES, found.rows())
+    for line in found.lines():
+        say(line)
+
+
+POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")
+"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned, whatever seed
+orders the shots."""
+
+
+@from_config(pattern=Pattern, listing=ShotListConfig)
+def plan(
+    *,
+    context: typer.Context,
+    objects: options.Objects = None,
+    pattern: Pattern,
+    resolution: Annotated[
+        tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="Of the camera's images, pixels.")
+    ] = (640, 480),
+    fov: Annotated[
+        float, typer.Option(metavar="DEGREES", help="The camera's horizontal field of view.", min=5, max=120)
+    ] = 40.0,
+    preview: Annotated[bool, typer.Option("--preview", help="Also draw the positions and what each sees.")] = False,
+    patches: options.Patches = None,
+    shot_list: Annotated[
+        bool,
+        typer.Option(
+            "--shot-list",
+            rich_help_panel=SHOT_LIST,
+            help="Also make print/shot_list.pdf, to photograph by, and rig/shots.json.",
+        ),
+    ] = False,
+    listing: ShotListConfig,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    quiet: Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Plan the camera poses per object and write rig/plan.json.
+
+    With --shot-list, and without an option about the poses, those that are planned stay as they are.
+    """
+    from toolkit.captures.render import preview_plan
+    from toolkit.core.workspace import open_workspace
+    from toolkit.printing.shot_list.job import write_shot_list
+    from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
+
+    space = open_workspace(workspace, is_needed=True).with_patches(patches)
+    sources = [context.get_parameter_source(name) for name in POSES]
+    is_about_poses = any(source is not None and source.name != "DEFAULT" for source in sources)
+    if shot_list and space.plan_file.is_file() and not is_about_poses:
+        made = open_plan(space, objects)
+        names = list(dict.fromkeys(objects or made.objects))
+    else:
+        names = objects or sorted(space.object_specs())
+        camera = make_camera(*resolution, fov)
+        made = plan_objects(space, objects or (), pattern.with_overrides(seed=seed), camera)
+        planned = made.model_copy(update={"objects": {name: made.objects[name] for name in names}})
+        drawn = preview_plan(space, planned, seed) if preview else None
+        if as_json and not shot_list:
+            show_json(planned.model_dump(mode="json"))
+        elif not as_json:
+            _report_plan(planned, drawn, quiet)
+            say(f"wrote {space.plan_file}{'' if shot_list else '; next: toolkit capture-sim'}")
+    for line in list_misfits(space, names, made):
+        remark(line)
+    if shot_list:
+        _report_list(write_shot_list(space, made, names, listing, seed), as_json)
+
+
+def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> None:
+    if not quiet:
+        rows = [_as_row(name, poses) for name, poses in planned.objects.items()]
+        show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
+    if drawn:
+        say(f"drew the positions and contact sheets into {drawn}")
+    say(what_pairs_can_show(max(map(len, planned.objects.values()))))
+
+
+def _report_list(made: "WrittenShotList", as_json: bool) -> None:
+    for name, reason in made.without_patch.items():
+        warn(f"{name}: unpatched only: {reason}")
+    if as_json:
+        show_json(asdict(made))
+        return
+    if made.replaced:
+        say("note: rig/shots.json was replaced; it held other shots or another order")
+    for note in made.notes:
+        remark(note)
+    say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
+    wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
+    say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")
+
+
+def what_pairs_can_show(count: int) -> str:
+    """What `count` pairs can prove, worked out with the same statistics as the report."""
+    from toolkit.core.statistics import mcnemar_p, wilson_interval
+
+    low, high = wilson_interval(count // 2, count)
+    enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
+    flips = "no number of changes can reach p < 0.05"
+    if enough is not None:
+        flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
+    return (
+        f"with {count} pairs, {count // 2} right means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson interval); "
+        f"{flips} in an exact McNemar test"
+    )
+
+
+def _as_row(name: str, poses: "Sequence[Pose]") -> tuple[str, int, str, str, str]:
+    elevations, azimuths = ({pose.elevation_deg for pose in poses}, {pose.azimuth_deg for pose in poses})
+    near, far = (pick(pose.distance_mm for pose in poses) for pick in (min, max))
+    return name, len(poses), _listed(elevations), _listed(azimuths), f"{near:.0f}-{far:.0f}"
+
+
+def _listed(some: set[float]) -> str:
+    degrees = sorted(some)
+    if len(degrees) > 8:
+        return f"{degrees[0]:.0f}-{degrees[-1]:.0f}° ({len(degrees)})"
+    return " ".join(f"{value:.0f}°" for value in degrees)
+
+
+@from_config(config=SimulateConfig, engine=EngineConfig)
+def capture_sim(
+    *,
+    engine: EngineConfig,
+    objects: options.Objects = None,
+    variants: options.Variants = None,
+    config: SimulateConfig,
+    corrupt: options.Corrupt = None,
+    patches: options.Patches = None,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig.
+
+    With --like, every photograph of a folder from its own measured camera instead. With --corrupt, besides the images,
+    a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
+    expected of the printed patch before it is printed.
+    """
+    from toolkit.core.workspace import open_workspace
+
+    space = open_workspace(workspace, is_needed=True).with_patches(patches)
+    made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
+    if made.remark:
+        remark(made.remark)
+    show_result(made, as_json)
+
+
+def write_boxes(
+    captures: Annotated[
+        Path | None, typer.Argument(help="Capture folder, or one of its sources; default: captures/.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write; default: instances.json in the folder.")
+    ] = None,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Write box and mask of the object in every image as COCO's instances.json, by its mesh and the camera.
+
+    The categories are COCO's where an object is of a kind that COCO has (airplane, car, bottle, cup), else the class of
+    its spec.
+    """
+    from toolkit.captures.read import read_captures
+    from toolkit.captures.truth import write_coco
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.tables import list_lines
+    from toolkit.models.detector import coco_names
+    from toolkit.objects.spec import read_spec
+
+    space = open_workspace(workspace)
+    folder = read_captures(captures or space.captures_dir)
+    specs = space.object_specs()
+    names = {name: coco_names(str(read_spec(specs[name]).class_name))[-1] for name in folder.objects if name in specs}
+    file = out or folder.root / "instances.json"
+    count, left_out = write_coco(file, folder.captures, space, names)
+    if as_json:
+        show_json({"file": str(file), "images": count, "left_out": left_out})
+    else:
+        say(f"{file}: {count} images")
+        for line in list_lines("left out", left_out):
+            warn(line)
+    if left_out:
+        raise typer.Exit(1)

@@ -1,0 +1,216 @@
+"""A place to work in, its objects and networks, and the whole road as an example."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import remark, say, show_json, show_result, show_table
+from toolkit.objects.spec import ObjectRequest
+
+if TYPE_CHECKING:
+    from toolkit.evaluation.survey import SurveyedModel
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to make a workspace of; made if missing.")],
+    as_json: options.Json = False,
+) -> None:
+    """Make a workspace: toolkit.toml, which marks it, and rig/, print/, captures/ and eval/.
+
+    What is there already stays as it is, so that a workspace of an older version can be marked.
+    """
+    from toolkit.core.workspace import make_workspace
+
+    space = make_workspace(folder)
+    if as_json:
+        show_json({"workspace": str(space.root)})
+        return
+    say(f"made the workspace {space.root}")
+    say(f"next: cd {folder} && toolkit plan && toolkit capture-sim && toolkit eval captures/")
+
+
+def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
+    """Check what the kit needs from this machine; each thing missing comes with the line that fixes it."""
+    from toolkit.core.console import console
+    from toolkit.core.workspace import open_workspace
+    from toolkit.training.machine import check_machine
+
+    checks = check_machine(open_workspace(workspace).root)
+    missing = [check for check in checks if check.state == "missing"]
+    if as_json:
+        show_json([asdict(check) for check in checks])
+    else:
+        marks = {"ok": ("✓", "green"), "missing": ("✗", "red"), "note": ("•", "yellow")}
+        for check in checks:
+            mark, colour = marks[check.state]
+            console.print(f"{mark} {check.name}: {check.found}", style=colour, markup=False, soft_wrap=True)
+            if check.fix:
+                say(f"    {check.fix}")
+        say("ready; next: toolkit demo" if not missing else f"{len(missing)} to fix, as the lines above say")
+    raise typer.Exit(1 if missing else 0)
+
+
+@from_config(request=ObjectRequest)
+def add(
+    mesh: Annotated[Path, typer.Argument(help="glb, gltf, obj, ply, stl or off; the files that it names come along.")],
+    *,
+    request: ObjectRequest,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Make an object of a mesh: copy it into the workspace, write its spec, draw a preview.
+
+    Up and front are y and z for glTF, by its specification; by convention y and z for obj, z and -y for ply,
+    stl and off.
+    """
+    from toolkit.captures.suggest_places import add_and_place
+    from toolkit.core.workspace import open_workspace
+
+    show_result(add_and_place(open_workspace(workspace, is_needed=True), mesh, request), as_json)
+
+
+BUNDLED_FILL = 0.32
+"""The default plan's 0.8 at two and a half times the distance: near by, rig18 is never wrong about a bare object."""
+
+
+def list_objects(
+    export: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write every object as a GLB into this folder.")
+    ] = None,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """List the objects that can be photographed, built in and your own; --export writes them as GLB."""
+    from toolkit.core.files import write_bytes
+    from toolkit.core.workspace import open_workspace
+    from toolkit.objects.load import load_object
+
+    space = open_workspace(workspace)
+    rows: list[dict[str, Any]] = []
+    for name, file in space.object_specs().items():
+        item = load_object(file)
+        sides = [mount.at for mount in item.spec.mounts]
+        rows.append(
+            {
+                "name": name, "class": item.spec.class_name, "mesh": item.spec.mesh,
+                "size_mm": [round(float(side), 1) for side in item.mesh.size_mm],
+                "triangles": len(item.mesh.faces), "patch_at": sides[0] if len(sides) == 1 else sides,
+            }
+        )  # fmt: skip
+        if export is not None:
+            from toolkit.objects.export_mesh import to_glb
+
+            write_bytes(export / f"{name}.glb", to_glb(item.mesh, name))
+    if as_json:
+        show_json(rows)
+        return
+    cells = []
+    for row in rows:
+        size = " × ".join(f"{side:g}" for side in row["size_mm"])
+        at = row["patch_at"] if isinstance(row["patch_at"], str) else ", ".join(row["patch_at"])
+        cells.append((row["name"], row["class"], row["mesh"], size, f"{row['triangles']:,}", at))
+    show_table(("object", "class", "mesh", "size, mm (x × y × z)", "triangles", "patch"), cells)
+    if export is not None:
+        say(f"wrote {len(rows)} GLB files to {export}")
+    say("your own: 'toolkit add MESH --class NAME', then 'toolkit plan --object NAME'")
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(help="Workspace to make, or to go on with.")] = Path("demo"),
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+) -> None:
+    """Run every step in a new workspace: plan, print, shoot 144 images, evaluate, report.
+
+    With a ResNet-18 of ImageNet where its weights are on this machine or can be downloaded, else with the bundled
+    classifier rig18 and the patches for it.
+    """
+    from toolkit.captures.shoot import ShootSettings, shoot_plan
+    from toolkit.cli.rig import what_pairs_can_show
+    from toolkit.core.console import console
+    from toolkit.core.workspace import make_workspace
+    from toolkit.evaluation.evaluate import evaluate_captures
+    from toolkit.evaluation.tables import print_tables
+    from toolkit.models.find import BUNDLED
+    from toolkit.models.load import load_best
+    from toolkit.printing.print_patches import print_all
+    from toolkit.rig.plan import open_plan
+    from toolkit.rig.requests import Pattern
+
+    space = make_workspace(folder)
+    classifier, why = load_best(device)
+    is_bundled = classifier.name == BUNDLED
+    space = space.with_patches(BUNDLED if is_bundled else None)
+    say(f"network: {classifier.describe()}: {why}")
+    say(f"1/4  plan: where the camera stands ({space.plan_file})")
+    plan = open_plan(space, pattern=Pattern(fill=BUNDLED_FILL) if is_bundled else None)
+    if is_bundled:
+        say(f"     far away: {BUNDLED} recognises these objects from near without a patch")
+    say(f"     {what_pairs_can_show(max(map(len, plan.objects.values())))}")
+    say(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})")
+    print_all(space)
+    say("3/4  shoot: every object at every pose, without and with its patch")
+    shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed))
+    say(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})")
+    say(f"4/4  evaluate: what {classifier.name} says about each image")
+    result = evaluate_captures(space.captures_dir, space, classifier)
+    print_tables(console, result)
+    say(f"report: {result.report_file}")
+
+
+def list_models(
+    model: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only this one, or one that is not in the list; repeat for more."),
+    ] = None,
+    data: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Also count what each gets right: a folder with one folder per class, or cifar10:FOLDER.",
+        ),
+    ] = None,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """List the networks whose weights are on this machine: classes, speed here, licence, whether they can train."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation import survey
+
+    folder = open_workspace(workspace).classifiers_dir
+    rows = survey.survey_models(model or survey.list_models(folder), device, folder, data)
+    if as_json:
+        show_json([asdict(one) for one in rows])
+    else:
+        _show_models(rows, data is not None)
+    if any(one.classes is None for one in rows):
+        raise typer.Exit(1)
+
+
+def _show_models(rows: "list[SurveyedModel]", with_data: bool) -> None:
+    titles = ["--model", "kind", "classes", "px", "per s", "trains", "licence"]
+    cells = []
+    for one in rows:
+        row = [
+            one.model, one.kind, one.classes or "", one.image_px or "",
+            f"{one.images_per_s:.0f}" if one.images_per_s else "",
+            "no" if not one.can_train else f"{one.trained_images_per_s:.0f}/s" if one.trained_images_per_s else "yes",
+            one.licence or "not said",
+        ]  # fmt: skip
+        if with_data:
+            low, high = one.ci95 or (0.0, 0.0)
+            row.insert(4, f"{100 * one.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {one.n}"
+                       if one.accuracy is not None else "")  # fmt: skip
+        cells.append(row)
+    if with_data:
+        titles.insert(4, "right")
+    show_table(titles, cells)
+    for one in rows:
+        if one.why_not:
+            remark(f"{one.model}: {one.why_not}")
+    say("others: torchvision's by name, timm:NAME, onnx:FILE, FILE.pt2, python:MODULE:FUNCTION")

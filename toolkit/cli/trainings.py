@@ -1,0 +1,447 @@
+"""Commands that train: patches, textures, wraps, classifiers; and what patches are compared with."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from pydantic import Field
+
+from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
+from toolkit.boosters.patch_config import RECIPES
+from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
+from toolkit.boosters.pixel_config import DataConfig
+from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
+from toolkit.boosters.texture_config import make_config as make_texture_config
+from toolkit.boosters.transforms.placement import Placement
+from toolkit.boosters.wrap_config import RECIPES as WRAP_RECIPES
+from toolkit.boosters.wrap_config import make_config as make_wrap_config
+from toolkit.cli import options
+from toolkit.cli.options import Only, Overrides, from_config
+from toolkit.cli.output import show_json, show_result, warn
+from toolkit.core.config import Flag
+from toolkit.engine.config import EngineConfig
+from toolkit.training.classifier_config import ClassifierConfig
+from toolkit.training.refine_config import RefineConfig
+
+if TYPE_CHECKING:
+    from toolkit.boosters.baselines.make import MadeBaseline
+    from toolkit.boosters.mounted import MountedViews
+    from toolkit.boosters.pixels import Network
+    from toolkit.boosters.train import PreparedPatch
+    from toolkit.core.workspace import Workspace
+    from toolkit.models.find import HeldOut
+    from toolkit.training.classifier import TrainedClassifier
+
+
+class AskedData(DataConfig):
+    """The same where `--data` may be left out, because an object is named."""
+
+    sources: Annotated[tuple[str, ...], Flag("--data", metavar="FOLDER|rig")] = Field(
+        (), description=DataConfig.model_fields["sources"].description
+    )
+
+
+Found = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATCH",
+        help="The patch that is printed in the photographs of --data, by name or PNG: the new one takes its place.",
+    ),
+]
+
+
+@from_config(data=AskedData, overrides=RECIPES)
+def train_patch(
+    *,
+    object_name: Annotated[
+        str | None,
+        typer.Option(
+            "--object",
+            metavar="NAME",
+            help="For this object: its class, its size and renders of it, from its spec. Default: --class and --data.",
+        ),
+    ] = None,
+    class_name: Annotated[
+        str | None,
+        typer.Option("--class", metavar="NAME", help="What it should be recognised as: a label, index or WordNet id."),
+    ] = None,
+    data: AskedData,
+    found: Found = None,
+    overrides: Overrides,
+    recipe: str,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    print_profile: options.PrintProfile = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="File name of the patch, without suffix. Default: the object's, else its class."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the patch. Default: print/patches.")
+    ] = None,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Train a patch with which a classifier sees a class, or a detector finds its object; a stopped run goes on."""
+    from toolkit.boosters.detectors import load_networks
+    from toolkit.boosters.patch import train_patch as run
+    from toolkit.boosters.train import prepare_patch
+    from toolkit.core.workspace import open_workspace
+
+    space = open_workspace(workspace)
+    overrides = _mount(overrides) if found else overrides
+    asked = prepare_patch(
+        space, recipe, overrides, data, object_name=object_name, class_name=class_name, print_profile=print_profile,
+        seed=seed,
+    )  # fmt: skip
+    if asked.misfit:
+        warn(asked.misfit)
+    networks = load_networks(model, weights, device, space.classifiers_dir)
+    trained = run(
+        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, out=out,
+        restart=restart, views=_view_photos(space, asked, found, networks[0]) if found else None,
+    )  # fmt: skip
+    show_result(trained, as_json, trained.lines(object_name))
+
+
+def _mount(overrides: Overrides) -> Overrides:
+    """As in renders of an object, unless it is said."""
+    share = overrides.get("mounted_share")
+    return {**overrides, "mounted_share": RECIPES["default"].mounted_share if share is None else share}
+
+
+def _view_photos(
+    space: "Workspace", asked: "PreparedPatch", found: list[str], network: "Network"
+) -> "MountedViews":  # fmt: skip
+    """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.errors import FieldError
+    from toolkit.objects.records import printed_size_mm
+    from toolkit.photos.prints.fitted_photo import view_photos
+
+    if asked.data.rig_source is not None:
+        raise FieldError(
+            "expected folders of photographs with {found}, and no renders", {"sources": asked.data.sources}
+        )
+    config, photos = asked.config, [Path(source) for source in asked.data.sources]
+    views, skipped = view_photos(
+        space, photos, found, size_px=config.size_px, size_mm=config.size_mm or printed_size_mm(config.size_px),
+        count=config.mounted_views, image_px=network.preprocessing.resize_px, seed=config.seed, device=network.device,
+    )  # fmt: skip
+    list_skipped(skipped)
+    return views
+
+
+@from_config(overrides=TEXTURE_RECIPES)
+def train_texture(
+    overrides: Overrides,
+    recipe: str,
+    class_name: Annotated[
+        str | None,
+        typer.Option(
+            "--class", metavar="NAME", help="What it should be recognised as. Default: the objects' own class."
+        ),
+    ] = None,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="File name, without suffix. Default: the object's, or for several the class's."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the texture. Default: rig/textures.")
+    ] = None,
+    workers: options.RenderThreads = None,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Train a texture that makes a network see an object's class; an interrupted run goes on where it stopped."""
+    from toolkit.boosters.detectors import load_networks
+    from toolkit.boosters.texture import train_texture as run
+    from toolkit.core.workspace import open_workspace
+
+    config = make_texture_config(recipe, {**overrides, "seed": seed})
+    place = open_workspace(workspace)
+    networks = load_networks(model, weights, device, place.classifiers_dir)
+    trained = run(config, networks, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
+    show_result(trained, as_json)
+
+
+@from_config(overrides=WRAP_RECIPES)
+def train_wrap(
+    overrides: Overrides,
+    recipe: str,
+    class_name: Annotated[
+        str | None,
+        typer.Option(
+            "--class", metavar="NAME", help="What it should be recognised as. Default: the object's own class."
+        ),
+    ] = None,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    print_profile: options.PrintProfile = None,
+    workers: options.RenderThreads = None,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Train what is on the pieces of a wrap, planning them first where there are none; goes on where it stopped."""
+    from toolkit.boosters.detectors import load_networks
+    from toolkit.boosters.patch_config import use_printer
+    from toolkit.boosters.wrap_task import train_wrap as run
+    from toolkit.core.workspace import open_workspace
+
+    if print_profile is not None:
+        overrides = use_printer(overrides, print_profile)
+    config = make_wrap_config(recipe, {**overrides, "seed": seed})
+    place = open_workspace(workspace)
+    networks = load_networks(model, weights, device, place.classifiers_dir)
+    trained = run(config, networks, place, class_name=class_name, restart=restart, workers=workers)
+    show_result(trained, as_json)
+
+
+@from_config(
+    config=ClassPatchesConfig, placement=Placement, overrides=Only(RECIPES, ASKED_OF_FLAT), engine=EngineConfig
+)
+def train_patches(
+    *,
+    data: Annotated[
+        str,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER.",
+        ),
+    ],
+    config: ClassPatchesConfig,
+    placement: Placement,
+    engine: EngineConfig,
+    classes: Annotated[
+        list[str] | None,
+        typer.Option("--class", metavar="NAME", help="Label, index or WordNet id; default: all that have images."),
+    ] = None,
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    overrides: Overrides,
+    recipe: str,
+    download: options.Download = False,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
+    from toolkit.boosters.class_patches import train_class_patches
+    from toolkit.core.console import quietly
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
+    from toolkit.training.images import choose_classes, open_images
+
+    space = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, space.classifiers_dir)
+    found = open_images(data, classifier, "train", download)
+    chosen = choose_classes(found, classes or [], classifier).classes
+    config = config.with_overrides(seed=seed)
+    patch = make_flat_config(recipe, overrides, placement, config)
+    with quietly(as_json):
+        made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
+    flags = {"--model": model, "--weights": weights}
+    typed = [f"{flag} {value}" for flag, value in flags.items() if value is not None]
+    words = " ".join(["toolkit corrupt-eval --data", data, *typed, *(f"--patches {name}" for name in made.sets)])
+    show_result(made, as_json, [*made.lines(), f"next: {words}"])
+
+
+@from_config(config=BaselineConfig)
+def baseline(
+    config: BaselineConfig,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."
+        ),
+    ] = None,
+    weights: options.WeightsFile = None,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
+    from toolkit.boosters.baselines.make import make_baseline
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
+
+    place = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
+    made = make_baseline(config.with_overrides(seed=seed), classifier, place)
+    _report_baseline(made, config.kind, config.data, as_json)
+    if made.skipped:
+        raise typer.Exit(1)
+
+
+def _report_baseline(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from toolkit.core.console import console, list_skipped
+
+    list_skipped(made.skipped)
+    if as_json:
+        sets = [asdict(one) | {"folder": str(one.folder)} for one in made.sets]
+        skipped = [{"path": path, "reason": reason} for path, reason in made.skipped]
+        show_json({"sets": sets, "skipped": skipped})
+        return
+
+    def tell(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True)
+
+    for one in made.sets:
+        if one.made:
+            before = f", {one.found} made before" if one.found else ""
+            tell(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
+        elif one.found:
+            tell(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
+        else:
+            tell(f"{one.folder}: nothing made")
+    names = [one.name for one in made.sets if one.made or one.found]
+    if names:
+        command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
+        others = kind in NEED_DATA
+        where = "FOLDER" if others or data is None else data
+        why = ": FOLDER with other images than these were chosen from" if others else ""
+        tell(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")
+
+
+@from_config(config=ClassifierConfig)
+def train_classifier(
+    config: ClassifierConfig,
+    patches: Annotated[
+        str | None,
+        typer.Option(metavar="SET", help="Every image has the patch of its class from this set, as in corrupt-eval."),
+    ] = None,
+    download: Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 where it is not there.")] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
+    ] = None,
+    keep_data: Annotated[
+        bool, typer.Option("--keep-data", help="Keep the rendered images, for another training under this name.")
+    ] = False,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.corruptions.training_boost import read_training_boost
+    from toolkit.training.classifier import train_classifier as run
+
+    space = open_workspace(workspace)
+    pictures = None if patches is None else read_training_boost(space, patches)
+    trained = run(
+        config.with_overrides(seed=seed), space, pictures, out=out, device=device,
+        workers=workers or os.cpu_count() or 1, download=download, restart=restart, keep_data=keep_data,
+    )  # fmt: skip
+    _report_classifier(trained, out, as_json)
+    if trained.skipped:
+        raise typer.Exit(1)
+
+
+def _report_classifier(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
+    from toolkit.core.console import console, list_skipped
+
+    list_skipped(trained.skipped)
+    record = trained.record
+    if as_json:
+        result = {
+            "classifier": str(trained.file),
+            "was_finished": trained.was_finished,
+            "resumed_from": trained.resumed_from,
+            "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
+            "record": record.model_dump(mode="json"),
+        }
+        show_json(result)
+        return
+
+    def tell(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True)
+
+    if trained.was_finished:
+        tell(f"{trained.file} was trained with these inputs before: nothing to do; --restart trains it again")
+    else:
+        size_mb = trained.file.stat().st_size / 1e6
+        tell(f"{trained.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB")
+    for line in describe_held_out(record.held_out):
+        tell(line)
+    model = f"--model {record.name}" if out is None else f"--weights {trained.file}"
+    tell(
+        f"next: toolkit eval captures/ {model}, and for patches of its own "
+        f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"
+    )
+
+
+def describe_held_out(held_out: "HeldOut") -> list[str]:
+    """Accuracy with its interval, the weakest classes and the commonest mistakes."""
+    if not held_out.n:
+        return ["held-out images: none, so its accuracy is not known"]
+    low, high = held_out.ci95
+    lines = [
+        f"held-out images: {held_out.correct} of {held_out.n} right ({held_out.correct / held_out.n:.1%}, 95 % "
+        f"interval {low:.1%} to {high:.1%}); {held_out.what}"
+    ]
+    if (hit := held_out.under_attack) is not None:
+        low, high = hit.ci95
+        lines.append(
+            f"under attack ({hit.norm} {hit.eps:.4g}, {hit.steps} steps): {hit.correct} of {hit.n} right "
+            f"({hit.accuracy:.1%}, {low:.1%} to {high:.1%})"
+        )
+    shares = sorted((one.correct / one.n, label) for label, one in held_out.per_class.items() if one.n)
+    if shares[0][0] < 1:
+        lines.append("weakest classes: " + ", ".join(f"{label} {share:.0%}" for share, label in shares[:5]))
+        lines.append(
+            "commonest mistakes: "
+            + ", ".join(f"{true} taken for {answer} ({count})" for true, answer, count in held_out.confusions[:5])
+        )
+    return lines
+
+
+@from_config(config=RefineConfig)
+def refine_network(
+    config: RefineConfig,
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the networks. Default: rig/classifiers.")
+    ] = None,
+    restart: options.Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Refine a network by its own answers, so that what is trained on it carries over; goes on where it stopped."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
+    from toolkit.training.refine import refine_network as run
+
+    space = open_workspace(workspace)
+    teacher = load_classifier(model, weights, device, space.classifiers_dir)
+    made = run(config.with_overrides(seed=seed), space, teacher, out=out, restart=restart)
+    show_result(made, as_json)
