@@ -36,7 +36,7 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
         most_s: seconds of work after which it is ended, with the code `LATE`; and where it waits, six times as long.
     """
     limit = "" if most_s is None else f"from toolkit.core.limits import limit_time; limit_time({most_s}); "
-    command, longest = [sys.executable, "-c", _begin() + limit + code], None if most_s is None else 6 * most_s
+    command, longest = [sys.executable, "-c", f"{_begin()}{limit}\n{code}"], None if most_s is None else 6 * most_s
     try:
         done = subprocess.run(command, input=given, capture_output=True, check=False, timeout=longest)
     except subprocess.TimeoutExpired:
