@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import toolkit
-from toolkit.core.child import run_python
+from toolkit.core.child import LATE, run_python
 from toolkit.engine.local import LocalPool
 from toolkit.engine.units import Unit
 
@@ -41,6 +41,11 @@ def planted(tmp_path, monkeypatch):
 def test_statements_and_what_they_read(planted):
     done = run_python("import sys, struct; sys.stdout.buffer.write(sys.stdin.buffer.read()); sys.exit(3)", b"\0\xff")
     assert (done.returncode, done.stdout, planted()) == (3, b"\0\xff", "")
+
+
+def test_a_child_is_ended_when_its_time_is_over():
+    assert run_python("while True: pass", most_s=1).returncode == LATE
+    assert run_python("import time; time.sleep(99)", most_s=0.1).returncode == LATE
 
 
 def test_a_pool_and_the_count_of_its_semaphores(planted):
@@ -124,7 +129,7 @@ IMPORTERS = {
     ("cli/app.py", "import_module"),  # the list of commands
     ("objects/load.py", "import_module"),  # after the name was found in a list
     ("models/load.py", "import_module"),  # timm
-    ("models/onnx_networks.py", "import_module"),  # libraries of the extra
+    ("models/onnx_graphs.py", "import_module"),  # libraries of the extra
     ("models/programs.py", "import_module"),  # what somebody typed
 }
 

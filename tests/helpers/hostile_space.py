@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from toolkit.core.workspace import Workspace, open_workspace
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 LENS = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
 
@@ -122,11 +128,7 @@ class Reader:
         if self.kind == "json":
             return json_texts(json.loads(whole))
         if self.kind == "toml":
-            return toml_texts(
-                {"class": "crate", "mesh": "crate.obj", "length_mm": 100, "up": "z", "patch": {"size_mm": 40}}
-            )
-        if self.kind == "marker":
-            return toml_texts({"schema_version": 1})
+            return toml_texts(tomllib.loads(whole.decode()))
         if self.kind == "lines":
             lines = whole.splitlines()
             return st.lists(
@@ -236,7 +238,7 @@ READERS = {
     "weights": Reader("rig/classifiers/mine.safetensors", _load_classifier, "bytes"),
     "object": Reader("rig/objects/crate.toml", _by("objects.load:load_object", "rig/objects/crate.toml"), "toml"),
     "mesh": Reader(MESH, _by("objects.load:load_object", "rig/objects/crate.toml"), "bytes"),
-    "marker": Reader("toolkit.toml", _by("core.workspace:open_workspace", "."), "marker"),
+    "marker": Reader("toolkit.toml", _by("core.workspace:open_workspace", "."), "toml"),
     "manifest": Reader("captures/real/manifest.jsonl", _read_manifest, "lines"),
     "captures": Reader("captures/sim/manifest.jsonl", _read_captures, "lines"),
     "imported": Reader("captures/real/manifest.jsonl", _read_index, "lines"),

@@ -8,7 +8,7 @@ import typer
 from hostile_checks import count
 from hostile_inputs import NAMES, NUMBERS, OTHER_KINDS, put_in_place
 from hostile_space import READERS
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toolkit.cli import app
@@ -67,6 +67,8 @@ LEFT_OUT = {
     "doctor": "reads nothing",
     "world list": "builds every world anew for each seed",
 }
+FEWER = settings(max_examples=settings.default.max_examples // 5)
+"""Commands are slow: many render, look for boards or corrupt pictures."""
 READING = (("plan", "--object", "crate"), ("objects",), ("print", "--class", "crate"), ("check",), IMPORT,
            ("corrupt", "photos", "corrupted", "--corrupt", "fog:1"), ("eval", "captures/real", "--model", "mine"),
            ("capture-sim", "--object", "crate", "--variant", "unpatched"),
@@ -120,6 +122,7 @@ def list_options() -> dict[str, list[tuple[str, int, bool, bool]]]:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+@FEWER
 @given(data=st.data())
 def test_bad_words_are_a_line(sandbox, name, data):
     typed = list(COMMANDS[name])
@@ -137,6 +140,7 @@ def test_bad_words_are_a_line(sandbox, name, data):
 
 
 @pytest.mark.parametrize("name", [name for name in READERS if name not in ("mesh", "weights")])
+@FEWER
 @given(data=st.data())
 def test_a_bad_file_in_the_workspace_is_a_line(sandbox, name, data):
     file = sandbox.renew() / READERS[name].path

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hostile_checks import LONGEST_LINE, count, limited
 from hostile_inputs import damaged, documents
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 torch = pytest.importorskip("torch")
@@ -106,3 +106,75 @@ def test_a_checkpoint_in_which_a_bit_has_flipped_is_refused_or_whole(place, at):
     found = read(lambda: checkpoint.read("test"))
     # a bit of what is said beside the numbers, such as how many steps were done, may be another
     assert found is None or all(np.array_equal(found[name], arrays[name]) for name in arrays)
+
+
+SIDES = st.sampled_from((-5, 0, 1, 3, 3000, 40_000, 10**7, 2**31, 2**62))
+
+
+def make_graph(operation: str, side: int) -> bytes:
+    """Of images of 8 px: their means, to which a number is added that much work may lead to."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    sides = {"ConstantOfShape": [side, side], "Tile": [1, 1, side, side], "Range": side, "MatMul": [side, side],
+             "Loop": side}[operation]  # fmt: skip
+    stored = {"sides": np.array(sides, np.int64), "none": np.int64(0), "step": np.int64(1), "on": np.array(True)}
+    nodes = [helper.make_node("ReduceMean", ["image"], ["means"], axes=[2, 3], keepdims=0)]
+    if operation == "Loop":
+        numbers = {"i": TensorProto.INT64, "go": TensorProto.BOOL, "x": TensorProto.FLOAT}
+        body = helper.make_graph(
+            [helper.make_node("Identity", ["go"], ["still"]), helper.make_node("Neg", ["x"], ["y"])], "body",
+            [helper.make_tensor_value_info(name, kind, None) for name, kind in numbers.items()],
+            [helper.make_tensor_value_info(name, kind, None)
+             for name, kind in (("still", TensorProto.BOOL), ("y", TensorProto.FLOAT))],
+        )  # fmt: skip
+        nodes.append(helper.make_node("Loop", ["sides", "on", "means"], ["much"], body=body))
+    elif operation == "MatMul":
+        nodes.append(helper.make_node("ConstantOfShape", ["sides"], ["p0"]))
+        nodes += [helper.make_node("MatMul", ["p0", f"p{k}"], [f"p{k + 1}" if k < 30 else "much"]) for k in range(31)]
+    else:
+        given = {"ConstantOfShape": ["sides"], "Tile": ["image", "sides"], "Range": ["none", "sides", "step"]}
+        nodes.append(helper.make_node(operation, given[operation], ["some"]))
+        nodes.append(helper.make_node("Cast", ["some"], ["much"], to=TensorProto.FLOAT))
+    nodes.append(helper.make_node("ReduceMean", ["much"], ["number"], keepdims=0))
+    nodes.append(helper.make_node("Add", ["means", "number"], ["out"]))
+    graph = helper.make_graph(
+        nodes, "net", [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["b", 3, 8, 8])],
+        [helper.make_tensor_value_info("out", TensorProto.FLOAT, ["b", 3])],
+        [numpy_helper.from_array(value, name) for name, value in stored.items()],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 11)], ir_version=7)
+    return model.SerializeToString()
+
+
+def read_graph(place, content):
+    from toolkit.models import onnx_graphs as graphs
+
+    (place / "net.onnx").write_bytes(content)
+    count("graphs")
+    return read(lambda: graphs.try_graph(graphs.read_onnx(place / "net.onnx"), 8, 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("operation", ["ConstantOfShape", "Tile", "Range", "Loop", "MatMul"])
+@settings(max_examples=settings.default.max_examples // 5)  # each in a process of its own
+@given(side=SIDES)
+def test_a_graph_that_asks_for_much(place, operation, side):
+    pytest.importorskip("onnxruntime")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("toolkit.models.onnx_graphs.TRYING_S", 4.0)
+        read_graph(place, make_graph(operation, side))
+
+
+def test_a_graph_that_asks_for_little_is_read(place):
+    pytest.importorskip("onnxruntime")
+    assert read_graph(place, make_graph("ConstantOfShape", 3)) is True
+
+
+@given(data=st.data())
+def test_a_damaged_graph(place, data):
+    from toolkit.models.onnx_graphs import read_onnx
+
+    pytest.importorskip("onnx")
+    (place / "net.onnx").write_bytes(data.draw(damaged(make_graph("Tile", 1))))
+    count("graphs")
+    read(lambda: read_onnx(place / "net.onnx"))

@@ -15,6 +15,7 @@ from toolkit.core.files import real_path, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
+from toolkit.objects.open3d import load_open3d
 from toolkit.objects.spec import read_spec
 from toolkit.rig.camera import Camera
 
@@ -65,7 +66,7 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
 
 
 def _cast(item: TableObject, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    import open3d as o3d
+    o3d = load_open3d()
 
     # depth 1 in the camera's axes: a ray needs no unit length to hit or miss
     local = np.concatenate([camera.undistort(pixels), np.ones((len(pixels), 1))], 1)

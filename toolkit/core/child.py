@@ -6,6 +6,7 @@ where this process looks.
 """
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -22,14 +23,27 @@ from toolkit.core.limits import limit_cores
 _starting = threading.Lock()
 
 
-def run_python(code: str, given: bytes = b"") -> "subprocess.CompletedProcess[bytes]":
+LATE = 124
+"""The code of a process that was ended as it took too long; that of `timeout` as well."""
+
+
+def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "subprocess.CompletedProcess[bytes]":
     """Run statements in a process of their own, and wait for it.
 
     Args:
         code: Python.
         given: what it reads from its input.
+        most_s: seconds of work after which it is ended, with the code `LATE`; and where it waits, six times as long.
     """
-    return subprocess.run([sys.executable, "-c", _begin() + code], input=given, capture_output=True, check=False)
+    limit = "" if most_s is None else f"from toolkit.core.limits import limit_time; limit_time({most_s}); "
+    command, longest = [sys.executable, "-c", f"{_begin()}{limit}\n{code}"], None if most_s is None else 6 * most_s
+    try:
+        done = subprocess.run(command, input=given, capture_output=True, check=False, timeout=longest)
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, LATE, b"", b"")
+    if most_s is not None and done.returncode == -signal.SIGXCPU:
+        done.returncode = LATE
+    return done
 
 
 def open_pool(workers: int) -> ProcessPoolExecutor:

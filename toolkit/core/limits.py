@@ -1,6 +1,7 @@
 """What this process may use: cores; memory, where somebody else's file asks for it; no search for garbage."""
 
 import gc
+import math
 import os
 import sys
 import threading
@@ -31,6 +32,15 @@ def limit_cores(count: int) -> None:
         sys.modules["torch"].set_num_threads(count)
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(count)
+
+
+def limit_time(seconds: float) -> None:
+    """From now on this process ends when its cores have worked so long for it, where the system can tell."""
+    try:
+        import resource
+    except ImportError:  # not on Linux
+        return
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), resource.RLIM_INFINITY))
 
 
 @contextmanager

@@ -17,7 +17,8 @@ from toolkit.models.detector import COCO_LABELS, LEAST_SCORE, MOST_BOXES, Detect
 from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
 from toolkit.models.labels import LabelsFile, check_size, choose_labels, read_labels_file
 from toolkit.models.network import check_hash, choose_device
-from toolkit.models.onnx_networks import OnnxNetwork, read_onnx, read_output_shape
+from toolkit.models.onnx_graphs import read_onnx, read_output_shape
+from toolkit.models.onnx_networks import OnnxNetwork
 from toolkit.models.weights import (
     WeightsFile,
     cache_dir,

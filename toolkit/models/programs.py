@@ -256,7 +256,8 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     Raises:
         ToolkitError: it is none, or ONNX Runtime cannot run it.
     """
-    from toolkit.models.onnx_networks import OnnxNetwork, read_onnx
+    from toolkit.models.onnx_graphs import read_onnx
+    from toolkit.models.onnx_networks import OnnxNetwork
 
     graph, own = read_onnx(path), _read_description(path)
     size = check_size(path, graph.size, own)

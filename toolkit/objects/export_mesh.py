@@ -14,6 +14,7 @@ from PIL import Image
 
 from toolkit.objects.grouping import group_places, group_rows
 from toolkit.objects.mesh import Material, Mesh, cross_products, make_ray_scene
+from toolkit.objects.open3d import load_open3d
 from toolkit.objects.records import encode_png
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
 
     Places inside other parts, and those whose ray never leaves, are left out.
     """
-    import open3d as o3d
+    o3d = load_open3d()
 
     cross = cross_products(mesh.vertices[mesh.faces])
     length = np.linalg.norm(cross, axis=1)

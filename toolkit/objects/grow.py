@@ -30,6 +30,7 @@ from toolkit.objects.flatten import (
     weld_surface,
 )
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.open3d import load_open3d
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece
@@ -64,7 +65,7 @@ def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
         surface: with m faces.
         allowed: (m,) bool.
     """
-    import open3d as o3d
+    o3d = load_open3d()
 
     rows = np.flatnonzero(allowed)
     used, faces = np.unique(surface.faces[rows], return_inverse=True)
@@ -116,7 +117,7 @@ def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float) -> t
 
 def _find_nearest(coarse: Surface, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(k,) the coarse triangle nearest to each point that faces the same way, -1 where it does not."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     scene = o3d.t.geometry.RaycastingScene()
     vertices = coarse.corners.reshape(-1, 3).astype(np.float32)

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.grouping import group_places, group_rows, rising_order
+from toolkit.objects.open3d import load_open3d
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -303,7 +304,7 @@ def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":
 
 def make_ray_scene(mesh: Mesh) -> "RaycastingScene":
     """Open3D's ray-casting scene (Embree) of a mesh."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
@@ -318,6 +319,6 @@ def cast_rays(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
 
     The way is counted in lengths of the direction: between two points, from 0 to 1.
     """
-    import open3d as o3d
+    o3d = load_open3d()
 
     return scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays, np.float32)))["t_hit"].numpy()

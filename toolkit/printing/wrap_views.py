@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, cross_products, make_ray_scene
+from toolkit.objects.open3d import load_open3d
 from toolkit.objects.wrap import Wrap
 from toolkit.printing.canvas import BOLD, Pdf
 from toolkit.printing.page import Rect
@@ -69,7 +70,7 @@ def _look(
     mesh: Mesh, wrap: Wrap, side: str, px_per_mm: float
 ) -> tuple[SideView, dict[int, tuple[float, float]], dict[int, int]]:
     """A side without its marks; the marks of all pieces that it shows, and of how many fine pixels."""
-    import open3d as o3d
+    o3d = load_open3d()
     from PIL import Image
     from scipy.ndimage import distance_transform_edt
 

@@ -19,6 +19,7 @@ import numpy as np
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.scene import Scene
 
@@ -107,7 +108,7 @@ class FilamentRenderer:
         return (self.render(*view) for view in views)
 
     def _build(self, width: int, height: int) -> "OffscreenRenderer":
-        import open3d as o3d
+        o3d = load_open3d()
 
         rendering = o3d.visualization.rendering
         renderer = rendering.OffscreenRenderer(width, height)
@@ -132,7 +133,7 @@ class FilamentRenderer:
 
     @staticmethod
     def _add(renderer: "OffscreenRenderer", name: str, mesh: Mesh, faces: np.ndarray, material: Material) -> None:
-        import open3d as o3d
+        o3d = load_open3d()
 
         used, inverse = np.unique(faces, return_inverse=True)
         local = inverse.reshape(-1, 3).astype(np.int32)

@@ -14,6 +14,7 @@ import numpy as np
 
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.mesh import Mesh, hash_triangles, make_ray_scene
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
@@ -208,7 +209,7 @@ def find_free(
         points, normals: (n, 3) float32.
         directions: (d, 3) float32 unit.
     """
-    import open3d as o3d
+    o3d = load_open3d()
 
     free = np.empty((len(directions), len(points)), np.uint8)
     box = np.asarray(bounds, np.float32)

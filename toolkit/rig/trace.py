@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.kernel.frame import (
     NOTHING,
     SUBPIXELS,
@@ -45,7 +46,7 @@ class LitBody:
 
     def cast(self, rays: np.ndarray) -> Hits:
         """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
-        import open3d as o3d
+        o3d = load_open3d()
 
         found = self.shape.rays.cast_rays(o3d.core.Tensor(self._localise(rays)), nthreads=1)
         distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
@@ -79,7 +80,7 @@ class LitBody:
 
     def blocks(self, rays: np.ndarray) -> np.ndarray:
         """(n,) bool whether rays (n, 6) in the world meet it."""
-        import open3d as o3d
+        o3d = load_open3d()
 
         return self.shape.rays.test_occlusions(o3d.core.Tensor(self._localise(rays)), nthreads=1).numpy()
 

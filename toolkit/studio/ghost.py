@@ -13,6 +13,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, make_ray_scene
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster
@@ -53,7 +54,7 @@ class _Stage:
         self._first_of_sheet = first_of_sheet
 
     def look(self, camera: Camera, T_world_camera: np.ndarray) -> _Rendered:
-        import open3d as o3d
+        o3d = load_open3d()
 
         h, w = camera.height, camera.width
         # pixel centres are at half integers

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.worlds.world import STANDING, SceneClass, World
 
@@ -114,7 +115,7 @@ def find_places(world: World, level: Level, rng: np.random.Generator) -> np.ndar
 
 def clearance(world: World, points: np.ndarray) -> np.ndarray:
     """(n,) distance of points (n, 3) from the nearest surface, metres."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     return world.shape.rays.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
 
@@ -139,7 +140,7 @@ def _judge(
 
 def rate_views(world: World, poses: list[np.ndarray], level: Level) -> np.ndarray:
     """(n,) how much views show: many classes and looks at many distances, some sky, nothing right before the lens."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     x, y = np.meshgrid(np.arange(PROBE.width) + 0.5, np.arange(PROBE.height) + 0.5)
     pixels = np.stack([x, y], axis=-1).reshape(-1, 2)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh
+from toolkit.objects.open3d import load_open3d
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -150,7 +151,7 @@ class World:
         return found
 
     def _inside_by_rays(self, points: np.ndarray) -> np.ndarray:
-        import open3d as o3d
+        o3d = load_open3d()
 
         votes = np.zeros(len(points), int)
         for direction in RAYS:
@@ -163,7 +164,7 @@ class World:
 
 
 def _scene_of(mesh: Mesh, chosen: np.ndarray) -> "RaycastingScene":
-    import open3d as o3d
+    o3d = load_open3d()
 
     scene = o3d.t.geometry.RaycastingScene()
     if chosen.any():

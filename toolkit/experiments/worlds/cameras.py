@@ -9,6 +9,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.experiments.worlds.world_config import GridShape
 from toolkit.objects.mesh import cast_rays
+from toolkit.objects.open3d import load_open3d
 from toolkit.rig.camera import Camera, look_at, pixel_rays, project
 from toolkit.rig.lighting import Shape
 from toolkit.worlds.place import Placed
@@ -147,7 +148,7 @@ def find_reasons(
     world: World, placed: Placed, points: np.ndarray, nearest_m: float, clearance_m: float = CLEARANCE_M
 ) -> list[str]:
     """Why no camera can stand at each of the points (n, 3); empty where one can."""
-    import open3d as o3d
+    o3d = load_open3d()
 
     ground = world.ground_height(points)
     gap = world.shape.rays.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()

@@ -1,0 +1,398 @@
+"""Graphs in ONNX files: read, made free of a batch's size, tried in a process of their own, run by ONNX Runtime.
+
+Anybody may have made them, to run for ever or to take all memory. A child tries a graph first, on images of its own
+size, one and two at once, and has so much time and memory. What has passed is run in this process, as a child for every
+batch would copy images and answers, and would hold the graph twice: its operations and their sizes are those that were
+tried. What may depend on the image is a loop, so every answer has an end in time here too; memory has none any more.
+"""
+
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from math import prod
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.core.child import LATE, run_python
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.core.limits import is_memory_full, limit_cores, limit_memory
+from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
+
+if TYPE_CHECKING:
+    from onnx import ModelProto, NodeProto, ValueInfoProto
+    from onnxruntime import InferenceSession
+
+QUANTISED = ("QuantizeLinear", "DequantizeLinear", "DynamicQuantizeLinear", "QLinearConv", "QLinearMatMul",
+             "ConvInteger", "MatMulInteger")  # fmt: skip
+FLOAT, STRING, FLOAT16 = 1, 8, 10
+"""Of `TensorProto.DataType`."""
+MOST_MISFITS = 500
+"""Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
+
+
+@dataclass(frozen=True)
+class OnnxGraph:
+    """An ONNX network that takes one batch of square colour images.
+
+    Attributes:
+        file: where it came from; the hash is also of the files that hold its weights, where they lie beside it.
+        model: the graph.
+        input_name: of the images.
+        is_nhwc: whether the images' channels come last.
+        size: side of the images; None where any will do.
+        batch: how many images it takes at once; None: any number.
+        is_half: whether it wants numbers of 16 bits.
+        output_names: in order.
+        is_quantised: whether it computes in integers.
+    """
+
+    file: WeightsFile
+    model: "ModelProto"
+    input_name: str
+    is_nhwc: bool
+    size: int | None
+    batch: int | None
+    is_half: bool
+    output_names: tuple[str, ...]
+    is_quantised: bool
+
+
+def import_extra(name: str) -> ModuleType:
+    """A package of the extra `onnx`.
+
+    Raises:
+        ToolkitError: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ToolkitError(
+            f"an ONNX file needs {name}, which is not installed ({error}): pip install '.[onnx]' in the kit's folder"
+        ) from None
+
+
+def read_onnx(path: Path) -> OnnxGraph:
+    """Read a graph; nothing in it is run.
+
+    Raises:
+        ToolkitError: the file cannot be read, or takes something other than one batch of square colour images.
+    """
+    onnx = import_extra("onnx")
+    try:
+        beside = _list_beside(onnx.load(str(path), load_external_data=False))
+        missing = [name for name in beside if not (path.parent / name).is_file()]
+        if missing:
+            raise ToolkitError(f"{path}: its weights lie in '{missing[0]}', which is not beside it: copy that file too")
+        with limit_memory(LOADING_BYTES + 3 * sum(one.stat().st_size for one in (path, *map(path.with_name, beside)))):
+            model = onnx.load(str(path))
+            onnx.checker.check_model(model)
+    except ToolkitError:
+        raise
+    except OSError as error:
+        raise ToolkitError(f"cannot read {path}: {error.strerror or error}") from None
+    except Exception:  # protobuf's own error, a checker's, or that of weights that lie elsewhere
+        raise ToolkitError(f"cannot read {path}: not an ONNX graph, or damaged: export it again") from None
+    graph = model.graph
+    strange = next((one.name for one in graph.output if not _is_numeric(one)), None)
+    if strange is not None or not graph.output:
+        found = f"its output '{strange}' is no tensor of numbers" if graph.output else "it has no output"
+        raise ToolkitError(f"{path}: {found}: expected numbers for each image: export it so")
+    stored = {one.name for one in graph.initializer}
+    inputs = [one for one in graph.input if one.name not in stored]
+    if len(inputs) != 1:
+        names = ", ".join(one.name for one in inputs) or "none"
+        raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected one, a batch of images")
+    kind = inputs[0].type.tensor_type
+    if kind.elem_type not in (FLOAT, FLOAT16):
+        kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
+        found = kinds.get(kind.elem_type, "an unknown kind")
+        raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
+    sides = [one.dim_value or None for one in kind.shape.dim]
+    is_nhwc, size = _read_layout(path, inputs[0].name, sides)
+    operations = {one.op_type for one in graph.node}
+    return OnnxGraph(
+        file=_hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
+        batch=sides[0], is_half=kind.elem_type == FLOAT16, output_names=tuple(one.name for one in graph.output),
+        is_quantised=not operations.isdisjoint(QUANTISED),
+    )  # fmt: skip
+
+
+def read_output_shape(graph: OnnxGraph) -> tuple[int | None, ...]:
+    """What the first output declares, None for an open axis; empty where it declares nothing."""
+    return tuple(one.dim_value or None for one in graph.model.graph.output[0].type.tensor_type.shape.dim)
+
+
+def _is_numeric(output: "ValueInfoProto") -> bool:
+    return output.type.WhichOneof("value") == "tensor_type" and output.type.tensor_type.elem_type != STRING
+
+
+def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, int | None]:
+    """Whether channels come last, and the side of the images; None: any."""
+    shown = "×".join("?" if side is None else str(side) for side in sides) or "a single number"
+    expected = f"{path}: its input '{name}' is {shown}"
+    if len(sides) != 4:
+        raise ToolkitError(f"{expected}: expected a batch of colour images, b×3×h×w or b×h×w×3")
+    is_nhwc = sides[3] == 3 and sides[1] != 3
+    channels, (height, width) = (sides[3], sides[1:3]) if is_nhwc else (sides[1], sides[2:])
+    if channels not in (3, None):
+        raise ToolkitError(f"{expected}: expected colour images, of 3 channels")
+    if height != width:
+        raise ToolkitError(f"{expected}: expected square images: export it for a square")
+    return is_nhwc, height
+
+
+def _hash_whole(path: Path) -> WeightsFile:
+    """The file, with a hash that changes when weights in files beside it do."""
+    beside, file = _list_beside(import_extra("onnx").load(str(path), load_external_data=False)), open_weights(path)
+    if not beside:
+        return file
+    hashes = [file.sha256, *(sha256_file(path.parent / name) for name in beside)]
+    return WeightsFile(path, sha256_bytes(" ".join(hashes).encode()), file.name)
+
+
+def _list_beside(model: "ModelProto") -> list[str]:
+    """Files with weights that a graph names, as it was read without them."""
+    entries = [entry for one in model.graph.initializer for entry in one.external_data if entry.key == "location"]
+    return sorted({entry.value for entry in entries})
+
+
+def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSession":
+    """ONNX Runtime on the CPU.
+
+    Raises:
+        ToolkitError: it knows an operator not, or the graph is inconsistent.
+    """
+    runtime = import_extra("onnxruntime")
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 4  # what is wrong is raised as well
+    try:
+        return runtime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its classes are made at run time, one for each code
+        why = "its operations do not fit together: export it again"
+        if is_memory_full(error):
+            why = "it takes too much memory"
+        elif "IR version" in str(error) or "opset" in str(error):
+            why = "it is of a newer ONNX than this one reads: upgrade onnxruntime, or export it with an older opset"
+        unknown = [one for one in import_extra("onnx").defs.get_all_schemas_with_history()]
+        known = {(one.domain, one.name) for one in unknown}
+        strange = [f"{one.domain or 'ai.onnx'}.{one.op_type}" for one in model.graph.node
+                   if (one.domain, one.op_type) not in known]  # fmt: skip
+        if strange:
+            why = f"its operator {strange[0]} is none of ONNX's: export it with standard operators"
+        raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}") from None
+
+
+def set_input(model: "ModelProto", name: str, batch: int | str | None = None, size: int | None = None) -> None:
+    """Change the batch, and the side of images of any size, that the input `name` declares."""
+    for one in model.graph.input:
+        if one.name == name:
+            dims = one.type.tensor_type.shape.dim
+            if isinstance(batch, str):
+                dims[0].dim_param = batch
+            elif batch is not None:
+                dims[0].dim_value = batch
+            for dim in dims[1:]:
+                if size is not None and not dim.dim_value:
+                    dim.dim_value = size
+
+
+def free_batch(graph: OnnxGraph) -> "ModelProto":
+    """A copy that takes any number of images, of a graph that was exported for a fixed one.
+
+    What fixes the number is the target of a Reshape, or the sizes of a Resize. Shapes are worked out for the number and
+    for twice of it; the axis that differs holds the batch, and is left open. Whether the copy answers as the original
+    is for the caller to try.
+    """
+    onnx = import_extra("onnx")
+    model = onnx.ModelProto()
+    model.CopyFrom(graph.model)
+    before = _infer_shapes(model)
+    set_input(model, graph.input_name, 2 * (graph.batch or 1))
+    for one in model.graph.output:
+        one.type.tensor_type.ClearField("shape")
+    for _ in model.graph.node[:MOST_MISFITS]:
+        misfit = next(_find_misfits(model, before, _infer_shapes(model)), None)
+        if misfit is None:
+            break
+        node, place, values = misfit
+        name = f"{node.output[0]}_freed"
+        model.graph.initializer.append(onnx.numpy_helper.from_array(values, name))
+        node.input[place] = name
+        del node.input[place + 1 :]
+    set_input(model, graph.input_name, "batch")
+    del model.graph.value_info[:]
+    return model
+
+
+SAME_ANSWER = 1e-3
+"""Of the largest output, how far two ways of running a graph may differ: far more than rounding, less than a fault."""
+START_S, IMAGE_S, TRYING_S = 20.0, 10.0, 60.0
+"""What an answer may take, and each image of it more; what a graph's trial may take of a core as a whole."""
+Shapes = dict[str, list[int | None]]
+
+
+def _infer_shapes(model: "ModelProto") -> Shapes:
+    onnx = import_extra("onnx")
+    bare = onnx.ModelProto()
+    bare.CopyFrom(model)
+    # shapes that the exporter wrote down would be kept, though they are of another batch
+    del bare.graph.value_info[:]
+    inferred = onnx.shape_inference.infer_shapes(bare).graph
+    known = [*inferred.input, *inferred.value_info, *inferred.output]
+    return {one.name: [dim.dim_value or None for dim in one.type.tensor_type.shape.dim] for one in known}
+
+
+def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterator[tuple[NodeProto, int, np.ndarray]]":
+    """Nodes with a constant shape that fixes the batch, in order: (node, place of the input, what it should be)."""
+    constants = _find_constants(model)
+    for node in model.graph.node:
+        if node.op_type not in ("Reshape", "Resize"):
+            continue
+        source, made = before.get(node.input[0], []), before.get(node.output[0], [])
+        doubled = after.get(node.input[0], [])
+        if len(doubled) != len(source):
+            continue
+        grown = [axis for axis in range(len(source)) if source[axis] != doubled[axis]]
+        if len(grown) != 1 or None in source or None in made:
+            continue
+        if node.op_type == "Reshape" and node.input[1] in constants:
+            target = constants[node.input[1]].tolist()
+            # row by row: the batch stays where as many numbers come before it
+            ahead = prod(side or 1 for side in source[: grown[0]])
+            axis = next((k for k in range(len(made)) if prod(side or 1 for side in made[:k]) == ahead), None)
+            if axis is not None and target[axis] != -1 and not (target[axis] == 0 and axis == grown[0]):
+                yield node, 1, np.array([*made[:axis], -1, *made[axis + 1 :]], np.int64)
+        elif node.op_type == "Resize" and len(node.input) > 3 and node.input[3] in constants:
+            # scales leave the batch open where sizes fix it
+            scales = np.array(made, np.float64) / np.array(source, np.float64)
+            yield node, 2, scales.astype(np.float32)
+
+
+def _find_constants(model: "ModelProto") -> dict[str, np.ndarray]:
+    onnx = import_extra("onnx")
+    found = {one.name: onnx.numpy_helper.to_array(one) for one in model.graph.initializer if prod(one.dims) < 16}
+    for node in model.graph.node:
+        if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
+            found[node.output[0]] = onnx.numpy_helper.to_array(node.attribute[0].t)
+    return found
+
+
+def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The outputs for (b, 3, h, w) float32 images.
+
+    Raises:
+        ToolkitError: it fails at them, takes too long or too much memory, or gives something other than numbers.
+    """
+    images = np.ascontiguousarray(images.transpose(0, 2, 3, 1)) if graph.is_nhwc else images
+    given = {graph.input_name: images.astype(np.float16) if graph.is_half else images}
+    how, most_s = import_extra("onnxruntime").RunOptions(), START_S + IMAGE_S * len(images)
+    how.log_severity_level = 4  # what is wrong is raised as well
+    watch = threading.Timer(most_s, setattr, (how, "terminate", True))  # a loop in a graph may have no end
+    watch.daemon = True
+    watch.start()
+    try:
+        answers = session.run(None, given, how)
+    except Exception as error:  # its classes are made at run time
+        why = f"its operations fail at {len(images)} images of {images.shape[2]} px"
+        if is_memory_full(error):
+            why = "it takes too much memory"
+        elif how.terminate:
+            why = _late(most_s)
+        raise ToolkitError(f"{graph.file.path}: ONNX Runtime cannot run it: {why}") from None
+    finally:
+        watch.cancel()
+    if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
+        raise ToolkitError(f"{graph.file.path}: its outputs are not tensors with numbers for each image: export it so")
+    return tuple(answers)
+
+
+def join_answers(graph: OnnxGraph, answers: list[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
+    """The outputs of several runs as those of one.
+
+    Raises:
+        ToolkitError: they differ in shape.
+    """
+    if any(len({one.shape[1:] for one in parts}) > 1 for parts in zip(*answers, strict=True)):
+        raise ToolkitError(f"{graph.file.path}: its outputs have another shape for another image")
+    return tuple(map(np.concatenate, zip(*answers, strict=True)))
+
+
+def are_alike(found: tuple[np.ndarray, ...], wanted: tuple[np.ndarray, ...]) -> bool:
+    """Whether two ways of running a graph gave the same, but for rounding."""
+    if [one.shape for one in found] != [one.shape for one in wanted]:
+        return False
+    return all(
+        np.isfinite(other).all()
+        and np.abs(one - other).max(initial=0) <= SAME_ANSWER * max(1.0, np.abs(other).max(initial=0))
+        for one, other in zip(found, wanted, strict=True)
+    )
+
+
+def draw_sample(size: int) -> np.ndarray:
+    """(2, 3, size, size) float32: what graphs are tried on."""
+    return np.random.default_rng(0).random((2, 3, size, size), np.float32)
+
+
+def try_graph(graph: OnnxGraph, size: int, threads: int) -> bool:
+    """Run a graph for the first time, in a process of its own; returns whether it is fit for any number of images.
+
+    Where it is not, but its copy by `free_batch` is, the copy takes its place in `graph.model`.
+
+    Raises:
+        ToolkitError: it cannot be run, does not end, takes too much memory or another number of images than one.
+    """
+    path = graph.file.path
+    if graph.batch not in (None, 1):
+        raise ToolkitError(f"{path}: takes exactly {graph.batch} images at once: export it with a free batch, or for 1")
+    room = TRYING_BYTES + 6 * graph.model.ByteSize()
+    code = f"from toolkit.models.onnx_graphs import _try; print(_try({str(path)!a}, {size}, {threads}, {room}))"
+    done = run_python(code, most_s=TRYING_S * threads)
+    told = done.stdout.decode("utf-8", "replace").splitlines()
+    if done.returncode or not told:
+        # what ends a process cannot be caught in it
+        why = _late(TRYING_S) if done.returncode == LATE else f"it ended the process that tried it ({done.returncode})"
+        raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}")
+    answer = json.loads(told[-1])
+    if "error" in answer:
+        raise ToolkitError(answer["error"])
+    set_input(graph.model, graph.input_name, size=size)
+    if answer["freed"]:
+        graph.model.CopyFrom(free_batch(graph))
+    return graph.batch is None or answer["freed"]
+
+
+def _late(seconds: float) -> str:
+    return f"it has no answer after {seconds:.0f} s: it may hold a loop without an end"
+
+
+def _try(path: str, size: int, threads: int, most_bytes: int) -> str:
+    """As `try_graph`, in this process, which may end by it; what came out, as JSON."""
+    limit_cores(threads)
+    try:
+        graph = read_onnx(Path(path))
+        set_input(graph.model, graph.input_name, size=size)
+        with limit_memory(most_bytes):
+            return json.dumps({"freed": _is_freed(graph, draw_sample(size), threads)})
+    except ToolkitError as error:
+        return json.dumps({"error": str(error)})
+
+
+def _is_freed(graph: OnnxGraph, sample: np.ndarray, threads: int) -> bool:
+    whole = start_session(graph.model, graph.file.path, threads)
+    if graph.batch is None:
+        run_session(whole, graph, sample)
+        return False
+    # of the network as it is, one by one: what the freed copy has to give for both at once
+    wanted = join_answers(graph, [run_session(whole, graph, sample[k : k + 1]) for k in range(2)])
+    try:
+        session = start_session(free_batch(graph), graph.file.path, threads)
+        return are_alike(run_session(session, graph, sample), wanted)
+    except Exception:  # shapes of a strange graph cannot be worked out, or do not fit another batch
+        return False
