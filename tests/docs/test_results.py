@@ -162,6 +162,7 @@ def test_the_readme_says_when_to_take_a_patch_a_wrap_or_a_texture_by_the_table()
 
 def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
     names = {"ResNet-18": "resnet18", "MobileNetV2": "mobilenet_v2", "MobileNetV1 0.75": UNSEEN}
+    names |= {f"EfficientNet-Lite{k}": f"tf_efficientnet_lite{k}" for k in range(3)}
     page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wraps")
     counts = r" \| (\d+) \| (\d+) \| (\d+) \| (\d+) \((\d+) / (\d+), p (?:< 0\.0001|= ([\d.]+))\) \|$"
     told = {names[one[0]]: one[1:] for one in re.findall(r"^\| ([\w .-]+), seen[^|]*" + counts, page, re.MULTILINE)}

@@ -10,7 +10,7 @@ from test_wrap_pieces import box
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import make_workspace
-from toolkit.objects.load import TableObject
+from toolkit.objects.load import BUILTIN, TableObject, load_object
 from toolkit.objects.mesh import place_on_table
 from toolkit.objects.records import pack_arrays
 from toolkit.objects.spec import ObjectSpec
@@ -90,6 +90,14 @@ def test_a_copy_made_to_be_shipped_is_the_same_wrap_in_less_room(
     assert shipped.record == written.record.model_copy(update={"map_sha256": shipped.record.map_sha256})
     for one, other in zip(shipped.pieces, wrap.pieces, strict=True):
         assert np.array_equal(one.faces, other.faces) and one.flat_mm == pytest.approx(other.flat_mm, abs=2e-5)
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_a_trained_wrap_of_each_object_comes_with_the_kit(name: str, tmp_path: Path) -> None:
+    space = make_workspace(tmp_path)
+    shipped = find_wrap(space, load_object(space.object_spec(name)))
+    assert shipped.record.booster is not None and len(shipped.record.booster.networks) == 4
+    assert np.ptp(shipped.pixels) > 0.5
 
 
 def test_another_mesh_is_told(item: TableObject, wrap: Wrap, tmp_path: Path) -> None:

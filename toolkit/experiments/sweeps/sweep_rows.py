@@ -167,11 +167,15 @@ def _agreed(values: Sequence[float | None]) -> float | None:
 
 
 def build_sweep_table(sweep: Sweep) -> "Table":
-    """A row per value and variant: n, top-1 and its interval, McNemar's p against bare, then top-1 of each object.
+    """A row per value and variant: n, top-1 and its interval, McNemar's p against bare.
+
+    Then top-1 of each object, where the console has room.
 
     A printed size is followed by its share of the longest side, where the objects agree on it; a coverage by what was
     reached, where that is another.
     """
+    from toolkit.core.console import console
+
     one = len(sweep.objects) == 1
     name = next(iter(sweep.objects)) if one else POOLED
     others = [] if one else list(sweep.objects)
@@ -189,9 +193,13 @@ def build_sweep_table(sweep: Sweep) -> "Table":
             numbers += [format_percent(group.top5), format_p(pair.outcomes.mcnemar_p if pair else None)]
             each = [groups.get((label, other, variant)) for other in others]
             rows.append([shown, variant, *numbers, *(format_percent(own.top1) if own else NONE for own in each)])
+    heads = ["n", "top-1 %", "95 %", "top-5 %", "p", *others]
+    texts = [sweep.axis.name, "variant"]
+    if sum(max(map(len, column)) + 1 for column in zip([*texts, *heads], *rows, strict=True)) > console.width:
+        # a row that is cut off helps nobody: each object is in figure and CSV
+        rows, heads = [row[: -len(others) or None] for row in rows], heads[: -len(others) or None]
     title = f"{sweep.axis.name}, {sweep.model['name']}, " + (name if one else f"{len(sweep.objects)} objects")
-    heads = ("n", "top-1 %", "95 %", "top-5 %", "p", *others)
-    return build_table(title, (sweep.axis.name, "variant"), heads, rows)
+    return build_table(title, texts, heads, rows)
 
 
 @with_default_style
