@@ -65,6 +65,8 @@ def test_distances_asked_for_are_spread_over_the_poses(crate):
     assert [pose.distance_mm for pose in poses] == [300, 400, 500]
     with pytest.raises(ToolkitError, match=r"'crate', pose 1: the object is cropped at 120 mm: expected at least"):
         make_plan([crate], Camera.from_fov(), Pattern(distance_mm=(120, 500)))
+    with pytest.raises(ToolkitError, match="the nearer first"):
+        Pattern(distance_mm=(900, 100))
 
 
 def test_focal_length_and_sensor_stand_for_the_field_of_view(written):

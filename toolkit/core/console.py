@@ -92,9 +92,8 @@ class Ticker:
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
         self._done += amount
-        if (
-            amount and self._first is None
-        ):  # what comes before the first unit, such as baking a world's light, is done once
+        # what comes before the first unit, such as baking a world's light, is done once
+        if amount and self._first is None:
             self._first = monotonic(), self._done
         if self._progress is not None:
             self._progress.update(self._task, advance=amount)

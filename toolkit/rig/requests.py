@@ -18,11 +18,11 @@ MOST_PLACES = 6
 """Shown at once: each has a colour of its own."""
 SHOT_LIST = "The shot list"
 STUCK_ON = "How a wrap is stuck on"
-DISTANCES = "distances over 0 and under 1000000 mm"
+DISTANCES = "two distances over 0 and under 1000000 mm, the nearer first"
 
 
 def _check_distances(distance_mm: Range) -> Range:
-    if not all(0 < side < 1e6 for side in distance_mm):
+    if not 0 < distance_mm[0] <= distance_mm[1] < 1e6:
         raise ValueError(f"expected {DISTANCES}")
     return distance_mm
 
