@@ -85,7 +85,7 @@ def test_help_lists_the_road(run):
         ),
         (
             ["plan", "--object", "eggnog", "--distance", "-5", "20"],
-            "error: --distance -5 20: expected distances over 0 and under 1000000 mm",
+            "error: --distance -5 20: expected two distances over 0 and under 1000000 mm, the nearer first",
         ),
         (["plan", "--object", "eggnog", "--count", "0"], "error: --count 0: expected 1 to 10000"),
         (["plan", "--count", "many"], "error: --count many: expected a whole number"),

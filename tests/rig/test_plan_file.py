@@ -93,7 +93,7 @@ def first_pose(content):
         (lambda c: first_pose(c).update(elevation_deg=91), r"objects.crate.0.elevation_deg"),
         (lambda c: first_pose(c).update(azimuth_deg="north"), r"objects.crate.0.azimuth_deg.*north"),
         (lambda c: first_pose(c).update(elevaton_deg=4), r"objects.crate.0.elevaton_deg"),
-        (lambda c: first_pose(c).pop("target_mm"), r"objects.crate.0.target_mm.*required"),
+        (lambda c: first_pose(c).pop("target_mm"), r"objects.crate.0.target_mm.*is missing"),
         (lambda c: c["objects"]["crate"][1].update(id=1), r"field 'objects'|ids that differ"),
         (lambda c: c["objects"].update(crate=[]), "at least one pose"),
         (lambda c: c["camera"].update(width=8), "camera.width"),

@@ -87,8 +87,11 @@ def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
         ({"fill": 0.0}, "fill 0: expected"),
         ({"jitter_deg": -1}, "jitter_deg -1: expected 0 to 45"),
         ({"jitter_deg": float("nan")}, "jitter_deg nan: expected"),
-        ({"distance_mm": (-5, 400)}, "distance_mm -5 400: expected distances over 0 and under 1000000 mm"),
-        ({"distance_mm": (400, float("inf"))}, "distance_mm 400 inf: expected distances over 0"),
+        (
+            {"distance_mm": (-5, 400)},
+            "distance_mm -5 400: expected two distances over 0 and under 1000000 mm, the nearer first",
+        ),
+        ({"distance_mm": (400, float("inf"))}, "distance_mm 400 inf: expected two distances over 0"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(wrong, words):
