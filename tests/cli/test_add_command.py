@@ -131,7 +131,7 @@ def test_a_patch_that_does_not_lie_on_top_is_put_where_place_finds_it_lying(spac
     item = load_object(space.object_spec("board"))
     mount = item.spec.mounts[0]
     assert mount.at in ("front", "back") and mount.size_mm == 40 and measure_fit(item, 40).lies
-    assert f"it goes on the {mount.at}, 40 mm" in made["moved"] and not made["trouble"]
+    assert f"it goes on its {mount.at}, 40 mm" in made["moved"] and not made["trouble"]
     asked = ("../board.stl", "--class", "crate", "--length-mm", 100, "--print-side", "top", "--replace", "--json")
     made = json.loads(call(*asked).stdout)
     assert not made["moved"] and "'toolkit place --object board' shows where one lies" in made["trouble"]

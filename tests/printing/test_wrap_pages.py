@@ -291,7 +291,7 @@ def test_what_it_cannot_do_is_one_clear_line(space, tmp_path):
             print_wrap(space, "ring", settings)
     with pytest.raises(ToolkitError, match="no wrap called 'rong'"):
         print_wrap(space, "rong")
-    with pytest.raises(ToolkitError, match="none yet: make one with"):
+    with pytest.raises(ToolkitError, match="no wrap called 'ring': known: coffeepot"):
         print_wrap(make_workspace(tmp_path), "ring")
 
 

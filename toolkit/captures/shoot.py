@@ -12,7 +12,6 @@ import numpy as np
 from PIL import Image
 
 from toolkit import __version__
-from toolkit.boosters.pixels import quantise
 from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
@@ -92,6 +91,8 @@ class Rehearsal:
         printer = self.printer.with_overrides(texel_mm=texel_mm)
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
+        from toolkit.boosters.pixels import quantise  # torch, which planning does not need
+
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
 
     def tape(self, mesh: Mesh) -> Mesh:

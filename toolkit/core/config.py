@@ -105,13 +105,7 @@ class Config(BaseModel, metaclass=_ShortHelp):
         ToolkitError: there is no such field.
     """
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        allow_inf_nan=False,
-        arbitrary_types_allowed=True,
-        defer_build=True,  # a help needs the fields, and not what checks them
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
     def __init__(self, **values: Any) -> None:
         try:
