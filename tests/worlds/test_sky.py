@@ -9,19 +9,17 @@ from toolkit.rig.camera import orbit_direction
 from toolkit.rig.scene import KeyLight, illuminate
 from toolkit.rig.textures import sample_directions
 from toolkit.worlds.conditions import TIMES, TimeOfDay
-from toolkit.worlds.sky import (
+from toolkit.worlds.daylight import (
     LUMINANCE,
-    Sky,
     clear_sky,
     diffuse_klx,
     find_air_mass,
-    find_directions,
     find_zenith,
-    make_sky,
     overcast_klx,
     sunlight,
     twilight_klx,
 )
+from toolkit.worlds.sky import Sky, find_directions, make_sky
 
 HEIGHT = 96
 CLEAR_NOON = TimeOfDay(60.0, 50.0, cloud_cover=0.0)

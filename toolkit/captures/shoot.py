@@ -42,6 +42,11 @@ NETWORK_PX = 224
 """The side of a network's image, of which the pixels of `CameraBlur` are."""
 LARGEST_SCALE = 10
 """Pictures above 2240 px are blurred as one of that size: `CameraBlur` goes no further."""
+FORMATS = ("jpg", "png")
+UNIT_SHOTS = 64
+"""Shots of one scene that are made together."""
+LOOK_VERSION = 3
+"""Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,8 @@ class Rehearsal:
             return booster
         import torch
 
+        from toolkit.boosters.pixels import quantise  # brings torch as well, which planning does not need
+
         # ink spreads by millimetres, however many texels a sheet has
         texel_mm = (
             booster.wrap.record.texel_mm if isinstance(booster, Sheets) else booster.sizes_mm[0] / len(booster.pixels)
@@ -91,8 +98,6 @@ class Rehearsal:
         printer = self.printer.with_overrides(texel_mm=texel_mm)
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
-        from toolkit.boosters.pixels import quantise  # torch, which planning does not need
-
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
 
     def tape(self, mesh: Mesh) -> Mesh:
@@ -180,13 +185,6 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
     write_bytes(Path(source_dir) / path, content, Path(source_dir))
     append_record(source_dir, stored.record.model_copy(update={"path": path}))
     return True
-
-
-FORMATS = ("jpg", "png")
-UNIT_SHOTS = 64
-"""Shots of one scene that are made together."""
-LOOK_VERSION = 3
-"""Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
 
 @dataclass(frozen=True)

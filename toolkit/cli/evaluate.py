@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from toolkit.experiments.sweeps.sweep import SweepResult
     from toolkit.experiments.worlds.world_run import WorldRun
 
+SHOWN_FAILURES = 20
+SHOWN_NAMES = 5
+
 
 @from_config(config=EvalConfig)
 def evaluate(
@@ -172,9 +175,6 @@ def show_sweep(result: "SweepResult") -> None:
     say(f"report: {result.evaluation.report_file}")
 
 
-SHOWN_FAILURES = 20
-
-
 def corrupt(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Folder of images, in any layout, or one image.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write to; for one image also a .png or .jpg.")],
@@ -234,9 +234,6 @@ def corrupt(
         say(f"made {result.made} images{kept_before(result.kept)}: {out}")
     if result.failed:
         raise typer.Exit(1)
-
-
-SHOWN_NAMES = 5
 
 
 @from_config(config=CorruptEvalConfig, engine=EngineConfig)

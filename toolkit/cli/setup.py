@@ -13,6 +13,8 @@ from toolkit.objects.spec import ObjectRequest
 
 if TYPE_CHECKING:
     from toolkit.evaluation.survey import SurveyedModel
+BUNDLED_FILL = 0.32
+"""The default plan's 0.8 at two and a half times the distance: near by, rig18 is never wrong about a bare object."""
 
 
 def init(
@@ -71,10 +73,6 @@ def add(
     from toolkit.core.workspace import open_workspace
 
     show_result(add_and_place(open_workspace(workspace, is_needed=True), mesh, request), as_json)
-
-
-BUNDLED_FILL = 0.32
-"""The default plan's 0.8 at two and a half times the distance: near by, rig18 is never wrong about a bare object."""
 
 
 def list_objects(

@@ -8,7 +8,7 @@ import typer
 from pydantic import Field
 
 from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
-from toolkit.boosters.patch_config import RECIPES
+from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
 from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
@@ -18,7 +18,7 @@ from toolkit.boosters.wrap_config import RECIPES as WRAP_RECIPES
 from toolkit.boosters.wrap_config import make_config as make_wrap_config
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
-from toolkit.cli.output import show_json, show_result, warn
+from toolkit.cli.output import say, show_json, show_result, warn
 from toolkit.core.config import Flag
 from toolkit.engine.config import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
@@ -51,7 +51,7 @@ Found = Annotated[
 ]
 
 
-@from_config(data=AskedData, overrides=RECIPES)
+@from_config(data=AskedData, overrides=PATCH_RECIPES)
 def train_patch(
     *,
     object_name: Annotated[
@@ -113,7 +113,7 @@ def train_patch(
 def _mount(overrides: Overrides) -> Overrides:
     """As in renders of an object, unless it is said."""
     share = overrides.get("mounted_share")
-    return {**overrides, "mounted_share": RECIPES["default"].mounted_share if share is None else share}
+    return {**overrides, "mounted_share": PATCH_RECIPES["default"].mounted_share if share is None else share}
 
 
 def _view_photos(
@@ -214,7 +214,7 @@ def train_wrap(
 
 
 @from_config(
-    config=ClassPatchesConfig, placement=Placement, overrides=Only(RECIPES, ASKED_OF_FLAT), engine=EngineConfig
+    config=ClassPatchesConfig, placement=Placement, overrides=Only(PATCH_RECIPES, ASKED_OF_FLAT), engine=EngineConfig
 )
 def train_patches(
     *,
@@ -295,7 +295,7 @@ def baseline(
 def _report_baseline(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from toolkit.core.console import console, list_skipped
+    from toolkit.core.console import list_skipped
 
     list_skipped(made.skipped)
     if as_json:
@@ -304,24 +304,21 @@ def _report_baseline(made: "MadeBaseline", kind: str, data: str | None, as_json:
         show_json({"sets": sets, "skipped": skipped})
         return
 
-    def tell(line: str) -> None:
-        console.print(line, markup=False, soft_wrap=True)
-
     for one in made.sets:
         if one.made:
             before = f", {one.found} made before" if one.found else ""
-            tell(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
+            say(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
         elif one.found:
-            tell(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
+            say(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
         else:
-            tell(f"{one.folder}: nothing made")
+            say(f"{one.folder}: nothing made")
     names = [one.name for one in made.sets if one.made or one.found]
     if names:
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
         where = "FOLDER" if others or data is None else data
         why = ": FOLDER with other images than these were chosen from" if others else ""
-        tell(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")
+        say(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")
 
 
 @from_config(config=ClassifierConfig)
@@ -365,7 +362,7 @@ def train_classifier(
 
 
 def _report_classifier(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
-    from toolkit.core.console import console, list_skipped
+    from toolkit.core.console import list_skipped
 
     list_skipped(trained.skipped)
     record = trained.record
@@ -380,18 +377,15 @@ def _report_classifier(trained: "TrainedClassifier", out: Path | None, as_json: 
         show_json(result)
         return
 
-    def tell(line: str) -> None:
-        console.print(line, markup=False, soft_wrap=True)
-
     if trained.was_finished:
-        tell(f"{trained.file} was trained with these inputs before: nothing to do; --restart trains it again")
+        say(f"{trained.file} was trained with these inputs before: nothing to do; --restart trains it again")
     else:
         size_mb = trained.file.stat().st_size / 1e6
-        tell(f"{trained.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB")
+        say(f"{trained.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB")
     for line in describe_held_out(record.held_out):
-        tell(line)
+        say(line)
     model = f"--model {record.name}" if out is None else f"--weights {trained.file}"
-    tell(
+    say(
         f"next: toolkit eval captures/ {model}, and for patches of its own "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"
     )

@@ -45,6 +45,9 @@ RECALL_LEVELS = np.linspace(0, 1, 101)
 FOUND_IOU, FOUND_SCORE = 0.5, 0.25
 SCHEMA_VERSION = 1
 BATCH = 8
+MOST_PICTURES = 120
+TRUTH_COLOUR, RIGHT_COLOUR, WRONG_COLOUR = "#ffffff", "#00b487", "#ff7a33"
+LEAST_SHOWN = 0.25
 
 
 @dataclass(frozen=True)
@@ -374,11 +377,6 @@ def _count(key: RowKey, members: Sequence[DetectedImage]) -> DetectionGroup:
         recall50=recall_at([one.of_class for one in read]), ap50=float(np.mean(ap50)) if ap50 else None,
         ap50_95=float(np.mean(ap)) if ap else None, mean_score=float(np.mean(scores)) if scores else None,
     )  # fmt: skip
-
-
-MOST_PICTURES = 120
-TRUTH_COLOUR, RIGHT_COLOUR, WRONG_COLOUR = "#ffffff", "#00b487", "#ff7a33"
-LEAST_SHOWN = 0.25
 
 
 def write_detection_report(path: Path, run: DetectionRun, detector: Detector) -> Path:

@@ -34,6 +34,10 @@ FLOAT, STRING, FLOAT16 = 1, 8, 10
 """Of `TensorProto.DataType`."""
 MOST_MISFITS = 500
 """Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
+SAME_ANSWER = 1e-3
+"""Of the largest output, how far two ways of running a graph may differ: far more than rounding, less than a fault."""
+START_S, IMAGE_S, TRYING_S = 20.0, 10.0, 60.0
+"""What an answer may take, and each image of it more; what a graph's trial may take of a core as a whole."""
 
 
 @dataclass(frozen=True)
@@ -231,10 +235,6 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     return model
 
 
-SAME_ANSWER = 1e-3
-"""Of the largest output, how far two ways of running a graph may differ: far more than rounding, less than a fault."""
-START_S, IMAGE_S, TRYING_S = 20.0, 10.0, 60.0
-"""What an answer may take, and each image of it more; what a graph's trial may take of a core as a whole."""
 Shapes = dict[str, list[int | None]]
 
 

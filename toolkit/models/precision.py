@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 Sides = tuple[int, int]
+SMALL_KERNEL = 3
 
 
 class FastDepthwise(TorchFunctionMode):
@@ -114,9 +115,6 @@ def has_native_bfloat16() -> bool:
     find = getattr(torch.cpu, "get_capabilities", None)  # torch 2.9 and later
     found = find() if find else {}
     return any(found.get(name, False) for name in ("avx512_bf16", "amx_bf16", "amx_tile"))
-
-
-SMALL_KERNEL = 3
 
 
 def choose_precision(arch: str, image_px: int, device: str) -> str:

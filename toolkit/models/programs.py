@@ -58,6 +58,10 @@ MOST_LETTERS, MOST_POWERS = 10_000, 4
 SAVE_AGAIN = "copy it again, or save it again with torch.export.save"
 ELEMENT_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 2, 7: 4, 8: 8, 12: 1, 13: 2}
 """By torch's numbers for integers, floats, booleans and bfloat16."""
+DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows"
+FOREIGN = (".onnx", EXPORTED_SUFFIX)
+"""Files of programs, perhaps of somebody else's: they run in a bound of memory."""
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def read_exported(path: Path) -> tuple[nn.Module, int | None]:
@@ -228,13 +232,6 @@ def _is_small(text: str) -> bool:
     ]  # fmt: skip
     exponents = [ast.unparse(node.args[1]) if len(node.args) == 2 else "" for node in powers]
     return len(powers) <= MOST_POWERS and all(re.fullmatch(r"(Integer\()?-?\d\)?", one) for one in exponents)
-
-
-DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows"
-
-FOREIGN = (".onnx", EXPORTED_SUFFIX)
-"""Files of programs, perhaps of somebody else's: they run in a bound of memory."""
-IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class LogProbabilities(nn.Module):

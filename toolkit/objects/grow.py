@@ -43,6 +43,20 @@ LIFT_MM = 0.3
 """Nearest places are looked for from so far outside: of a thin wall's two sides the nearer is the own one."""
 LEAST_COSINE = 0.3
 """Between the normals of a triangle and the coarse one that it is taken to lie on."""
+RING = 1.35
+"""A piece's radius grows by this factor before it is relaxed again."""
+CELL_MM = 1.0
+"""Overlaps are looked for on cells of this size, or of a 128th of the piece."""
+LEAST_GAIN = 0.002
+"""Share of all value below which a piece is not worth a cut."""
+SPARED = 0.85
+"""Share of the stretch that a coarse piece may have: what is finer adds to it."""
+TRIED = 4
+"""Places that a next piece is grown from, of which the best is taken."""
+ALONG = 3.0
+"""A strip grows so much faster along its axis."""
+SMOOTH_DEG = 20.0
+"""Edges bent by less are crossed before others are: what is flat stays whole."""
 
 
 @dataclass(frozen=True)
@@ -165,14 +179,6 @@ def take_back(surface: Surface, coarse: Coarse, region: Region, free: np.ndarray
     return take(surface, fine, largest_part(surface, fine, np.ones(len(faces), bool)))
 
 
-RING = 1.35
-"""A piece's radius grows by this factor before it is relaxed again."""
-CELL_MM = 1.0
-"""Overlaps are looked for on cells of this size, or of a 128th of the piece."""
-LEAST_GAIN = 0.002
-"""Share of all value below which a piece is not worth a cut."""
-
-
 def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[FlatPiece]:
     """At most `count` pieces with the most value, best first.
 
@@ -193,10 +199,6 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
         found = find_regions(surface, value, free, limits, count)
     found.sort(key=lambda one: -_worth(one, value))
     return [make_piece(surface, region, limits.sheet_mm) for region in found]
-
-
-SPARED = 0.85
-"""Share of the stretch that a coarse piece may have: what is finer adds to it."""
 
 
 def _find_coarsely(
@@ -262,10 +264,6 @@ def _worth(region: Region | None, value: np.ndarray) -> float:
     return 0.0 if region is None else float(value[region.faces].sum())
 
 
-TRIED = 4
-"""Places that a next piece is grown from, of which the best is taken."""
-
-
 def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
     """The face nearest to the middle of what is worth most of the chosen ones."""
     rows = np.flatnonzero(chosen)
@@ -287,10 +285,6 @@ def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, 
         if is_whole:  # nothing was left out for its stretch: another way round finds the same
             break
     return best
-
-
-ALONG = 3.0
-"""A strip grows so much faster along its axis."""
 
 
 def grow_piece(
@@ -352,10 +346,6 @@ def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarra
     distance = from_seed[surface.faces].mean(axis=1)
     distance[~free] = np.inf
     return distance
-
-
-SMOOTH_DEG = 20.0
-"""Edges bent by less are crossed before others are: what is flat stays whole."""
 
 
 def _unroll(

@@ -40,6 +40,14 @@ HEADERS = {
     "cross-origin-resource-policy": "same-origin",
     "permissions-policy": "camera=(self), microphone=(), geolocation=()",
 }
+LOOPBACK = "127.0.0.1"
+USUAL_PORT = 8765
+"""Tried first, so that a page that is open finds a restarted server again."""
+UNROUTED = ("192.0.2.1", 9)
+"""An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
+PATIENCE_S = 20.0
+"""For the first line of a request to its last header; a phone takes milliseconds."""
+EXTRA = "pip install '.[studio]' in the kit's folder"
 
 
 def make_token() -> str:
@@ -152,16 +160,6 @@ def _add_headers(send: Send) -> Send:
         await send(message)
 
     return send_with
-
-
-LOOPBACK = "127.0.0.1"
-USUAL_PORT = 8765
-"""Tried first, so that a page that is open finds a restarted server again."""
-UNROUTED = ("192.0.2.1", 9)
-"""An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
-PATIENCE_S = 20.0
-"""For the first line of a request to its last header; a phone takes milliseconds."""
-EXTRA = "pip install '.[studio]' in the kit's folder"
 
 
 @dataclass(frozen=True)

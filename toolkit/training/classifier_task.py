@@ -32,6 +32,12 @@ from toolkit.training.processes import current
 
 # ITU-R BT.601's luma, of sRGB-encoded values
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
+AUXILIARY_WEIGHT = 0.3
+"""Of the side outputs that GoogLeNet and Inception have while they are trained."""
+UNFOLD_BATCHES = 8
+TEST_BATCH, TEST_STEPS = 64, 20
+"""Images at a time, and steps of the attack that a robust network is tested under."""
+MOST_CONFUSIONS = 12
 
 
 def augment_batch(
@@ -244,14 +250,6 @@ def _running(layer: nn.BatchNorm2d) -> tuple[torch.Tensor, torch.Tensor]:
 
 def _list_norms(module: nn.Module) -> list[nn.BatchNorm2d]:
     return [layer for layer in module.modules() if isinstance(layer, nn.BatchNorm2d) and layer.track_running_stats]
-
-
-AUXILIARY_WEIGHT = 0.3
-"""Of the side outputs that GoogLeNet and Inception have while they are trained."""
-UNFOLD_BATCHES = 8
-TEST_BATCH, TEST_STEPS = 64, 20
-"""Images at a time, and steps of the attack that a robust network is tested under."""
-MOST_CONFUSIONS = 12
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,28 @@ CHUNK_BYTES = 1 << 20
 LONGEST_WORDS = 300
 ARGUMENT_COUNT = re.compile(r"invalid number of arguments\. Expected: (\d+)")
 NOT_FOUND = re.compile(r"Function '\w+' .*not found|could not find function", re.IGNORECASE)
+NED_WORLD = np.array([(0.0, 1, 0), (1, 0, 0), (0, 0, -1)])
+"""From our axes, z up, to north, east, down; it is its own inverse."""
+BODY_CAMERA = np.array([(0.0, 0, 1), (1, 0, 0), (0, 1, 0)])
+"""From OpenCV's axes of a camera (right, down, forward) to the simulator's (forward, right, down)."""
+NEAR_M, NEAR_DEG = 0.01, 0.1
+SCHEME, PORT = "airsim", 41451
+EXPECTED = f"expected raycast or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
+OPTIONS = ("camera", "vehicle", "origin")
+WEATHER_NUMBERS = {
+    "Rain": 0, "Roadwetness": 1, "Snow": 2, "RoadSnow": 3, "MapleLeaf": 4, "RoadLeaf": 5, "Dust": 6, "Fog": 7,
+}  # fmt: skip
+"""`WeatherParameter`, the same in AirSim 1.3 and later, Colosseum and Cosys-AirSim."""
+SCENE, DEPTH_PERSPECTIVE, SEGMENTATION = 0, 2, 5
+FIRST_COSYS = 2
+"""`getServerVersion` from which on it is Cosys-AirSim; AirSim and Colosseum both say 1."""
+STEP_FRAMES, STEP_S, TRIES = 2, 0.05, 8
+SETTLE_S, PAUSE_S = 2.0, 30.0
+"""Simulated seconds in which drops and flakes come down, and real ones in which a step ends."""
+ENDLESS_M = 60_000.0
+"""Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
+PARKED_UP_M = 3000.0
+OBJECT_NUMBER = 42
 
 
 class CallError(ToolkitError):
@@ -176,30 +198,6 @@ def _words_of(error: object, levels: int = MOST_LEVELS) -> str:
     if isinstance(error, Sequence) and not isinstance(error, str):
         return ", ".join(_words_of(one, levels - 1) for one in error[:MOST_LEVELS]) if levels else ""
     return str(error)
-
-
-NED_WORLD = np.array([(0.0, 1, 0), (1, 0, 0), (0, 0, -1)])
-"""From our axes, z up, to north, east, down; it is its own inverse."""
-BODY_CAMERA = np.array([(0.0, 0, 1), (1, 0, 0), (0, 1, 0)])
-"""From OpenCV's axes of a camera (right, down, forward) to the simulator's (forward, right, down)."""
-NEAR_M, NEAR_DEG = 0.01, 0.1
-SCHEME, PORT = "airsim", 41451
-EXPECTED = f"expected raycast or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
-OPTIONS = ("camera", "vehicle", "origin")
-WEATHER_NUMBERS = {
-    "Rain": 0, "Roadwetness": 1, "Snow": 2, "RoadSnow": 3, "MapleLeaf": 4, "RoadLeaf": 5, "Dust": 6, "Fog": 7,
-}  # fmt: skip
-"""`WeatherParameter`, the same in AirSim 1.3 and later, Colosseum and Cosys-AirSim."""
-SCENE, DEPTH_PERSPECTIVE, SEGMENTATION = 0, 2, 5
-FIRST_COSYS = 2
-"""`getServerVersion` from which on it is Cosys-AirSim; AirSim and Colosseum both say 1."""
-STEP_FRAMES, STEP_S, TRIES = 2, 0.05, 8
-SETTLE_S, PAUSE_S = 2.0, 30.0
-"""Simulated seconds in which drops and flakes come down, and real ones in which a step ends."""
-ENDLESS_M = 60_000.0
-"""Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
-PARKED_UP_M = 3000.0
-OBJECT_NUMBER = 42
 
 
 def to_quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:

@@ -45,6 +45,8 @@ from toolkit.training.images import ImageSet, LabelledImage, choose_classes, ope
 BATCH = 64
 MAX_DECODERS = 8
 Skipped = list[tuple[str, str]]
+METHOD_VERSION = 1
+"""Raised when the same inputs give another picture."""
 
 
 class _Photos(Baseline):
@@ -197,10 +199,6 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
     if not np.isfinite(losses).all():
         raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")
     return losses
-
-
-METHOD_VERSION = 1
-"""Raised when the same inputs give another picture."""
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,8 @@ Answered = tuple[bool, bool, str, str]
 """Right bare, right boosted, the object, and the picture."""
 SHOWN_POSE = 1
 """Of the plan: from there each booster is shown on its object."""
+LOOK_STRIDE = 4
+"""Each fourth pixel each way says enough of how much the looks change."""
 
 
 class Judge(BaseModel):
@@ -390,10 +392,6 @@ def describe_rank(score: Score) -> dict[str, Any]:
         "delta_e": score.delta_e, "non_printability": score.non_printability,
         "networks": len(score.entry.networks), "unseen_judges": sum(not one.seen for one in score.judges),
     }  # fmt: skip
-
-
-LOOK_STRIDE = 4
-"""Each fourth pixel each way says enough of how much the looks change."""
 
 
 def run_entry(

@@ -193,13 +193,13 @@ def build_sweep_table(sweep: Sweep) -> "Table":
             numbers += [format_percent(group.top5), format_p(pair.outcomes.mcnemar_p if pair else None)]
             each = [groups.get((label, other, variant)) for other in others]
             rows.append([shown, variant, *numbers, *(format_percent(own.top1) if own else NONE for own in each)])
-    heads = ["n", "top-1 %", "95 %", "top-5 %", "p", *others]
-    texts = [sweep.axis.name, "variant"]
-    if sum(max(map(len, column)) + 1 for column in zip([*texts, *heads], *rows, strict=True)) > console.width:
+    texts, heads = [sweep.axis.name, "variant"], ["n", "top-1 %", "95 %", "top-5 %", "p"]
+    columns = zip([*texts, *heads, *others], *rows, strict=True)
+    if sum(max(map(len, column)) + 1 for column in columns) > console.width:
         # a row that is cut off helps nobody: each object is in figure and CSV
-        rows, heads = [row[: -len(others) or None] for row in rows], heads[: -len(others) or None]
+        others, rows = [], [row[: len(texts) + len(heads)] for row in rows]
     title = f"{sweep.axis.name}, {sweep.model['name']}, " + (name if one else f"{len(sweep.objects)} objects")
-    return build_table(title, texts, heads, rows)
+    return build_table(title, texts, [*heads, *others], rows)
 
 
 @with_default_style
