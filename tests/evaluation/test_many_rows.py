@@ -1,8 +1,8 @@
 """Tables of any size and with any text: written for spreadsheets, read back as they were."""
 
+import cProfile
 import csv
 import io
-import time
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,16 +54,19 @@ def test_labels_that_are_formulas_are_read_back(tmp_path):
     assert [one.top1_label for one in read_predictions(run, tmp_path)] == [one.top1_label for one in said]
 
 
-def test_many_rows_take_time_in_proportion(tmp_path):
-    """A million in 20 s is the mark: 30,000 in less than a tenth of that would be 0.6 s on an idle machine."""
-    rows = [make_prediction(tmp_path, f"o{k % 3000}", variant, k // 3000, right=k % 3 > 0)
-            for k in range(15_000) for variant in ("unpatched", "patched")]  # fmt: skip
-    run = write_run(tmp_path, rows)
-    start = time.process_time()
-    found = read_predictions(run, tmp_path)
-    groups, compared = group_predictions(found), compare_unpatched(index_poses(found))
-    assert time.process_time() - start < 3
-    assert found == rows and len(groups) == 6002 and len(compared) == 3001
+def test_many_rows_take_work_in_proportion(tmp_path):
+    """Ten times the rows of ten times the objects take ten times the calls."""
+    calls = []
+    for n_objects in (300, 3000):
+        rows = [make_prediction(tmp_path, f"o{k % n_objects}", variant, k // n_objects, right=k % 3 > 0)
+                for k in range(5 * n_objects) for variant in ("unpatched", "patched")]  # fmt: skip
+        run, profile = write_run(tmp_path, rows), cProfile.Profile()
+        with profile:
+            found = read_predictions(run, tmp_path)
+            groups, compared = group_predictions(found), compare_unpatched(index_poses(found))
+        calls.append(sum(entry.callcount for entry in profile.getstats()))
+        assert found == rows and len(groups) == 2 * n_objects + 2 and len(compared) == n_objects + 1
+    assert calls[1] < 11 * calls[0]
 
 
 def test_a_file_is_found_through_links_and_not_outside(tmp_path):

@@ -44,9 +44,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTr
         arch="shufflenet_v2_x0_5",
         pool="average",
         init=write_start(space.root / "start.pth"),
-        epochs=24,
+        epochs=40,
         batch=32,
-        lr=6e-3,
+        lr=3e-3,
         probe=False,
         uncertainty=True,
     )

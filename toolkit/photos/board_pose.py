@@ -1,7 +1,7 @@
 """Where a photograph's camera stood, from the printed board or ring that the object stands on."""
 
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -30,7 +30,9 @@ CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NOR
 CHESS_REACH = 0.35
 """Of a square's shortest side, what is looked at round a corner to refine it."""
 SMALLEST_MARKER_SHARE = 0.006
-"""Side of the smallest marker that is searched, as a share of the picture's longer side."""
+SMALLEST_MARKER_PX = 6
+"""Side of the smallest marker that is searched, as a share of the picture's longer side and at least in pixels: it has
+six modules or more, and noise in a small picture is full of smaller squares."""
 TWICE_SHARE = 0.2
 """Of the markers that were read; where more are there twice, two boards are in the picture."""
 
@@ -107,20 +109,30 @@ def find_dictionary(image: np.ndarray) -> str | None:
     Of a family's sizes it is the smallest that has all the numbers that were read.
     """
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
-
-    def read(name: str) -> np.ndarray:
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-        _, ids, _ = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters()).detectMarkers(grey)
-        return np.unique(ids) if ids is not None else np.empty(0, int)
-
-    counts = {name: len(read(name)) for name in (*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS)}
+    first = [*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS]
+    counts = {name: len(numbers) for name, numbers in zip(first, _read_markers(grey, first), strict=True)}
     best = max(counts, key=lambda name: counts[name])
     if counts[best] < LEAST_MARKERS:
         return None
     if best in OTHERS:
         return best
     family = best.rpartition("_")[0]
-    return f"{family}_{next(size for size in SIZES if read(f'{family}_{SIZES[-1]}').max() < size)}"
+    largest = max(_read_markers(grey, [f"{family}_{SIZES[-1]}"])[0])
+    return f"{family}_{next(size for size in SIZES if largest < size)}"
+
+
+def _read_markers(grey: np.ndarray, names: list[str]) -> list[set[int]]:
+    """Numbers of the markers of each dictionary, of which the picture is searched once for all."""
+    dictionaries = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)) for name in names]
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate = max(
+        parameters.minMarkerPerimeterRate, detector_parameters(max(grey.shape)).minMarkerPerimeterRate
+    )
+    _, ids, _, of = cv2.aruco.ArucoDetector(dictionaries, parameters).detectMarkersMultiDict(grey)
+    read: list[set[int]] = [set() for _ in names]
+    for number, k in zip(*(np.ravel(one) for one in (ids, of)), strict=True) if ids is not None else ():
+        read[int(k)].add(int(number))
+    return read
 
 
 def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
@@ -218,7 +230,7 @@ class _MarkerFinder:
 
     def list_others(self, grey: np.ndarray) -> list[int]:
         """Numbers of the markers of its dictionary that are seen and not on it."""
-        _, ids, _ = self._markers.detectMarkers(grey)
+        ids = _detect(self._markers, grey)[1]
         return sorted({int(one) for one in ids.ravel()} - set(self._places)) if ids is not None else []
 
     def _read(self, full: np.ndarray, searched: np.ndarray) -> dict[int, np.ndarray]:
@@ -349,7 +361,7 @@ def _find_markers(
     detector: cv2.aruco.ArucoDetector, known: Container[int], full: np.ndarray, searched: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Corners (4, 2) float32 in the full picture, pixel centres at integers, and numbers of the known markers."""
-    corners, ids, _ = detector.detectMarkers(searched)
+    corners, ids = _detect(detector, searched)
     if ids is None or len(ids) == 0:
         return [], np.empty(0, np.int32)
     scale = np.array([full.shape[1] / searched.shape[1], full.shape[0] / searched.shape[0]], np.float32)
@@ -359,10 +371,16 @@ def _find_markers(
     return [((corners[i].reshape(4, 2) + half) * scale - half).astype(np.float32) for i in mine], numbers[mine]
 
 
-def detector_parameters() -> cv2.aruco.DetectorParameters:
-    """How markers are looked for."""
+def _detect(detector: cv2.aruco.ArucoDetector, grey: np.ndarray) -> tuple[Sequence[np.ndarray], np.ndarray | None]:
+    """OpenCV's corners and numbers of markers, none of them smaller than a marker can be."""
+    detector.setDetectorParameters(detector_parameters(max(grey.shape)))
+    return detector.detectMarkers(grey)[:2]
+
+
+def detector_parameters(side_px: int = SEARCH_SIDE_PX) -> cv2.aruco.DetectorParameters:
+    """How markers are looked for in a picture whose longer side is so many pixels."""
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = 4 * SMALLEST_MARKER_SHARE
+    parameters.minMarkerPerimeterRate = 4 * max(SMALLEST_MARKER_SHARE, SMALLEST_MARKER_PX / side_px)
     parameters.adaptiveThreshWinSizeMax = 43  # large squares in a soft picture
     # OpenCV's 7 grey levels are lost on pale ink, which is some 20 darker than paper; 2 and less pass sensor noise on
     parameters.adaptiveThreshConstant = 3

@@ -165,7 +165,7 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
 def _read(picture: np.ndarray, family: str) -> Markers:
     """Markers of a dictionary that are in a picture once."""
     dictionary = get_dictionary(family)
-    parameters = detector_parameters()
+    parameters = detector_parameters(max(picture.shape))
     parameters.errorCorrectionRate = 0.3  # a full dictionary is read into another's markers otherwise
     corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
     if ids is None:
