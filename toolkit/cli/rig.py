@@ -146,9 +146,7 @@ def plan(
             show_json(planned.model_dump(mode="json"))
         elif not as_json:
             _report_plan(planned, drawn, quiet)
-            say(
-                f"wrote {space.plan_file}{'' if shot_list else f'; next: {_what_follows(space, list(planned.objects))}'}"
-            )
+            say(f"wrote {space.plan_file}{'' if shot_list else _what_follows(space, list(planned.objects))}")
     for line in list_misfits(space, names, made):
         remark(line)
     if shot_list:
@@ -161,7 +159,7 @@ def _what_follows(space: "Workspace", names: list[str]) -> str:
 
     bare = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
     trained = f"toolkit train-patch --object {bare[0]}, then " if bare else ""
-    return f"{trained}toolkit capture-sim"
+    return f"; next: {trained}toolkit capture-sim"
 
 
 def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> None:
