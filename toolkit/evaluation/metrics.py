@@ -1,7 +1,7 @@
 """What the predictions count up to: groups, two variants on the same poses, and the pairs that changed."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
@@ -251,20 +251,25 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
 
 def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
     """The images of two variants at the same pose and camera, both read; by source and object, poses ascending."""
-    pairs = []
-    for variants in poses.values():
-        one, other = variants.get(first, {}), variants.get(second, {})
-        shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
-        # pose 3 of two plans is not one camera: what stands apart is no pair
-        pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
-    return pairs
+    found = (_pair_poses(variants[first], variants[second]) for variants in poses.values()
+             if first in variants and second in variants)  # fmt: skip
+    return [pair for pairs in found for pair in pairs]
+
+
+def _pair_poses(one: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
+    shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
+    # pose 3 of two plans is not one camera: what stands apart is no pair
+    return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
 
 
 def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
     """By variant, its images with those of `unpatched`; a variant of which none could be paired is left out."""
-    names = sorted({name for variants in poses.values() for name in variants} - {UNPATCHED}, key=rank_variant)
-    found = {name: pair_variants(poses, UNPATCHED, name) for name in names}
-    return {name: pairs for name, pairs in found.items() if pairs}
+    found: dict[str, list[Pair]] = defaultdict(list)
+    for variants in poses.values():  # each with its own: of many objects each may have variants that no other has
+        bare = variants.get(UNPATCHED, {})
+        for name in variants.keys() - {UNPATCHED} if bare else ():
+            found[name] += _pair_poses(bare, variants[name])
+    return {name: found[name] for name in sorted(found, key=rank_variant) if found[name]}
 
 
 def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
@@ -292,6 +297,8 @@ def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
 
 
 OTHER_PLAN = "another plan was in use"
+MOST_NAMES = 20
+"""Of an object's variants, that a reason lists."""
 
 
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
@@ -299,35 +306,44 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tu
 
     Where an object was seen in one variant only, nothing can be paired and nothing is listed.
     """
+    partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
+    for key, variants in poses.items():
+        for name, own in variants.items():
+            for pose_id, one in own.items():
+                partners[key, name == UNPATCHED, pose_id].append(one)
     unpaired = []
     for one in predictions:
-        capture, variants = one.capture, poses[(one.capture.source, one.capture.object)]
-        if len(variants) == 1 or not one.is_read:
+        capture, key = one.capture, (one.capture.source, one.capture.object)
+        if len(poses[key]) == 1 or not one.is_read:
             continue
-        others = [UNPATCHED] if capture.variant != UNPATCHED else [name for name in variants if name != UNPATCHED]
-        reason = _why_unpaired(one, [variants.get(name, {}) for name in others], " or ".join(sorted(others)))
-        if reason:
+        is_bare = capture.variant == UNPATCHED
+        others = partners.get((key, not is_bare, capture.pose_id), []) if capture.pose_id is not None else []
+        if reason := _why_unpaired(one, others, poses[key] if is_bare else (UNPATCHED,)):
             unpaired.append((capture.path, reason))
     return unpaired
 
 
-def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: str) -> str | None:
+def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
     pose_id = one.capture.pose_id
     if pose_id is None:
         return "no pose number in its name: give both images of a pose the same number"
-    partners = [poses[pose_id] for poses in others if pose_id in poses]
     if not partners:
-        return f"no {name} image of pose {pose_id}"
+        many = len(names) > MOST_NAMES
+        wanted = "other" if many else " or ".join(sorted({*names} - {UNPATCHED})) or UNPATCHED
+        return f"no {wanted} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
-    gaps = [one.capture.tell_cameras_apart(partner.capture) for partner in partners if partner.is_read]
-    # one partner of the same camera is enough
-    if all(gaps):
-        return (
-            f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): {OTHER_PLAN}, so take "
-            "both variants again with one plan"
-        )
-    return None
+    gap = ""
+    for partner in partners:
+        if partner.is_read:
+            apart = one.capture.tell_cameras_apart(partner.capture)
+            if apart is None:  # one partner of the same camera is enough
+                return None
+            gap = gap or apart
+    return (
+        f"its camera and that of {partners[0].capture.path} differ ({gap}): {OTHER_PLAN}, so take both variants again "
+        "with one plan"
+    )
 
 
 @dataclass(frozen=True)
