@@ -127,7 +127,7 @@ def find_writes(file):
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
             continue
-        name, owner = node.func.attr, ast.unparse(node.func.value)
+        name, owner = node.func.attr, getattr(node.func.value, "id", "")
         if name in WRITING and not (name == "savefig" and "buffer" in ast.unparse(node)):
             yield name
         modes = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]

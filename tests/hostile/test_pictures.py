@@ -146,8 +146,8 @@ def find_openers(file):
             yield from ("open" for one in node.names if node.module == "PIL.Image" and one.name in ("open", "*"))
             yield from (one.name for one in node.names if one.name in OPENERS - {"ImageReader"})
         elif isinstance(node, ast.Attribute):
-            owner = ast.unparse(node.value)
-            if node.attr == "open" and owner.rpartition(".")[2] in ("Image", "PILImage", "ImageFile"):
+            owner = getattr(node.value, "attr", getattr(node.value, "id", ""))
+            if node.attr == "open" and owner in ("Image", "PILImage", "ImageFile"):
                 yield "open"
             if node.attr in OPENERS or (owner == "trimesh" and node.attr.startswith("load")):
                 yield node.attr

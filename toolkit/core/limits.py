@@ -11,7 +11,7 @@ from pathlib import Path
 
 _limit: int | None = None
 _counting = threading.Lock()
-_within = 0
+_bounds: list[int] = []
 _before = (0, 0)
 
 
@@ -47,9 +47,9 @@ def limit_time(seconds: float) -> None:
 def limit_memory(most_bytes: int) -> Iterator[None]:
     """Within, this process may take so many bytes more, on Linux; then allocations fail as on a full machine.
 
-    The bound is the process's: where several threads are within, it is that of the first, until the last has left.
+    The bound is the process's: where several are within, one in the other or in threads, the lowest counts.
     """
-    global _within, _before
+    global _before
     try:
         import resource
 
@@ -58,19 +58,23 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
     except (ImportError, OSError, ValueError, IndexError):  # not on Linux: nothing is bounded
         yield
         return
+    mine = used + most_bytes
+
+    def bound() -> None:
+        lowest = [*_bounds, *(one for one in _before if one != resource.RLIM_INFINITY)]
+        resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
+
     with _counting:
-        if _within == 0:
+        if not _bounds:
             _before = resource.getrlimit(resource.RLIMIT_DATA)
-            wanted = [used + most_bytes, *(one for one in _before if one != resource.RLIM_INFINITY)]
-            resource.setrlimit(resource.RLIMIT_DATA, (min(wanted), _before[1]))
-        _within += 1
+        _bounds.append(mine)
+        bound()
     try:
         yield
     finally:
         with _counting:
-            _within -= 1
-            if _within == 0:
-                resource.setrlimit(resource.RLIMIT_DATA, _before)
+            _bounds.remove(mine)
+            bound()
 
 
 def is_memory_full(error: BaseException) -> bool:
