@@ -57,9 +57,9 @@ def peak(code: str) -> int:
     return int(done.stdout.split()[-1]) << 10
 
 
-def count(what: str) -> None:
-    """One more input tried."""
-    TRIED[what] = TRIED.get(what, 0) + 1
+def count(what: str, more: int = 1) -> None:
+    """So many more inputs tried."""
+    TRIED[what] = TRIED.get(what, 0) + more
 
 
 def look_at(folder: Path) -> dict[str, tuple[int, int]]:

@@ -141,7 +141,10 @@ ALLOWED = {
 
 def find_openers(file):
     """Calls in a module, or names that it takes from others, that could open a picture."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    text = file.read_text(encoding="utf-8")
+    if not any(word in text for word in (*OPENERS, "Image", "trimesh")):
+        return  # most of them, and to parse one takes long
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
             yield from ("open" for one in node.names if node.module == "PIL.Image" and one.name in ("open", "*"))
             yield from (one.name for one in node.names if one.name in OPENERS - {"ImageReader"})
