@@ -11,8 +11,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from unicodedata import category
 
-from toolkit.core.child import run_python
-from toolkit.core.limits import limit_memory
+from toolkit.core.child import limit_memory, run_python
 
 LONGEST_S = 20
 """Of this process's work, and of waiting six times as long: other work on the machine is no hang."""

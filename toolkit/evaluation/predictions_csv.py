@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from toolkit.captures.corrupted_copy import name_source
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
+from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
-from toolkit.core.limits import without_collector
 from toolkit.core.tables import decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction

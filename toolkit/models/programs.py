@@ -19,13 +19,12 @@ from pydantic import ValidationError
 from torch import nn
 from torchvision.transforms._presets import ImageClassification
 
+from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import MOST_JSON_BYTES, explain_validation, sha256_bytes, sha256_file
-from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
-from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.labels import (
     PYTHON_PREFIX,
@@ -36,7 +35,7 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
-from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, is_inflated, open_weights
+from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, imagenet_labels, is_inflated, open_weights
 
 KNOWN_FILES = re.compile(
     r"archive_format|archive_version|byteorder|\.data/[\w.]+|\.format_version|\.storage_alignment|models/model\.json"

@@ -29,8 +29,7 @@ from toolkit.objects.flatten import (
     weighted_percentile,
     weld_surface,
 )
-from toolkit.objects.mesh import Mesh
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Mesh, load_open3d
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece

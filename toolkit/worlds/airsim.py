@@ -16,8 +16,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from toolkit.core.child import limit_memory, without_collector
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.limits import limit_memory, without_collector
 from toolkit.core.text import shorten
 from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 
