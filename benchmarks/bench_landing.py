@@ -35,8 +35,7 @@ def _collect() -> dict[str, float | str]:
     from toolkit.landing.collect import Collector
     from toolkit.landing.dataset import EncodedSample, encode_sample, write_shard
     from toolkit.landing.landing_config import CollectConfig
-    from toolkit.landing.pads import draw_pad
-    from toolkit.landing.site import find_world
+    from toolkit.landing.site import draw_pad, find_world
     from toolkit.rig.raycast import map_frames
     from toolkit.rig.shading import tone_map
 
@@ -69,8 +68,7 @@ def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
     from toolkit.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
     from toolkit.landing.landing_config import CameraConfig, FlyConfig
-    from toolkit.landing.pads import draw_pad
-    from toolkit.landing.site import Sites, find_world, plan_places
+    from toolkit.landing.site import Sites, draw_pad, find_world, plan_places
     from toolkit.worlds.conditions import CLEAR
 
     world, pad = find_world("grass"), draw_pad("plain")

@@ -14,7 +14,7 @@ SIDE_PX, ROUNDS = 224, 7
 def make_frame():
     """A level view down a street: ground, a wall at 25 m, sky."""
     from toolkit.rig.camera import Camera, look_at
-    from toolkit.worlds.depth_view import DepthView
+    from toolkit.worlds.particles import DepthView
 
     pose = look_at(np.array([30.0, 5.0, 8.0]), np.array([0.0, 0.0, 2.0]))
     camera = Camera.from_fov(SIDE_PX, SIDE_PX, 60)

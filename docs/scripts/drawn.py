@@ -14,8 +14,8 @@ from toolkit.core.draws import Draws
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import THUMBNAIL_STUDIO, WIDE_VIEWS, ViewSettings, render_pictures
-from toolkit.worlds.catalogue import build_world
 from toolkit.worlds.conditions import CLEAR, TIMES
+from toolkit.worlds.own import build_world
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.sky import make_sky
 from toolkit.worlds.viewpoints import FOV_DEG, choose_viewpoints

@@ -20,7 +20,7 @@ from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
 from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.own import build_world
 from toolkit.worlds.picture import leave_empty, make_renderer
 from toolkit.worlds.sky import make_sky
 from toolkit.worlds.urban import urban_indices

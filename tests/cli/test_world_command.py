@@ -19,7 +19,7 @@ from toolkit.cli import app
 from toolkit.content.city import build_city
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.worlds import catalogue
+from toolkit.worlds import own
 from toolkit.worlds.world import World
 
 QUICK = ("--resolution", "64", "64", "--film-s", "0")
@@ -32,10 +32,10 @@ def make_meadow(seed: int) -> World:
 @pytest.fixture
 def space(tmp_path, monkeypatch) -> Iterator[Workspace]:
     """A workspace in which `grass` is a field with a wall, and there is no other built-in world."""
-    catalogue.build_world.cache_clear()
-    monkeypatch.setattr(catalogue, "WORLDS", {"grass": f"{__name__}:make_meadow"})
+    own.build_world.cache_clear()
+    monkeypatch.setattr(own, "WORLDS", {"grass": f"{__name__}:make_meadow"})
     yield make_workspace(tmp_path / "lab")
-    catalogue.build_world.cache_clear()
+    own.build_world.cache_clear()
 
 
 def call(space: Workspace, *words: object):

@@ -6,7 +6,7 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.own import build_world
 from toolkit.worlds.world import SceneClass, World
 
 PLACES = ("grass", "apron", "harbour")

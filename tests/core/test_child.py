@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import toolkit
-from toolkit.core.child import LATE, run_python
+from toolkit.core.child import LATE, limit_memory, run_python
 from toolkit.engine.local import LocalPool
 from toolkit.engine.units import Unit
 
 PLANTED = ("numpy", "struct", "typing", "ctypes", "pickle", "signal", "threading", "open3d", "xatlas", "cv2", "toolkit")
+MB = 1 << 20
 CODE = "open({ran!r}, 'a').write('{name} ')\nraise ImportError('planted')\n"
 POOL = """
 import os
@@ -152,3 +153,14 @@ def test_there_is_one_way_to_start_a_process_and_no_other_to_import_by_name():
     found = {(str(file.relative_to(package)), name) for file in package.rglob("*.py") for name in list_names(file)}
     assert {file for file, name in found if name in STARTING} == {"core/child.py"}
     assert {one for one in found if one[1] in IMPORTING} == IMPORTERS
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is bounded on Linux alone")
+def test_of_two_bounds_the_lower_counts_until_it_ends():
+    with limit_memory(512 * MB):
+        with limit_memory(64 * MB), pytest.raises(MemoryError):
+            bytearray(128 * MB)
+        assert len(bytearray(128 * MB)) == 128 * MB
+        with pytest.raises(MemoryError):
+            bytearray(1024 * MB)
+    assert len(bytearray(1024 * MB)) == 1024 * MB

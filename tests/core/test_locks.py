@@ -11,12 +11,12 @@ import time
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.locks import LOCK, hold_folder
+from toolkit.core.records import LOCK, hold_folder
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 with hold_folder(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(float(sys.argv[2]))

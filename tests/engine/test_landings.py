@@ -9,7 +9,7 @@ from toolkit.engine.config import EngineConfig
 from toolkit.landing import collect as collecting
 from toolkit.landing import fly as flying
 from toolkit.landing.collect import Collector, collect
-from toolkit.landing.flight_results import write_summary
+from toolkit.landing.flight_report import write_summary
 from toolkit.landing.fly import fly_all
 from toolkit.landing.landing_config import CameraConfig, CollectConfig, FlyConfig
 

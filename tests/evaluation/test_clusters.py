@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, t
 
-from toolkit.evaluation.clusters import estimate_difference, estimate_share
+from toolkit.evaluation.metrics import estimate_difference, estimate_share
 
 
 def draw(rng, n_classes, sizes=(1, 12), spread=1.2):

@@ -1,6 +1,5 @@
 """Tables of any size and with any text: written for spreadsheets, read back as they were."""
 
-import cProfile
 import csv
 import io
 
@@ -9,7 +8,6 @@ from hypothesis import strategies as st
 
 from toolkit.captures.read import Capture
 from toolkit.core.tables import decode_cell, encode_csv
-from toolkit.evaluation.metrics import compare_unpatched, group_predictions, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.summaries import Run
@@ -52,21 +50,6 @@ def test_labels_that_are_formulas_are_read_back(tmp_path):
     text = (tmp_path / "predictions.csv").read_text()
     assert ",=cmd" not in text and ",@SUM" not in text and ",'=cmd|' /C calc'!A0," in text
     assert [one.top1_label for one in read_predictions(run, tmp_path)] == [one.top1_label for one in said]
-
-
-def test_many_rows_take_work_in_proportion(tmp_path):
-    """Ten times the rows of ten times the objects take ten times the calls."""
-    calls = []
-    for n_objects in (300, 3000):
-        rows = [make_prediction(tmp_path, f"o{k % n_objects}", variant, k // n_objects, right=k % 3 > 0)
-                for k in range(5 * n_objects) for variant in ("unpatched", "patched")]  # fmt: skip
-        run, profile = write_run(tmp_path, rows), cProfile.Profile()
-        with profile:
-            found = read_predictions(run, tmp_path)
-            groups, compared = group_predictions(found), compare_unpatched(index_poses(found))
-        calls.append(sum(entry.callcount for entry in profile.getstats()))
-        assert found == rows and len(groups) == 2 * n_objects + 2 and len(compared) == n_objects + 1
-    assert calls[1] < 11 * calls[0]
 
 
 def test_a_file_is_found_through_links_and_not_outside(tmp_path):

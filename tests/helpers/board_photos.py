@@ -210,6 +210,7 @@ def save_photo(
         details[0x920A] = focal_mm
     if taken is not None:
         exif[0x0132] = details[0x9003] = taken.strftime("%Y:%m:%d %H:%M:%S")
+    exif[0x8769] = dict(details)  # as Pillow before 11.1 needs it
     if path.suffix.lower() in (".heic", ".heif"):
         from pillow_heif import from_pillow
 

@@ -46,7 +46,7 @@ def who(delay_s):
 def tell_cores():
     import torch
 
-    from toolkit.core.limits import count_cores
+    from toolkit.core.child import count_cores
 
     yield count_cores(), torch.get_num_threads()
 

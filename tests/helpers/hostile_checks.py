@@ -1,5 +1,6 @@
 """What must hold whatever comes: an end in time, a line that says what is wrong, nothing changed outside."""
 
+import gc
 import io
 import os
 import shutil
@@ -10,8 +11,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from unicodedata import category
 
-from toolkit.core.child import run_python
-from toolkit.core.limits import limit_memory
+from toolkit.core.child import limit_memory, run_python
 
 LONGEST_S = 20
 """Of this process's work, and of waiting six times as long: other work on the machine is no hang."""
@@ -36,10 +36,12 @@ def limited(seconds: int = LONGEST_S) -> Iterator[None]:
     before = [signal.signal(one, ring) for one in signals]
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.alarm(6 * seconds)
+    gc.freeze()  # what earlier tests hold is not searched again and again in this one's time
     try:
         with limit_memory(MOST_BYTES):
             yield
     finally:
+        gc.unfreeze()
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
         for one, handler in zip(signals, before, strict=True):
@@ -54,9 +56,9 @@ def peak(code: str) -> int:
     return int(done.stdout.split()[-1]) << 10
 
 
-def count(what: str) -> None:
-    """One more input tried."""
-    TRIED[what] = TRIED.get(what, 0) + 1
+def count(what: str, more: int = 1) -> None:
+    """So many more inputs tried."""
+    TRIED[what] = TRIED.get(what, 0) + more
 
 
 def look_at(folder: Path) -> dict[str, tuple[int, int]]:

@@ -50,9 +50,12 @@ def train_killed(program: str, *arguments) -> None:
 
 
 def end_in_spite_of_kills(words, cwd, kills: int) -> int:
-    """Run until the command ends, killed at its first write, then at its second, and so on; says how often it died."""
+    """Run until the command ends, killed at its first write, whole and cut, then at its second; says how often it died.
+
+    So each two kills go on by one write at least, and most writes are met in both ways.
+    """
     for died in range(kills + 1):
-        done = run(words, cwd, died + 1 if died < kills else 0, cut=died % 2 == 1)
+        done = run(words, cwd, 1 + died // 2 % 2 if died < kills else 0, cut=died % 2 == 1)
         if done.returncode != -signal.SIGKILL:
             assert done.returncode == 0, done.stderr.decode()[-2000:]
             return died

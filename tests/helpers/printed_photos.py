@@ -10,7 +10,7 @@ from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.imaging.printer import SOLIDS
 from toolkit.objects.records import read_patch
-from toolkit.printing.colour_strip import STRIP
+from toolkit.printing.marks import STRIP
 
 A4_MM = (210.0, 297.0)
 PATCH_MM = 88.194

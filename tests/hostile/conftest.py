@@ -3,9 +3,15 @@
 A plain run tries some hundreds of inputs, the same each time; `make fuzz` tries many more, others each time.
 """
 
+import ctypes
 import os
 
 import pytest
+
+# One heap for all threads: at a bound on memory glibc looks for room in the heaps that threads of earlier tests left
+# behind, at every allocation anew, and a test takes minutes by what ran before it.
+if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
+    mallopt(-8, 1)  # M_ARENA_MAX
 
 try:
     from hypothesis import HealthCheck, settings

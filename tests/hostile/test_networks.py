@@ -84,6 +84,12 @@ def test_a_damaged_program(place, program, data):
     read_changed(place, parts, name, content)
 
 
+def test_a_name_of_two_lines_is_said_in_one(place, program):
+    parts, _, _ = program
+    name = next(name for name in parts if name.endswith("models/model.json"))
+    assert read_changed(place, parts, name, json.dumps(json.loads(parts[name]) | {"a\nb": {}}).encode()) is None
+
+
 def read_changed(place, parts, name, content):
     with zipfile.ZipFile(place / "net.pt2", "w") as archive:
         for one in parts:

@@ -141,13 +141,16 @@ ALLOWED = {
 
 def find_openers(file):
     """Calls in a module, or names that it takes from others, that could open a picture."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    text = file.read_text(encoding="utf-8")
+    if not any(word in text for word in (*OPENERS, "Image", "trimesh")):
+        return  # most of them, and to parse one takes long
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
             yield from ("open" for one in node.names if node.module == "PIL.Image" and one.name in ("open", "*"))
             yield from (one.name for one in node.names if one.name in OPENERS - {"ImageReader"})
         elif isinstance(node, ast.Attribute):
-            owner = ast.unparse(node.value)
-            if node.attr == "open" and owner.rpartition(".")[2] in ("Image", "PILImage", "ImageFile"):
+            owner = getattr(node.value, "attr", getattr(node.value, "id", ""))
+            if node.attr == "open" and owner in ("Image", "PILImage", "ImageFile"):
                 yield "open"
             if node.attr in OPENERS or (owner == "trimesh" and node.attr.startswith("load")):
                 yield node.attr

@@ -3,8 +3,7 @@
 import pytest
 
 from toolkit.landing.landing_config import CameraConfig
-from toolkit.landing.pads import draw_pad
-from toolkit.landing.site import PadSite, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, draw_pad, find_sky, find_world, plan_places
 from toolkit.worlds.world import World
 
 

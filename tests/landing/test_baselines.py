@@ -6,8 +6,7 @@ import pytest
 from toolkit.landing.baselines import ClassicalFinder, make_apriltag, make_features
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.landing_config import CameraConfig
-from toolkit.landing.pads import draw_pad
-from toolkit.landing.site import PadSite, SiteView
+from toolkit.landing.site import PadSite, SiteView, draw_pad
 
 
 @pytest.mark.parametrize(("kind", "make"), [("plain", make_features), ("apriltag", make_apriltag)])

@@ -12,10 +12,9 @@ from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.boost import PadTask, boost_pad, plan_views, start_picture
 from toolkit.landing.landing_config import BoostConfig, PadPrintConfig
-from toolkit.landing.pads import Pad
 from toolkit.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
-from toolkit.landing.site import SiteView
-from toolkit.models.architectures import build_network
+from toolkit.landing.site import Pad, SiteView
+from toolkit.models.weights import build_network
 
 CONFIG = BoostConfig(
     size_px=32, views=12, places=2, ground="bare", time="overcast", steps=12, batch=6, weathers=(), noise=0.0,

@@ -19,7 +19,7 @@ from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.collect import Collected, Collector, collect, plan_shards
 from toolkit.landing.dataset import Sample, encode_sample, open_dataset, read_shard, read_split, write_shard
 from toolkit.landing.landing_config import CameraConfig, CollectConfig
-from toolkit.landing.pads import draw_pad
+from toolkit.landing.site import draw_pad
 from toolkit.worlds.world import World
 
 SMALL = CollectConfig(

@@ -7,8 +7,7 @@ pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 from gymnasium.utils.env_checker import check_env
 
 from toolkit.landing.env import LandingEnv
-from toolkit.landing.flight_config import EpisodeConfig
-from toolkit.landing.landing_config import CameraConfig
+from toolkit.landing.landing_config import CameraConfig, EpisodeConfig
 
 
 @pytest.fixture(scope="module")

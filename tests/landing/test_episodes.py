@@ -5,8 +5,8 @@ import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.landing.episodes import Episode, EpisodeDraws, FlatGround, Flights, Look, place_cameras
-from toolkit.landing.flight_config import GAINS, DescentConfig, EpisodeConfig, parse_gains
 from toolkit.landing.fly import fly
+from toolkit.landing.landing_config import GAINS, DescentConfig, EpisodeConfig, parse_gains
 
 PAD = np.array([3.0, -2.0, 1.0])
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from test_fly import record
 
-from toolkit.landing.flight_report import draw_map, pick_cells
-from toolkit.landing.flight_results import CellResult
+from toolkit.landing.flight_report import CellResult, draw_map, pick_cells
 from toolkit.landing.fly import EpisodeRecord, FlightCell
 from toolkit.landing.landing_config import FlyConfig
 

@@ -13,8 +13,18 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.landing_config import CameraConfig
-from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
-from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, place_at, plan_places
+from toolkit.landing.site import (
+    KINDS,
+    Pad,
+    PadPlace,
+    PadSite,
+    Sites,
+    SiteView,
+    draw_pad,
+    find_pad,
+    place_at,
+    plan_places,
+)
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import SceneClass, World

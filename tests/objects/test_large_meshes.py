@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from toolkit.objects.grouping import group_places, group_rows
-from toolkit.objects.mesh import ORDINARY_FAN, Material, corner_normals, mesh_from_corners
+from toolkit.objects.mesh import ORDINARY_FAN, Material, corner_normals, group_places, group_rows, mesh_from_corners
 
 GREY = Material("grey", np.full((4, 4, 3), 128, np.uint8))
 FAR = 2**62

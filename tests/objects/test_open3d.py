@@ -8,7 +8,7 @@ import pytest
 import toolkit
 from toolkit.core.child import run_python
 
-LOAD = "from toolkit.objects.open3d import load_open3d; o3d = load_open3d(); "
+LOAD = "from toolkit.objects.mesh import load_open3d; o3d = load_open3d(); "
 
 
 def say(code: str) -> str:
@@ -39,4 +39,4 @@ def test_every_module_loads_it_so():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.Import) and any(one.name.partition(".")[0] == "open3d" for one in node.names)
     }
-    assert found == {"objects/open3d.py"}
+    assert found == {"objects/mesh.py"}

@@ -13,8 +13,17 @@ from PIL import Image
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.imaging.read import UnreadableImage, register_heif
-from toolkit.photos.exif import ExifFacts, read_exif, write_exif
-from toolkit.photos.photo import Photo, list_photos, load_pixels, natural_key, read_photo, show_name
+from toolkit.photos.photo import (
+    ExifFacts,
+    Photo,
+    list_photos,
+    load_pixels,
+    natural_key,
+    read_exif,
+    read_photo,
+    show_name,
+    write_exif,
+)
 from toolkit.photos.video import load_frame, pick_frames, read_video
 
 register_heif()

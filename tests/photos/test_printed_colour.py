@@ -27,7 +27,7 @@ from toolkit.photos.prints.align import map_points
 from toolkit.photos.prints.colours import compare_colours, measure_error, read_colours
 from toolkit.photos.prints.find import find_page, find_patch, measure_on_page, rectify_patch
 from toolkit.photos.prints.fit_profile import MODELS, fit_colours, read_strip
-from toolkit.printing.colour_strip import STRIP
+from toolkit.printing.marks import STRIP
 from toolkit.printing.page import parse_paper
 
 PATCH = "warplane"

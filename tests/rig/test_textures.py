@@ -6,8 +6,7 @@ from kernel_samples import sample, sample_by_numpy
 
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.kernel.textures import fill_colours, fill_radiance
-from toolkit.rig.studio import make_studio
-from toolkit.rig.textures import (
+from toolkit.rig.scene import (
     build_pyramid,
     equirectangular,
     pack_textures,
@@ -15,6 +14,7 @@ from toolkit.rig.textures import (
     sample_directions,
     texture_pyramid,
 )
+from toolkit.rig.studio import make_studio
 
 RNG = np.random.default_rng(11)
 

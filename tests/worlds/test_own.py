@@ -9,8 +9,7 @@ from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects import load
-from toolkit.worlds.catalogue import load_world
-from toolkit.worlds.own import share_materials
+from toolkit.worlds.own import load_world, share_materials
 from toolkit.worlds.world import SceneClass, World
 
 T_gltf_world = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], float)

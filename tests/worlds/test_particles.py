@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from toolkit.rig.camera import Camera, look_at
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import (
     DIAMETERS_MM,
     RAIN_BIN_MM,
@@ -15,7 +14,7 @@ from toolkit.worlds.depth_weather import (
     make_drops,
     make_flakes,
 )
-from toolkit.worlds.particles import NEAREST_M, Population, draw_coverage
+from toolkit.worlds.particles import NEAREST_M, DepthView, Population, draw_coverage
 
 CAMERA = Camera.from_fov(224, 224, 60)
 LEVEL = look_at(np.array([0.0, 0.0, 2.0]), np.array([10.0, 0.0, 2.0]))

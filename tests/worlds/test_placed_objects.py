@@ -14,7 +14,7 @@ from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.variants import apply_booster
-from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.own import build_world
 from toolkit.worlds.place import choose_places, find_length, find_radius, find_spot, place_object, scale_to_world
 from toolkit.worlds.sky import make_sky
 from toolkit.worlds.world import World

@@ -22,9 +22,8 @@ from toolkit.objects.export_mesh import to_glb
 from toolkit.worlds import preview
 from toolkit.worlds.picture import count_frames, write_film
 from toolkit.worlds.place import place_object
-from toolkit.worlds.preview import PreviewSettings, preview_world
+from toolkit.worlds.preview import KINDS, MapSheet, PreviewSettings, preview_world, spread_labels
 from toolkit.worlds.sky import make_sky
-from toolkit.worlds.world_map import KINDS, MapSheet, spread_labels
 
 SKIES = [make_sky("afternoon", 0, 32), make_sky("dusk", 0, 32)]
 SETTINGS = PreviewSettings((64, 64), (64, 64), 200, 0.4)

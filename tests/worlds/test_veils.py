@@ -6,7 +6,6 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.worlds.daylight import LUMINANCE
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import (
     Rain,
     Snow,
@@ -17,6 +16,7 @@ from toolkit.worlds.depth_weather import (
     weather_rng,
 )
 from toolkit.worlds.fog import DENSEST, THINNEST, DepthFog, Dust, hang_veil, stretch_path, tan_airlight
+from toolkit.worlds.particles import DepthView
 
 AIRLIGHT = np.array([0.7, 0.8, 0.95])
 CAMERA = Camera.from_fov(64, 48, 60)

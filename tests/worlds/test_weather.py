@@ -6,7 +6,6 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at
 from toolkit.worlds.conditions import parse_weathers
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import (
     AIRSIM,
     WEATHERS,
@@ -21,6 +20,7 @@ from toolkit.worlds.depth_weather import (
     weather_rng,
 )
 from toolkit.worlds.fog import DepthFog, Dust
+from toolkit.worlds.particles import DepthView
 
 AIRLIGHT = np.array([0.7, 0.8, 0.95])
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)

@@ -1,6 +1,6 @@
 """Photographs of an object, differentiable in the texture of one of its materials: Algorithm 2, forward and backward.
 
-The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.linear_view.LinearView`s.
+The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.shading.LinearView`s.
 """
 
 from dataclasses import dataclass, replace
@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from toolkit.rig.linear_view import LinearView
-from toolkit.rig.shading import SHOULDER
+from toolkit.rig.shading import SHOULDER, LinearView
 
 if TYPE_CHECKING:
     import torch

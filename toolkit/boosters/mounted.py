@@ -19,8 +19,8 @@ from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.load import TableObject
-from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER, mount_sheets, size_on_paper, wear_sheets
+from toolkit.rig.shading import LinearView
 from toolkit.rig.views import (
     IN_STUDIO,
     NEAR_VIEWS,
@@ -32,7 +32,7 @@ from toolkit.rig.views import (
     ViewSettings,
     render_block,
 )
-from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.particles import DepthView
 from toolkit.worlds.place import scale_to_world
 
 if TYPE_CHECKING:

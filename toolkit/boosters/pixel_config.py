@@ -15,7 +15,7 @@ from toolkit.boosters.transforms.transfer import BlockShuffle, FeatureMixup
 from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.names import is_file_name
+from toolkit.core.text import is_file_name
 from toolkit.worlds.conditions import Times
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import FieldError
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.rig.camera import Camera
 
 SEED = 0

@@ -19,7 +19,7 @@ from toolkit.core.config import Config
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Unit, cut_groups, run_resumable

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.captures.simulate import ObjectPreview, preview_object
 from toolkit.core.errors import FieldError
 from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
@@ -29,8 +29,8 @@ from toolkit.rig.patch_places import (
     share_seen,
 )  # fmt: skip
 from toolkit.rig.plan import open_plan, plan_poses
+from toolkit.rig.plan_pictures import draw_pieces, draw_stretch
 from toolkit.rig.requests import Pattern, PlaceConfig, WrapConfig
-from toolkit.rig.wrap_pictures import draw_pieces, draw_stretch
 from toolkit.rig.wrap_plan import plan_wrap
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import real_path, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.mesh import make_ray_scene
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import load_open3d, make_ray_scene
 from toolkit.objects.spec import read_spec
 from toolkit.rig.camera import Camera
 

@@ -78,7 +78,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "sweep": Entry("evaluate:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
-        "studio": Entry("studio:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
+        "studio": Entry("photos:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
         "import": Entry("photos:import_", "import photographs, tell object and pose"),
         "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
         "retexture": Entry("photos:retexture", "put another patch into photographs of a printed one"),

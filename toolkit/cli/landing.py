@@ -15,7 +15,7 @@ from toolkit.landing.landing_config import BoostConfig, CollectConfig, DemoConfi
 
 if TYPE_CHECKING:
     from toolkit.landing.collect import Collected
-    from toolkit.landing.flight_results import CellResult, PairResult
+    from toolkit.landing.flight_report import CellResult, PairResult
     from toolkit.landing.regressor import ErrorRow
 
 
@@ -156,8 +156,7 @@ def fly(
     """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.landing.flight_report import film_episode, write_report
-    from toolkit.landing.flight_results import describe_success, write_summary
+    from toolkit.landing.flight_report import describe_success, film_episode, write_report, write_summary
     from toolkit.landing.fly import fly_all
     from toolkit.models.network import choose_device
     from toolkit.worlds.depth_weather import describe_weathers

@@ -10,7 +10,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table, warn
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.names import is_file_name
+from toolkit.core.text import is_file_name
 from toolkit.core.workspace import open_workspace
 
 if TYPE_CHECKING:

@@ -105,7 +105,7 @@ def report(
     """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.index_page import write_index
+    from toolkit.evaluation.compare import write_index
     from toolkit.evaluation.summaries import Run, find_runs, open_run
 
     if bool(names) == everything:

@@ -30,7 +30,7 @@ def list_worlds(
     """List the worlds, built in and your own in rig/worlds: size, triangles, places, pads, classes."""
     from toolkit.core.console import list_skipped, progress
     from toolkit.core.workspace import open_workspace
-    from toolkit.worlds.catalogue import WORLDS, list_own_worlds, open_world
+    from toolkit.worlds.own import WORLDS, list_own_worlds, open_world
 
     space = open_workspace(workspace)
     own = list_own_worlds(space)
@@ -139,7 +139,7 @@ def export(
     from toolkit.core.workspace import open_workspace
     from toolkit.objects.export_mesh import to_glb
     from toolkit.objects.mesh import merge_meshes
-    from toolkit.worlds.catalogue import open_world
+    from toolkit.worlds.own import open_world
     from toolkit.worlds.place import stand_object
     from toolkit.worlds.sky import make_sky
 

@@ -1,10 +1,12 @@
-"""Processes that this one starts; none imports from the current folder, where files of anybody's may lie.
+"""What this process may use of the machine, and processes that it starts: none imports from the current folder.
 
 For `-c` and `-m` Python looks for modules there first, and multiprocessing starts its processes with `-c`. What forbids
 it, `-P` and PYTHONSAFEPATH, came with Python 3.11. So every child begins with a statement of its own, by which it looks
 where this process looks.
 """
 
+import gc
+import math
 import os
 import signal
 import subprocess
@@ -16,9 +18,8 @@ from contextlib import contextmanager
 from multiprocessing import parent_process, util
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any
-
-from toolkit.core.limits import limit_cores
 
 _starting = threading.Lock()
 
@@ -35,7 +36,7 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
         given: what it reads from its input.
         most_s: seconds of work after which it is ended, with the code `LATE`; and where it waits, six times as long.
     """
-    limit = "" if most_s is None else f"from toolkit.core.limits import limit_time; limit_time({most_s}); "
+    limit = "" if most_s is None else f"from toolkit.core.child import limit_time; limit_time({most_s}); "
     command, longest = [sys.executable, "-c", f"{_begin()}{limit}\n{code}"], None if most_s is None else 6 * most_s
     try:
         done = subprocess.run(command, input=given, capture_output=True, check=False, timeout=longest)
@@ -99,3 +100,89 @@ def _end_with_parent() -> None:
         # returns when the parent has ended, killed or not
         parent.join()
         os._exit(1)
+
+
+_limit: int | None = None
+_counting = threading.Lock()
+_bounds: list[int] = []
+_before = (0, 0)
+
+
+def count_cores() -> int:
+    """Cores that this process may use: all that the system gives it, or as many as `limit_cores` said."""
+    if _limit is not None:
+        return _limit
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def limit_cores(count: int) -> None:
+    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process that is one of many."""
+    global _limit
+    _limit = count
+    # read by the libraries when they are first imported, which takes seconds: not here, where they may not be needed
+    os.environ |= {"OMP_NUM_THREADS": str(count), "OPENCV_FOR_THREADS_NUM": str(count)}
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(count)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(count)
+
+
+def limit_time(seconds: float) -> None:
+    """From now on this process ends when its cores have worked so long for it, where the system can tell."""
+    try:
+        import resource
+    except ImportError:  # not on Linux
+        return
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), resource.RLIM_INFINITY))
+
+
+@contextmanager
+def limit_memory(most_bytes: int) -> Iterator[None]:
+    """Within, this process may take so many bytes more, on Linux; then allocations fail as on a full machine.
+
+    The bound is the process's: where several are within, one in the other or in threads, the lowest counts.
+    """
+    global _before
+    try:
+        import resource
+
+        facts = Path("/proc/self/status").read_text()
+        used = int(facts.partition("VmData:")[2].split()[0]) << 10
+    except (ImportError, OSError, ValueError, IndexError):  # not on Linux: nothing is bounded
+        yield
+        return
+    mine = used + most_bytes
+
+    def bound() -> None:
+        lowest = [*_bounds, *(one for one in _before if one != resource.RLIM_INFINITY)]
+        resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
+
+    with _counting:
+        if not _bounds:
+            _before = resource.getrlimit(resource.RLIMIT_DATA)
+        _bounds.append(mine)
+        bound()
+    try:
+        yield
+    finally:
+        with _counting:
+            _bounds.remove(mine)
+            bound()
+
+
+def is_memory_full(error: BaseException) -> bool:
+    """Whether this is what Python, torch or ONNX Runtime raises where memory cannot be had."""
+    words = ("can't allocate memory", "out of memory", "allocate memory", "bad_alloc", "bad allocation")
+    return isinstance(error, MemoryError) or any(one in str(error).lower() for one in words)
+
+
+@contextmanager
+def without_collector() -> Iterator[None]:
+    """Within, Python looks for no cycles: where millions of objects are made that live on, that is much of the work."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

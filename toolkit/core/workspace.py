@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import explain_write_error, read_toml, real_path, without_links, write_text
-from toolkit.core.names import is_file_name, is_folder_name
+from toolkit.core.text import is_file_name, is_folder_name
 
 MARKER = "toolkit.toml"
 PACKAGE_DATA = Path(__file__).parents[1] / "data"

@@ -16,8 +16,8 @@ from importlib.metadata import distributions, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic
 
+from toolkit.core.child import limit_cores
 from toolkit.core.errors import ToolkitError
-from toolkit.core.limits import limit_cores
 from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
 if TYPE_CHECKING:

@@ -1,9 +1,12 @@
-"""Two runs, or two tables of any program, on the same images: what each got right, the exact test, what flipped."""
+"""Two runs, or two tables of any program, on the same images: what each got right, the exact test, what flipped.
+
+`eval/index.html` has all runs of a workspace on one page, with filters, and their flips side by side.
+"""
 
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +15,9 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED, Capture
+from toolkit.core.child import without_collector
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, load_json, open_plain, real_path
-from toolkit.core.limits import without_collector
 from toolkit.core.statistics import PairedOutcomes, mcnemar_mid_p, sign_flip_p
 from toolkit.core.tables import (
     build_table,
@@ -26,13 +29,20 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.clusters import estimate_difference
 from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
-from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
+from toolkit.evaluation.metrics import (
+    Comparison,
+    Pair,
+    estimate_difference,
+    gather,
+    index_poses,
+    list_flips,
+    rank_variant,
+)
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
-from toolkit.evaluation.summaries import SUMMARY, Run
+from toolkit.evaluation.summaries import SUMMARY, Run, describe_condition
 from toolkit.evaluation.verdict import describe_unsure
 
 if TYPE_CHECKING:
@@ -40,6 +50,21 @@ if TYPE_CHECKING:
 
 
 MAX_FLIPS = 60
+HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
+IMAGE = ("image", "path", "file", "filename", "file_name", "image_path", "image_id", "name", "id")
+RIGHT = ("correct", "correct_top1", "is_correct", "right")
+TRUTH = ("true_index", "true_label", "true", "label", "target", "ground_truth", "gt", "y_true")
+GUESS = ("top1_index", "top1_label", "predicted", "prediction", "pred", "y_pred")
+"""Names of columns, in any case, that other programs write; the first that is there is taken."""
+CLUSTER = ("cluster", "group")
+YES, NO = ("1", "true", "yes", "right", "1.0"), ("0", "false", "no", "wrong", "0.0")
+THUMBNAIL_PX = 144
+MAX_FLIPS_OF_RUN, MAX_FLIPS_OF_ALL = 16, 320
+"""Gained and lost alike of one run; and of all, so that the page stays below 5 MB."""
+FILTERS = {
+    "kind": "experiment", "run": "run", "network": "network", "object": "object", "variant": "variant",
+    "condition": "weather or corruption", "source": "source",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -226,9 +251,6 @@ def _count_rows(pairs: Iterable[Pair]) -> list[Comparison]:
     return [Comparison(POOLED, name, variant, variant, tuple(members[variant, name])) for variant, name in order]
 
 
-HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
-
-
 def build_comparison_table(found: RunComparison) -> "Table":
     """A line for each variant and object; A is the first run, B the second."""
     rows = []
@@ -261,15 +283,6 @@ def write_comparison(path: Path, found: RunComparison) -> Path:
 
 def _make_card(pair: Pair) -> Card:
     return Card(pair.first.capture.path, describe_place(pair.first), (pair.first, pair.second))
-
-
-IMAGE = ("image", "path", "file", "filename", "file_name", "image_path", "image_id", "name", "id")
-RIGHT = ("correct", "correct_top1", "is_correct", "right")
-TRUTH = ("true_index", "true_label", "true", "label", "target", "ground_truth", "gt", "y_true")
-GUESS = ("top1_index", "top1_label", "predicted", "prediction", "pred", "y_pred")
-"""Names of columns, in any case, that other programs write; the first that is there is taken."""
-CLUSTER = ("cluster", "group")
-YES, NO = ("1", "true", "yes", "right", "1.0"), ("0", "false", "no", "wrong", "0.0")
 
 
 def compare_tables(first: Path, second: Path, images: Path | None = None, cluster: str | None = None) -> RunComparison:
@@ -380,3 +393,76 @@ def _need(file: Path, at: dict[str, int], names: Sequence[str], what: str) -> in
 
 def _some(names: Sequence[str], most: int = 6) -> str:
     return ", ".join(names[:most]) + ("…" if len(names) > most else "")
+
+
+def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[tuple[str, str]]:
+    """Write the page: one file that opens from disk, without a network.
+
+    Each picture is in it once, however many runs saw it.
+
+    Args:
+        path: of the page; links to reports are relative to its folder.
+        workspace: that the runs are of.
+        runs: from `find_runs`.
+
+    Returns:
+        (run, reason) of each run whose flips could not be read; its rows are shown all the same.
+    """
+    pairs, refused = _gather_flips(workspace, runs)
+    shown = pairs[:MAX_FLIPS_OF_ALL]
+    captures = [one.capture for _, pair in shown for one in (pair.first, pair.second)]
+    # by the whole path: two runs may call two images the same
+    made = make_thumbnails((replace(one, path=str(one.file)) for one in captures), None, THUMBNAIL_PX)
+    pictures = {uri: number for number, uri in enumerate(dict.fromkeys(made.values()))}
+    numbers = {file: pictures[uri] for file, uri in made.items()}
+    rows = [row for run in runs for row in run.rows]
+    context = {
+        "runs": runs,
+        "rows": rows,
+        "reports": {run.name: report for run in runs if (report := _find_report(path, run))},
+        "filters": {
+            name: (words, sorted({str(getattr(row, name)) for row in rows})) for name, words in FILTERS.items()
+        },
+        "flips": [_describe_run_flip(run, pair, numbers) for run, pair in shown],
+        "n_flips": len(pairs),
+        "pictures": list(pictures),
+        "conditions": {row: describe_condition(row) for row in rows},
+    }
+    write_page(path, "toolkit.evaluation", "index.html.j2", context)
+    return refused
+
+
+def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple[Run, Pair]], list[tuple[str, str]]]:
+    """The flips of each run that are shown: in turns, so that no run crowds out the others."""
+    refused, decks = [], []
+    for run in runs:
+        if not run.has_predictions:
+            continue
+        try:
+            predictions = read_predictions(run, find_captures_dir(workspace, run))
+        except ToolkitError as error:
+            refused.append((run.name, str(error)))
+            continue
+        flips = [pair for some in list_flips(index_poses(predictions)) for pair in some.shown[:MAX_FLIPS_OF_RUN]]
+        decks.append([(run, pair) for pair in flips])
+    longest = max(map(len, decks), default=0)
+    return [deck[at] for at in range(longest) for deck in decks if at < len(deck)], refused
+
+
+def _describe_run_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> dict[str, Any]:
+    """What the page shows of a pair that changed; a picture is its number on the page, None where the image is gone."""
+    capture = pair.second.capture
+    row = next((row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant)), run.rows[0])
+    cells = (pair.first, pair.second)
+    return {
+        "run": run.name, "network": row.network, "kind": "gained" if pair.is_gained else "lost", "cells": cells,
+        "condition": capture.corruption[0] if capture.corruption else row.condition,
+        "pictures": [numbers.get(str(one.capture.file)) for one in cells],
+    }  # fmt: skip
+
+
+def _find_report(path: Path, run: Run) -> str | None:
+    """Where its report is, as seen from the page."""
+    report, home = (run.folder / "report.html").resolve(), path.resolve().parent
+    # a report elsewhere has no relative link that opens from disk
+    return report.relative_to(home).as_posix() if report.is_file() and report.is_relative_to(home) else None

@@ -6,7 +6,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.core.names import is_folder_name
+from toolkit.core.text import is_folder_name
 
 if TYPE_CHECKING:
     from toolkit.captures.read import Selection

@@ -1,18 +1,136 @@
-"""What the predictions count up to: groups, two variants on the same poses, and the pairs that changed."""
+"""What the predictions count up to: groups, two variants on the same poses, and the pairs that changed.
+
+Items that are no independent draws (pictures of one place, images of one class) share what is seen: their clusters are
+what intervals and tests count.
+"""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+
 from toolkit.captures.read import POOLED, UNPATCHED, Capture
-from toolkit.core.statistics import Interval, PairedOutcomes, RankCorrelation, rank_correlation, wilson_interval
+from toolkit.core.statistics import (
+    Interval,
+    PairedOutcomes,
+    RankCorrelation,
+    percentile_interval,
+    rank_correlation,
+    resample_clusters,
+    sign_flip_p,
+    wilson_interval,
+)
 from toolkit.evaluation.predict import Prediction
 from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
 
+NO_SPREAD = 1e-12
+Estimate = tuple[float, Interval | None]
+"""A mean over items, and its interval over clusters; None where it cannot be told: one cluster, or no spread."""
 PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
 NOUNS = {PATCHED: "patch", TEXTURED: "texture"}
+MAX_FLIPS = 40
+OTHER_PLAN = "another plan was in use"
+MOST_NAMES = 20
+"""Of an object's variants, that a reason lists."""
+
+
+def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
+    """Mean of `scores` in [0, 1], with a 95 % interval that takes clusters, not items, as the independent draws.
+
+    With total y_c and number of items x_c of cluster c, of C, the mean is the ratio p = Σ y_c / Σ x_c, and
+
+        v = C / (C - 1) · Σ (y_c - p x_c)² / (Σ x_c)²,    p ± t(0.975, C - 1) √v
+
+    the ratio estimator of a sample of C whole clusters (Cochran, Sampling Techniques, 3rd ed. 1977, sections 6.3 and
+    9A.1, with no finite population; the same as the cluster-robust variance of a mean). Where all clusters are wholly
+    right, or wholly wrong, v is 0 and says nothing: then it is Wilson's interval with each cluster as one trial.
+
+    Args:
+        scores: (n,) float.
+        cluster_of: (n,) int, the cluster of each item.
+    """
+    mean, half, n_clusters = _ratio(scores, cluster_of)
+    if n_clusters == 1:
+        return mean, None
+    if half > NO_SPREAD:
+        return mean, (max(0.0, mean - half), min(1.0, mean + half))
+    # all right or all wrong: no spread to measure, but clusters can be counted
+    if min(mean, 1 - mean) < NO_SPREAD:
+        return mean, wilson_interval(round(mean) * n_clusters, n_clusters)
+    return mean, None
+
+
+def estimate_difference(scores: np.ndarray, other: np.ndarray, cluster_of: np.ndarray) -> Estimate:
+    """Mean of `scores` less that of `other` on the same items; the interval is that of `estimate_share`, paired."""
+    mean, half, n_clusters = _ratio(np.asarray(scores, float) - other, cluster_of)
+    if n_clusters == 1 or half <= NO_SPREAD:
+        return mean, None
+    return mean, (max(-1.0, mean - half), min(1.0, mean + half))
+
+
+def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, int]:
+    """(ratio, half width of its interval, number of clusters)."""
+    from scipy.stats import t
+
+    _, member = np.unique(cluster_of, return_inverse=True)
+    totals, sizes = np.bincount(member, weights=scores), np.bincount(member)
+    n_clusters = len(sizes)
+    mean = float(totals.sum() / sizes.sum())
+    if n_clusters == 1:
+        return mean, 0.0, 1
+    # residuals y_c - p x_c of `estimate_share`
+    # linearised variance of a ratio of totals (Cochran, Sampling Techniques, 1977, chapter 11)
+    spread = n_clusters / (n_clusters - 1) * float(((totals - mean * sizes) ** 2).sum())
+    # Student's t: with few clusters the spread itself is uncertain
+    return mean, float(t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
+
+
+@dataclass(frozen=True)
+class ClusterBootstrap:
+    """Shares of items, and of bootstrap samples of their clusters.
+
+    Attributes:
+        cluster_of: (n,) int, the cluster of each item, from 0.
+        weights: (b, count) how often each cluster is in each sample.
+    """
+
+    cluster_of: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of(cls, cluster_of: np.ndarray, count: int) -> "ClusterBootstrap":
+        """The same samples whenever there are as many clusters; none of one cluster."""
+        return cls(cluster_of, resample_clusters(count) if count > 1 else np.zeros((0, 1)))
+
+    def shares(self, values: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
+        """(1 + b,) mean of values (n,) of the items in `among` (n,) bool: seen, then of each bootstrap sample."""
+        own = np.ones(len(values), bool) if among is None else among
+        count = self.weights.shape[1]
+        total = np.bincount(self.cluster_of[own], values[own].astype(float), count)
+        n = np.bincount(self.cluster_of[own], minlength=count).astype(float)
+        # first what was seen: every cluster once
+        weights = np.concatenate([np.ones((1, count)), self.weights])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (weights @ total) / (weights @ n)
+
+    def estimate(self, values: np.ndarray, among: np.ndarray | None = None) -> tuple[float | None, Interval | None]:
+        """Mean and its 95 % interval over clusters; None without items, and no interval for one cluster."""
+        found = self.shares(values, among)
+        if np.isnan(found[0]):
+            return None, None
+        return float(found[0]), percentile_interval(found[1:]) if len(self.weights) else None
+
+    def sign_p(self, change: np.ndarray) -> float:
+        """Exact p of the signs of the clusters' mean changes (n,): a test that counts clusters alone."""
+        count = self.weights.shape[1]
+        n = np.bincount(self.cluster_of, minlength=count)
+        return sign_flip_p((np.bincount(self.cluster_of, change, count)[n > 0] / n[n > 0]).tolist())
+
+
 RIVALS = {booster: tuple(name for name in names if name != ALONE) for booster, names in CONTROLS_OF.items()}
 """By booster, the controls that are on the object where the booster was."""
 OWNERS = {control: booster for booster, names in CONTROLS_OF.items() for control in names}
@@ -40,7 +158,6 @@ RowKey = tuple[str, str, str]
 """Source, object and variant."""
 Poses = dict[tuple[str, str], dict[str, dict[int, Prediction]]]
 """(source, object) -> variant -> pose -> image."""
-MAX_FLIPS = 40
 
 
 def rank_variant(variant: str) -> tuple[int, str]:
@@ -251,20 +368,25 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
 
 def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
     """The images of two variants at the same pose and camera, both read; by source and object, poses ascending."""
-    pairs = []
-    for variants in poses.values():
-        one, other = variants.get(first, {}), variants.get(second, {})
-        shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
-        # pose 3 of two plans is not one camera: what stands apart is no pair
-        pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
-    return pairs
+    found = (_pair_poses(variants[first], variants[second]) for variants in poses.values()
+             if first in variants and second in variants)  # fmt: skip
+    return [pair for pairs in found for pair in pairs]
+
+
+def _pair_poses(one: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
+    shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
+    # pose 3 of two plans is not one camera: what stands apart is no pair
+    return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
 
 
 def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
     """By variant, its images with those of `unpatched`; a variant of which none could be paired is left out."""
-    names = sorted({name for variants in poses.values() for name in variants} - {UNPATCHED}, key=rank_variant)
-    found = {name: pair_variants(poses, UNPATCHED, name) for name in names}
-    return {name: pairs for name, pairs in found.items() if pairs}
+    found: dict[str, list[Pair]] = defaultdict(list)
+    for variants in poses.values():  # each with its own: of many objects each may have variants that no other has
+        bare = variants.get(UNPATCHED, {})
+        for name in variants.keys() - {UNPATCHED} if bare else ():
+            found[name] += _pair_poses(bare, variants[name])
+    return {name: found[name] for name in sorted(found, key=rank_variant) if found[name]}
 
 
 def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
@@ -291,43 +413,49 @@ def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
     return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants as they came
 
 
-OTHER_PLAN = "another plan was in use"
-
-
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
     """(path, reason) of every image that was read and has no partner in `unpatched`, or in any other variant.
 
     Where an object was seen in one variant only, nothing can be paired and nothing is listed.
     """
+    partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
+    for key, variants in poses.items():
+        for name, own in variants.items():
+            for pose_id, one in own.items():
+                partners[key, name == UNPATCHED, pose_id].append(one)
     unpaired = []
     for one in predictions:
-        capture, variants = one.capture, poses[(one.capture.source, one.capture.object)]
-        if len(variants) == 1 or not one.is_read:
+        capture, key = one.capture, (one.capture.source, one.capture.object)
+        if len(poses[key]) == 1 or not one.is_read:
             continue
-        others = [UNPATCHED] if capture.variant != UNPATCHED else [name for name in variants if name != UNPATCHED]
-        reason = _why_unpaired(one, [variants.get(name, {}) for name in others], " or ".join(sorted(others)))
-        if reason:
+        is_bare = capture.variant == UNPATCHED
+        others = partners.get((key, not is_bare, capture.pose_id), []) if capture.pose_id is not None else []
+        if reason := _why_unpaired(one, others, poses[key] if is_bare else (UNPATCHED,)):
             unpaired.append((capture.path, reason))
     return unpaired
 
 
-def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: str) -> str | None:
+def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
     pose_id = one.capture.pose_id
     if pose_id is None:
         return "no pose number in its name: give both images of a pose the same number"
-    partners = [poses[pose_id] for poses in others if pose_id in poses]
     if not partners:
-        return f"no {name} image of pose {pose_id}"
+        many = len(names) > MOST_NAMES
+        wanted = "other" if many else " or ".join(sorted({*names} - {UNPATCHED})) or UNPATCHED
+        return f"no {wanted} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
-    gaps = [one.capture.tell_cameras_apart(partner.capture) for partner in partners if partner.is_read]
-    # one partner of the same camera is enough
-    if all(gaps):
-        return (
-            f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): {OTHER_PLAN}, so take "
-            "both variants again with one plan"
-        )
-    return None
+    gap = ""
+    for partner in partners:
+        if partner.is_read:
+            apart = one.capture.tell_cameras_apart(partner.capture)
+            if apart is None:  # one partner of the same camera is enough
+                return None
+            gap = gap or apart
+    return (
+        f"its camera and that of {partners[0].capture.path} differ ({gap}): {OTHER_PLAN}, so take both variants again "
+        "with one plan"
+    )
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from toolkit.captures.read import Capture, read_crop
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.locks import hold_folder
-from toolkit.core.records import RecordLog
+from toolkit.core.records import RecordLog, hold_folder
 from toolkit.engine.units import RecordCache
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage

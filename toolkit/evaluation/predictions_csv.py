@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from toolkit.captures.corrupted_copy import name_source
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
+from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
-from toolkit.core.limits import without_collector
 from toolkit.core.tables import decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
@@ -176,34 +176,44 @@ Find = Callable[[str], tuple[Path, bool]]
 
 
 def _within(root: Path) -> Find:
-    """`inside`, and whether a file is there, for very many files of few folders: each folder is listed once."""
-    folders: dict[str, tuple[Path, set[str], set[str]]] = {}
+    """`inside`, and whether a file is there, for very many files and folders: each folder is listed once."""
+    folders = {"": (there := inside(root, ""), _list_kinds(there))}
 
-    def find(path: str) -> tuple[Path, bool]:
+    def look(path: str) -> tuple[Path, str]:
         head, _, name = path.rpartition("/")
-        if head not in folders:
-            there = inside(root, head)
-            folders[head] = there, *_list_files(there)
-        folder, files, links = folders[head]
         # what can lead nowhere else needs no check of its own
         is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
-        if name in links or not is_plain or name in ("", ".", "..") or len(name) > MOST_NAME_BYTES:
-            file = inside(root, path)
-            return file, file.is_file()
-        return folder / name, name in files
+        if is_plain and name not in ("", ".", "..") and len(name) <= MOST_NAME_BYTES and path.count("/") < MOST_LEVELS:
+            if head not in folders:
+                there, kind = look(head)
+                folders[head] = there, _list_kinds(there) if kind == FOLDER else {}
+            folder, kinds = folders[head]
+            if kinds.get(name) != LINK:
+                return folder / name, kinds.get(name, "")
+        place = inside(root, path)
+        return place, FILE if place.is_file() else FOLDER if place.is_dir() else ""
+
+    def find(path: str) -> tuple[Path, bool]:
+        place, kind = look(path)
+        return place, kind == FILE
 
     return find
 
 
-def _list_files(folder: Path) -> tuple[set[str], set[str]]:
-    """The names of a folder's plain files, and of the links there."""
+MOST_LEVELS = 20
+FILE, FOLDER, LINK = "file", "folder", "link"
+
+
+def _list_kinds(folder: Path) -> dict[str, str]:
+    """What lies in a folder by name, but for what is neither a file, a folder nor a link."""
     try:
         with os.scandir(folder) as found:
-            entries = list(found)
+            return {
+                one.name: LINK if one.is_symlink() else FILE if one.is_file() else FOLDER
+                for one in found if one.is_symlink() or one.is_file() or one.is_dir()
+            }  # fmt: skip
     except OSError:  # it is not there
-        return set(), set()
-    links = {one.name for one in entries if one.is_symlink()}
-    return {one.name for one in entries if one.name not in links and one.is_file()}, links
+        return {}
 
 
 def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:

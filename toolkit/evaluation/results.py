@@ -8,9 +8,9 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED, Capture
+from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json
-from toolkit.core.limits import without_collector
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (

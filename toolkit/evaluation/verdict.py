@@ -16,6 +16,7 @@ from toolkit.evaluation.metrics import (
     WRONG,
     Comparison,
     Group,
+    gather,
     name_booster,
 )
 
@@ -70,9 +71,11 @@ def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence
         comparisons: from `compare_unpatched` and `compare_controls`.
     """
     headlines = []
-    for source in dict.fromkeys(group.source for group in groups if group.object == POOLED):
-        pooled = {row.variant: row for row in groups if (row.source, row.object) == (source, POOLED)}
-        rows = {(row.first, row.second): row for row in comparisons if (row.source, row.object) == (source, POOLED)}
+    pooled_of = gather((one for one in groups if one.object == POOLED), lambda one: [one.source])
+    rows_of = gather((one for one in comparisons if one.object == POOLED), lambda one: [one.source])
+    for source, own in pooled_of.items():
+        pooled = {row.variant: row for row in own}
+        rows = {(row.first, row.second): row for row in rows_of.get(source, ())}
         answers = _answer_controls(network, pooled, rows)
         for variant in _pick_variants(pooled):
             question = ask_help(variant) if answers else ""

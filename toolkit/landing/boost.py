@@ -22,9 +22,8 @@ from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.landing_config import BoostConfig, CameraConfig, PadPrintConfig
-from toolkit.landing.pads import Pad, draw_pad
 from toolkit.landing.regressor import Regressor, load_regressor
-from toolkit.landing.site import PadSite, SiteView, find_sky, find_world, plan_places
+from toolkit.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.landing.train import LEAST_HEIGHT_M
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing.document import build_pdf
@@ -32,7 +31,7 @@ from toolkit.printing.settings import PrintSettings
 from toolkit.rig.raycast import map_frames
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit
-from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.particles import DepthView
 
 if TYPE_CHECKING:
     import torch

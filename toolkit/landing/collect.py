@@ -13,7 +13,7 @@ from toolkit.core.console import notice
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
@@ -30,8 +30,7 @@ from toolkit.landing.dataset import (
 )
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.landing_config import CollectConfig
-from toolkit.landing.pads import Pad, find_pad
-from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, find_world, place_at, plan_places
+from toolkit.landing.site import Pad, PadPlace, PadSite, Sites, SiteView, find_pad, find_world, place_at, plan_places
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World
 

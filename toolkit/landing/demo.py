@@ -7,8 +7,7 @@ from toolkit.core.console import notice
 from toolkit.core.workspace import Workspace
 from toolkit.landing.boost import Boosted, boost_pad
 from toolkit.landing.collect import Collected, collect
-from toolkit.landing.flight_report import film_episode, write_report
-from toolkit.landing.flight_results import CellResult, PairResult, write_summary
+from toolkit.landing.flight_report import CellResult, PairResult, film_episode, write_report, write_summary
 from toolkit.landing.fly import fly_all
 from toolkit.landing.landing_config import (
     BoostConfig,

@@ -6,11 +6,9 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.landing.episodes import FLYING, Flights
-from toolkit.landing.flight_config import EpisodeConfig
 from toolkit.landing.fly import TICKS
-from toolkit.landing.landing_config import CameraConfig
-from toolkit.landing.pads import Pad, draw_pad
-from toolkit.landing.site import PadSite, SiteView, find_sky, find_world, plan_places
+from toolkit.landing.landing_config import CameraConfig, EpisodeConfig
+from toolkit.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.worlds.conditions import CLEAR
 
 try:

@@ -17,7 +17,7 @@ from toolkit.landing.dynamics import (
     VelocityControl,
     advance,
 )
-from toolkit.landing.flight_config import EpisodeConfig
+from toolkit.landing.landing_config import EpisodeConfig
 
 # of AirSim's own physics
 STEP_S = 0.003

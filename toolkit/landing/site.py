@@ -1,4 +1,4 @@
-"""A pad on its place in a world: where pads may lie, what a downward camera sees there, what a drone can touch.
+"""Pads and their place in a world: what is painted on them, where they may lie, what a camera above sees there.
 
 Frame: as in `toolkit.worlds.world`, metres. The pad's own: its middle is the origin, x and y lie in its plane.
 """
@@ -8,27 +8,39 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import sha256_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import read_image
 from toolkit.landing.landing_config import CameraConfig, Ground
-from toolkit.landing.pads import Pad
-from toolkit.objects.mesh import cast_rays
+from toolkit.objects.mesh import Material, Mesh, cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.lighting import BakeDetail
+from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.catalogue import WORLDS, build_world, load_world
 from toolkit.worlds.conditions import CLEAR
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import make_weather, weather_rng
+from toolkit.worlds.own import WORLDS, build_world, load_world
+from toolkit.worlds.particles import DepthView
 from toolkit.worlds.picture import find_depths
 from toolkit.worlds.place import make_scene
 from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.world import Spot, World
 
+KINDS = ("plain", "apriltag", "grey", "noise")
+PICTURE_PX = 512
+NOISE_CELLS = 64
+TAG = 7
+SMALLEST_M, LARGEST_M = 0.2, 5.0
+ROUGHNESS = 0.9
+TAG_SHARE = 0.8
+"""Side of the tag within its white edge, as a share of the pad's."""
 SHEET_M = 0.01
 """The sheet lies so far above what is under it."""
 FLAT_M = 0.03
@@ -36,6 +48,104 @@ FLAT_M = 0.03
 LEAST_ROOM_M = 0.2
 SKY_PX = 256
 DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacing=0.1)
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A square sheet with a picture.
+
+    Attributes:
+        name: `plain`, `apriltag`, `grey`, `noise`, or that of a trained one.
+        picture: (n, n, 3) uint8 sRGB; its top is the pad's +y.
+        size_m: side of the sheet, metres.
+    """
+
+    name: str
+    picture: np.ndarray
+    size_m: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not SMALLEST_M <= self.size_m <= LARGEST_M:
+            raise FieldError(f"expected {SMALLEST_M:g} to {LARGEST_M:g} m", {"size_m": self.size_m})
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of picture and size."""
+        return sha256_bytes(repr((self.picture.shape, self.size_m)).encode() + self.picture.tobytes())
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The sheet in its own frame, metres: its middle is the origin, it faces up; one for all places."""
+        half = self.size_m / 2
+        corners = np.array([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], np.float32)
+        return Mesh(
+            corners, np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)),
+            np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32), np.array([(0, 1, 2), (0, 2, 3)], np.int32),
+            np.zeros(2, np.int32), (Material(PAPER_MATERIAL, self.picture, ROUGHNESS),),
+        )  # fmt: skip
+
+
+def draw_pad(kind: str, size_m: float = 2.0, seed: int = 0) -> Pad:
+    """One of `KINDS`; `noise` is drawn by the seed.
+
+    Raises:
+        ToolkitError: there is no such pad.
+    """
+    if kind not in KINDS:
+        raise one_of("pad", kind, list(KINDS))
+    if kind == "grey":
+        return Pad(kind, np.full((64, 64, 3), 128, np.uint8), size_m)
+    if kind == "noise":
+        rng = np.random.default_rng([seed, 61])
+        return Pad(kind, rng.integers(0, 256, (NOISE_CELLS, NOISE_CELLS, 3), np.uint8), size_m)
+    return Pad(kind, _draw_tag() if kind == "apriltag" else _draw_plain(), size_m)
+
+
+def find_pad(space: Workspace, word: str, size_m: float = 2.0, seed: int = 0) -> Pad:
+    """One of `KINDS`, a trained pad `print/pads/NAME.png` of the workspace, or a picture file.
+
+    Raises:
+        ToolkitError: there is no such pad, or the picture is not square.
+    """
+    if word in KINDS:
+        return draw_pad(word, size_m, seed)
+    folder = space.print_dir / "pads"
+    own = {file.stem: file for file in sorted(folder.glob("*.png"))}
+    file = own.get(word) or Path(word)
+    if not file.is_file():
+        raise one_of("pad", word, [*KINDS, *own])
+    picture = read_image(file)
+    if picture.shape[0] != picture.shape[1]:
+        size = f"{picture.shape[1]} × {picture.shape[0]}"
+        raise ToolkitError(f"{file}: a picture of {size} pixels, expected a square: crop it")
+    return Pad(file.stem, picture, size_m)
+
+
+def _draw_plain() -> np.ndarray:
+    """White H in a white ring on slate, with a pale edge (paper, Figure 10d)."""
+    n, zoom = PICTURE_PX, 4
+    side = n * zoom
+    canvas = np.full((side, side, 3), (62, 70, 76), np.uint8)
+    pale = (232, 232, 226)
+    cv2.rectangle(canvas, (0, 0), (side - 1, side - 1), pale, side // 20)
+    cv2.circle(canvas, (side // 2, side // 2), round(side * 0.37), pale, side // 16)
+    for x in (0.36, 0.64):
+        cv2.rectangle(canvas, _at(side, x - 0.04, 0.29), _at(side, x + 0.04, 0.71), pale, -1)
+    cv2.rectangle(canvas, _at(side, 0.36, 0.46), _at(side, 0.64, 0.54), pale, -1)
+    return cv2.resize(canvas, (n, n), interpolation=cv2.INTER_AREA)
+
+
+def _at(side: int, x: float, y: float) -> tuple[int, int]:
+    return round(side * x), round(side * y)
+
+
+def _draw_tag() -> np.ndarray:
+    """Tag 7 of AprilTag's family 36h11 with a white edge one cell wide."""
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    cell = PICTURE_PX // 10
+    tag = cv2.aruco.generateImageMarker(family, TAG, 8 * cell)
+    bordered = np.pad(tag, cell, constant_values=255)
+    return np.repeat(bordered[..., None], 3, axis=2)
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.core.child import LATE, run_python
+from toolkit.core.child import LATE, is_memory_full, limit_cores, limit_memory, run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, sha256_file
-from toolkit.core.limits import is_memory_full, limit_cores, limit_memory
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
 
 if TYPE_CHECKING:

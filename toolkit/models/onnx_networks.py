@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import nn
 
+from toolkit.core.child import limit_memory
 from toolkit.core.errors import ToolkitError, describe_failure
-from toolkit.core.limits import limit_memory
 from toolkit.models.onnx_graphs import (
     OnnxGraph,
     are_alike,

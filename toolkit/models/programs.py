@@ -19,12 +19,12 @@ from pydantic import ValidationError
 from torch import nn
 from torchvision.transforms._presets import ImageClassification
 
+from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import MOST_JSON_BYTES, explain_validation, sha256_bytes, sha256_file
-from toolkit.core.limits import is_memory_full, limit_memory
+from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
-from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.labels import (
     PYTHON_PREFIX,
@@ -35,7 +35,7 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
-from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, is_inflated, open_weights
+from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, imagenet_labels, is_inflated, open_weights
 
 KNOWN_FILES = re.compile(
     r"archive_format|archive_version|byteorder|\.data/[\w.]+|\.format_version|\.storage_alignment|models/model\.json"
@@ -156,13 +156,13 @@ def _rebuild(path: Path) -> BytesIO:
 
 def _refuse(path: Path, what: str) -> ToolkitError:
     return ToolkitError(
-        f"{path} holds {what}, and is not loaded for safety: expected standard operators on plain tensors: "
+        f"{path} holds {escape(what)}, and is not loaded for safety: expected standard operators on plain tensors: "
         "name the code that makes it with python:MODULE:FUNCTION instead"
     )
 
 
 def _damaged(path: Path, what: str) -> ToolkitError:
-    return ToolkitError(f"cannot read {path}: the program is damaged ({what}): {SAVE_AGAIN}")
+    return ToolkitError(f"cannot read {path}: the program is damaged ({escape(what)}): {SAVE_AGAIN}")
 
 
 def _load(path: Path, content: bytes) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _clean(path: Path, value: object, key: str = "") -> object:
         return [_clean(path, one, key) for one in value]
     if isinstance(value, str) and not _is_harmless(key, value):
         what = "the operator" if key in ("target", "as_operator") else "the text"
-        raise _refuse(path, f"{what} '{' '.join(value.split())[:80]}'")
+        raise _refuse(path, f"{what} '{value[:80]}'")
     return value
 
 

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, real_path, without_links, write_bytes, write_text
-from toolkit.core.names import is_file_name
+from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
 from toolkit.objects.records import printed_size_mm

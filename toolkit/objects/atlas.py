@@ -7,8 +7,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
-from toolkit.objects.grouping import group_rows
-from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas
+from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas, group_rows
 from toolkit.objects.paint import COLOURS
 from toolkit.objects.unwrap import unwrap as make_corner_uv
 

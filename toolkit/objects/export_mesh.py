@@ -12,9 +12,7 @@ from uuid import NAMESPACE_URL, uuid5
 import numpy as np
 from PIL import Image
 
-from toolkit.objects.grouping import group_places, group_rows
-from toolkit.objects.mesh import Material, Mesh, cross_products, make_ray_scene
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Material, Mesh, cross_products, group_places, group_rows, load_open3d, make_ray_scene
 from toolkit.objects.records import encode_png
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.grouping import group_places
-from toolkit.objects.mesh import Mesh, cross_products
+from toolkit.objects.mesh import Mesh, cross_products, group_places
 
 THINNEST = 1e-3
 """Triangles flatter than this share of their base are taken to be this high: their angles are rounding."""

@@ -29,8 +29,7 @@ from toolkit.objects.flatten import (
     weighted_percentile,
     weld_surface,
 )
-from toolkit.objects.mesh import Mesh
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Mesh, load_open3d
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece
@@ -341,7 +340,7 @@ def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarra
     count = int(surface.faces.max()) + 1
     _, once = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_index=True)
     way = np.sqrt(np.maximum(size[once], 1e-18))
-    graph = coo_array((way, (start[once], end[once])), shape=(count, count)).tocsr()
+    graph = coo_array((way, (start[once].astype(np.int32), end[once].astype(np.int32))), shape=(count, count)).tocsr()
     from_seed = np.asarray(dijkstra(graph, directed=False, indices=surface.faces[seed], min_only=True))
     distance = from_seed[surface.faces].mean(axis=1)
     distance[~free] = np.inf

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_read_error, inside, open_plain
-from toolkit.core.limits import is_memory_full, limit_memory
 from toolkit.imaging.read import open_textures
-from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import (
     Material,
     Mesh,
     check_mesh,
+    group_places,
     hash_mesh,
     hash_shape,
     merge_meshes,

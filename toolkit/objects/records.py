@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
-from toolkit.core.names import FileName
+from toolkit.core.text import FileName
 from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
 from toolkit.objects.spec import printed_size_mm
 

@@ -18,7 +18,7 @@ from pydantic import (
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
-from toolkit.core.names import FileName, is_file_name
+from toolkit.core.text import FileName, is_file_name
 
 """How large a patch comes out of the printer."""
 

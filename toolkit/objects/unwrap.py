@@ -9,8 +9,7 @@ import numpy as np
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.grouping import group_places
-from toolkit.objects.mesh import cross_products, flat_areas
+from toolkit.objects.mesh import cross_products, flat_areas, group_places
 
 FINE = 32
 """A piece is looked at on a grid of about so many cells a side."""

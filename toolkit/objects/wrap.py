@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
-from toolkit.core.names import FileName
+from toolkit.core.text import FileName
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject

@@ -364,8 +364,9 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
     fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     lens = Camera(size[0], size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
     return _Fit(
-        views, lens, rotations, translations, residuals, bend, float(flat_px or 0), np.array(normal), np.array(gradient)
-    )
+        views, lens, rotations, translations, residuals, bend=bend, flat_px=float(flat_px or 0),
+        normal=np.array(normal), gradient=np.array(gradient),
+    )  # fmt: skip
 
 
 def _why_not(view: BoardSighting, first: BoardSighting) -> str | None:

@@ -20,7 +20,7 @@ from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
-from toolkit.core.names import is_file_name
+from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import decode_image, open_image
@@ -93,7 +93,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     kept, skipped = use_each(
         "retexturing",
         photos,
-        lambda file: _retexture(root, name, next(count), file, found, variants, config.seed, done),
+        lambda file: _retexture(root, name, next(count), file, found, variants, seed=config.seed, done=done),
     )
     numbers = [number for number, _, _ in kept]
     paired = len(bare) == len(numbers)
@@ -104,7 +104,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
             continue
         made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         content = encode_like(photo, None)
-        _write(root, name, "unpatched", number, photo, content, None, made, photo.sha256)
+        _write(root, name, "unpatched", number, photo, content, made=made, inputs_sha256=photo.sha256)
     shown = tuple((one, facts) for _, one, facts in kept)
     return RetextureRun(root, name, (*variants, AS_TAKEN), shown, (*skipped, *refused), len(bare), paired)
 
@@ -139,10 +139,16 @@ def _retexture(
     for (variant, patch), picture in zip(variants.items(), pictures, strict=True):
         if variant not in finished:
             content = encode_like(photo, picture)
-            _write(root, name, variant, number, photo, content, patch.sha256, made, inputs[variant])
+            _write(
+                root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made,
+                inputs_sha256=inputs[variant],
+            )  # fmt: skip
     if AS_TAKEN not in finished:
         taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
-        _write(root, name, AS_TAKEN, number, photo, encode_like(photo, None), fitted.patch.sha256, taken, photo.sha256)
+        _write(
+            root, name, AS_TAKEN, number, photo, encode_like(photo, None), booster_sha256=fitted.patch.sha256,
+            made=taken, inputs_sha256=photo.sha256,
+        )  # fmt: skip
     return number, photo.name, facts
 
 
@@ -155,8 +161,8 @@ def _path(name: str, variant: str, number: int, photo: Photo) -> str:
 
 
 def _write(
-    root: Path, name: str, variant: str, number: int, photo: Photo, content: bytes, booster_sha256: str | None,
-    made: dict[str, Any], inputs_sha256: str,
+    root: Path, name: str, variant: str, number: int, photo: Photo, content: bytes, *,
+    made: dict[str, Any], inputs_sha256: str, booster_sha256: str | None = None,
 ) -> None:  # fmt: skip
     path = _path(name, variant, number, photo)
     write_bytes(root / path, content, root.parent)

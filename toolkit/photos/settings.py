@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
-from toolkit.core.names import FOLDER
+from toolkit.core.text import FOLDER
 
 
 class RetextureConfig(Config):

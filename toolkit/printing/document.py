@@ -13,7 +13,6 @@ from toolkit.core.errors import FieldError
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
 from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Side
 from toolkit.printing.canvas import Pdf
-from toolkit.printing.colour_strip import reserve_strip
 from toolkit.printing.marks import (
     CUT_IT,
     JOIN_IT,
@@ -22,6 +21,7 @@ from toolkit.printing.marks import (
     draw_front_arrow,
     draw_margin_words,
     draw_page,
+    reserve_strip,
 )
 from toolkit.printing.page import CopiesPage, Page, PagePlan, Rect, pack_copies, plan_sheet
 from toolkit.printing.settings import PrintSettings

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 
 if TYPE_CHECKING:
-    from toolkit.printing.colour_strip import StripPlace
+    from toolkit.printing.marks import StripPlace
 
 Orientation = Literal["auto", "portrait", "landscape"]
 

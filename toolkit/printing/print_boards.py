@@ -11,8 +11,17 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.printing.canvas import BOLD, Pdf, measure_text_mm
-from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
-from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_crop_marks, draw_frame, draw_page
+from toolkit.printing.marks import (
+    STRIP,
+    PatchLabel,
+    SheetDrawing,
+    StripPlace,
+    draw_crop_marks,
+    draw_frame,
+    draw_page,
+    draw_strip,
+    reserve_strip,
+)
 from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import PrintSettings, SheetSettings

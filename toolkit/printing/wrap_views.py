@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, cross_products, make_ray_scene
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Mesh, cross_products, load_open3d, make_ray_scene
 from toolkit.objects.wrap import Wrap
 from toolkit.printing.canvas import BOLD, Pdf
 from toolkit.printing.page import Rect

@@ -15,11 +15,17 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.net import TAB_MM
 from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
 from toolkit.printing.canvas import BOLD, INK, SOFT, Pdf, Point, measure_text_mm
-from toolkit.printing.colour_strip import StripPlace, draw_strip, reserve_strip
-from toolkit.printing.cut_files import CutSheet, write_dxf, write_svg
 from toolkit.printing.document import HASH_DIGITS
-from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_frame, draw_page
-from toolkit.printing.nesting import Nested, fits, nest
+from toolkit.printing.marks import (
+    PatchLabel,
+    SheetDrawing,
+    StripPlace,
+    draw_frame,
+    draw_page,
+    draw_strip,
+    reserve_strip,
+)
+from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
@@ -386,7 +392,9 @@ def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str,
         at = finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM))
         if at is not None:
             letters.append(_Label(text, at, seam.middle_mm))
-    return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg, finder.footprint())
+    return _Sheet(
+        record, outline, room_mm, tuple(letters), number, way=way, way_deg=way_deg, footprint=finder.footprint()
+    )
 
 
 def _join_tabs(wrap: Wrap, index: int) -> "Polygon":

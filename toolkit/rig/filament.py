@@ -18,8 +18,7 @@ import numpy as np
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.mesh import Material, Mesh
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Material, Mesh, load_open3d
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.scene import Scene
 

@@ -10,7 +10,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
-from toolkit.core.names import FileName
+from toolkit.core.text import FileName
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, project

@@ -14,8 +14,8 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
+from toolkit.core.child import count_cores
 from toolkit.core.errors import ToolkitError
-from toolkit.core.limits import count_cores
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
     NO_PICTURE,
@@ -43,10 +43,8 @@ from toolkit.rig.kernel.scene import (
     find_table_edges,
 )
 from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting
-from toolkit.rig.linear_view import LinearView
-from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
-from toolkit.rig.shading import tone_map
-from toolkit.rig.textures import blur_directions, pad_channels
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table, blur_directions, pad_channels
+from toolkit.rig.shading import LinearView, tone_map
 from toolkit.rig.trace import CENTRE, LitBody, Tracer
 
 LIGHT_MAP_ZOOM = 2

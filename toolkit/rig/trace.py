@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import load_open3d
 from toolkit.rig.kernel.frame import (
     NOTHING,
     SUBPIXELS,

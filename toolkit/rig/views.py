@@ -14,15 +14,14 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from toolkit.core.child import count_cores
 from toolkit.core.draws import Draws
-from toolkit.core.limits import count_cores
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.linear_view import DepthBuffer, LinearView
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Scene, Stand
-from toolkit.rig.shading import tone_map
+from toolkit.rig.shading import DepthBuffer, LinearView, tone_map
 from toolkit.rig.studio import LIGHTS, make_studio
 
 FOV_DEG = 30.5

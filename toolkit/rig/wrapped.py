@@ -8,8 +8,7 @@ import numpy as np
 
 from toolkit.core.draws import Draws
 from toolkit.objects.atlas import cover_texels, nearest_covered
-from toolkit.objects.grouping import group_rows
-from toolkit.objects.mesh import Material, Mesh, cross_products, merge_meshes
+from toolkit.objects.mesh import Material, Mesh, cross_products, group_rows, merge_meshes
 from toolkit.objects.wrap import FlatPiece, Wrap
 from toolkit.rig.mount import PAPER
 from toolkit.rig.requests import Misfit

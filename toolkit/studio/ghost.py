@@ -12,8 +12,7 @@ from PIL import Image
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.mesh import Mesh, make_ray_scene
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Mesh, load_open3d, make_ray_scene
 from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster

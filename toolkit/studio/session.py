@@ -10,7 +10,7 @@ from typing import Literal
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, show_path
 from toolkit.objects.load import load_object

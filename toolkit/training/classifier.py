@@ -6,7 +6,7 @@ from pathlib import Path
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier

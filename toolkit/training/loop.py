@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
 

@@ -16,8 +16,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from toolkit.core.child import limit_memory, without_collector
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.limits import limit_memory
 from toolkit.core.text import shorten
 from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 
@@ -136,7 +136,7 @@ class Connection:
         try:
             self._socket.settimeout(self.timeout_s)
             self._socket.sendall(self._pack.pack([REQUEST, self._calls, method, list(arguments)]))
-            with limit_memory(MOST_BYTES):
+            with limit_memory(MOST_BYTES), without_collector():
                 reply = self._receive(method)
         except MemoryError:
             raise ToolkitError(

@@ -17,9 +17,8 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.severities import SEVERITIES
 from toolkit.worlds.clouds import paint_noise
 from toolkit.worlds.conditions import check_weather
-from toolkit.worlds.depth_view import AffineLight, DepthView
 from toolkit.worlds.fog import CONTRAST_LOG, LADDER_M, DepthFog, Dust, find_visibility, hang_veil
-from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
+from toolkit.worlds.particles import AffineLight, DepthView, InWind, Population, draw_coverage, lay_particles
 
 RAIN_MM_H = (5.0, 10.0, 25.0, 50.0, 100.0)
 """Rates by severity. The WMO calls it moderate from 2.5, heavy from 10, violent from 50 mm/h."""

@@ -7,8 +7,7 @@ from pydantic import Field
 
 from toolkit.core.config import Config
 from toolkit.worlds.daylight import LUMINANCE, WAVELENGTHS_UM
-from toolkit.worlds.depth_view import AffineLight, DepthView
-from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
+from toolkit.worlds.particles import AffineLight, DepthView, InWind, Population, draw_coverage, lay_particles
 
 CONTRAST_LOG = 2.996
 """-ln 0.05: at the visibility a black target keeps 5 % of its contrast (Koschmieder 1924; WMO-No. 8)."""

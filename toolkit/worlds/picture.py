@@ -16,8 +16,8 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import develop_light, draw_grain
 from toolkit.worlds.conditions import CLEAR
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
+from toolkit.worlds.particles import DepthView
 from toolkit.worlds.place import Placed, make_scene
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import STANDING, SceneClass, Spot, World

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import load_open3d
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.worlds.world import STANDING, SceneClass, World
 

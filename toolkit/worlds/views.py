@@ -21,7 +21,7 @@ from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.views import DETAIL, HELD_OUT, ViewSettings, random_pose
-from toolkit.worlds.catalogue import open_world
+from toolkit.worlds.own import open_world
 from toolkit.worlds.place import choose_places, find_radius, is_clear, place_object
 from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.world import Spot, World
@@ -156,7 +156,7 @@ def _is_seen(renderer: RaycastRenderer, camera: Camera, T_world_camera: np.ndarr
 
 
 def open_setting(space: Workspace, world: str, times: Sequence[str], *, seed: int, scale: float) -> WorldSetting:
-    """A world at some times of day; see `toolkit.worlds.catalogue.open_world`.
+    """A world at some times of day; see `toolkit.worlds.own.open_world`.
 
     Raises:
         ToolkitError: there is no such world or time, or a file cannot be used.

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh
-from toolkit.objects.open3d import load_open3d
+from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh, load_open3d
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene

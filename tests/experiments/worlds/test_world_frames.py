@@ -10,8 +10,8 @@ from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, WorldVarian
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.conditions import CLEAR
-from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
+from toolkit.worlds.particles import DepthView
 from toolkit.worlds.picture import find_depths, make_renderer, see_through
 from toolkit.worlds.place import find_spot, place_object
 from toolkit.worlds.sky import make_sky

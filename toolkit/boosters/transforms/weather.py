@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     import torch
 
-    from toolkit.rig.linear_view import LinearView
-    from toolkit.worlds.depth_view import DepthView
+    from toolkit.rig.shading import LinearView
+    from toolkit.worlds.particles import DepthView
 
 TINT = 0.12
 """How much bluer or yellower than grey the air's light may be drawn."""
@@ -66,7 +66,7 @@ def read_words(given: object) -> object:
 
 def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float]) -> "list[DepthView]":
     """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
-    from toolkit.worlds.depth_view import DepthView
+    from toolkit.worlds.particles import DepthView
 
     buffers = [view.depth for view in views]
     return [

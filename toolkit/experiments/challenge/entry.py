@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, real_path, write_bytes, write_json
-from toolkit.core.names import FileName, is_file_name
+from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.experiments.challenge.rules import (
     CLOSED_OBJECTS,

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from toolkit.core.config import Config, Flag
-from toolkit.core.names import FileName
+from toolkit.core.text import FileName
 
 VERSION = 1
 """Of rules, poses and judges; scores of different versions are never compared."""

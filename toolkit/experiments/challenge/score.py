@@ -33,9 +33,8 @@ from toolkit.core.tables import build_table, encode_csv, format_percent, format_
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import COMMON
 from toolkit.engine.units import Engine
-from toolkit.evaluation.clusters import estimate_difference
 from toolkit.evaluation.ground_truth import find_true_classes
-from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.metrics import describe_change, estimate_difference
 from toolkit.evaluation.predict import predict_once
 from toolkit.experiments.challenge.entry import ENTRY, ChallengeEntry, EntryRecord, check_entry, open_space, read_entry
 from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION

@@ -11,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
-from toolkit.evaluation.clusters import estimate_difference, estimate_share
+from toolkit.evaluation.metrics import estimate_difference, estimate_share
 from toolkit.evaluation.summaries import list_reasons
 from toolkit.experiments.corruptions.benchmark_config import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.benchmark_summary import (

@@ -59,7 +59,7 @@ class CorruptionMean:
     """One corruption, mean over the severities that were run.
 
     Attributes:
-        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.evaluation.clusters`).
+        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.evaluation.metrics`).
         top5: None for a reader.
         wrong, not_decoded: shares, of a reader; None for a network.
         ce_alexnet, ce_unpatched: corruption error: the sum over severities of errors, divided by that of the reference;

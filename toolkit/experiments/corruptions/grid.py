@@ -13,8 +13,7 @@ from toolkit.boosters.apply import is_whole
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
-from toolkit.core.locks import hold_folder
-from toolkit.core.records import RecordLog
+from toolkit.core.records import RecordLog, hold_folder
 from toolkit.corruptions.catalogue import choose_parameters, find_note
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Ran, RecordCache, Shared, Unit, run_resumable

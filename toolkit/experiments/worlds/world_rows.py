@@ -10,8 +10,7 @@ import numpy as np
 from toolkit import __version__
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.statistics import Interval, PairedOutcomes, percentile_interval, wilson_interval
-from toolkit.evaluation.clusters import ClusterBootstrap
-from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.metrics import ClusterBootstrap, describe_change
 from toolkit.evaluation.summaries import begin_summary
 from toolkit.experiments.worlds.cameras import FAILED, HIDDEN, LOWEST, NEAREST, count_cameras
 from toolkit.experiments.worlds.frames import ViewAnswers, WeatherKey, name_weather

@@ -16,7 +16,7 @@ from toolkit.captures.shoot import LOOK_VERSION
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.core.locks import hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
@@ -52,7 +52,7 @@ from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.worlds.airsim import Address
-from toolkit.worlds.catalogue import open_world
+from toolkit.worlds.own import open_world
 from toolkit.worlds.picture import make_speck
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
 from toolkit.worlds.sky import Sky, make_sky

@@ -15,8 +15,7 @@ from toolkit.captures.read import Capture, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file, write_text
-from toolkit.core.locks import hold_folder
-from toolkit.core.records import RecordLog
+from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object

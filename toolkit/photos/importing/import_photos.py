@@ -16,8 +16,8 @@ from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import real_path
-from toolkit.core.locks import hold_folder
-from toolkit.core.names import is_folder_name
+from toolkit.core.records import hold_folder
+from toolkit.core.text import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, sha256_bytes, sha256_file
-from toolkit.core.names import is_file_name, is_folder_name
+from toolkit.core.text import is_file_name, is_folder_name
 from toolkit.imaging.read import show_path
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported, find_images

@@ -11,12 +11,11 @@ from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
 from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
 from toolkit.imaging.read import show_path
-from toolkit.photos.exif import ExifFacts, read_preview, write_exif
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
 from toolkit.photos.importing.match import Decision
-from toolkit.photos.photo import SUFFIXES, Photo, load_pixels
+from toolkit.photos.photo import SUFFIXES, ExifFacts, Photo, load_pixels, read_preview, write_exif
 
 JPEG_QUALITY = 95
 HOW = {"dng": "preview of a raw photograph", "video": "frame of a video"}

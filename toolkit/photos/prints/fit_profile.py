@@ -11,7 +11,7 @@ from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.printer import ColourError, Exponents, raise_terms
 from toolkit.photos.prints.align import map_points, sample_image
 from toolkit.photos.prints.colours import PrintedColours, measure_error
-from toolkit.printing.colour_strip import STRIP
+from toolkit.printing.marks import STRIP
 
 INSET = 0.2
 """Share of a cell's side that is left out at each edge: camera blur mixes neighbours there."""

@@ -22,9 +22,8 @@ from toolkit.photos.prints.align import PatchWarp
 from toolkit.photos.prints.features import Features, to_cv
 from toolkit.photos.prints.find import PatchSighting, SearchedPhoto, find_patch, search_photo, shrink_image
 from toolkit.photos.prints.look import KERNEL_PX, PrintedLook, Scene, fit_look
-from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import size_on_paper
-from toolkit.rig.shading import SHOULDER
+from toolkit.rig.shading import SHOULDER, LinearView
 
 if TYPE_CHECKING:
     from toolkit.boosters.mounted import MountedViews

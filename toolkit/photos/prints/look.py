@@ -134,16 +134,9 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
     delta = np.zeros((3, KERNEL_PX, KERNEL_PX))
     delta[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
     look = PrintedLook(
-        sighting.warp,
-        np.zeros((RIPPLE_TERMS, 2)),
-        nodes,
-        light,
-        delta,
-        np.zeros((NOISE_LEVELS, 3)),
-        np.zeros(2),
-        delta_e,
-        sighting.shown,
-    )
+        sighting.warp, ripple=np.zeros((RIPPLE_TERMS, 2)), nodes=nodes, light=light, kernels=delta,
+        noise=np.zeros((NOISE_LEVELS, 3)), grain_px=np.zeros(2), delta_e=delta_e, shown=sighting.shown,
+    )  # fmt: skip
     look = _refine_place(image, look, patch_pixels)
     # what lies outside of the picture does not show either
     look = replace(look, shown=min(look.shown, float((trust > 0).mean())))

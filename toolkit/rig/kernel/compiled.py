@@ -20,10 +20,10 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 import numba.core.config as config
 
+from toolkit.core.child import without_collector
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file, write_text
-from toolkit.core.limits import without_collector
 
 MARK = "made-by-toolkit.txt"
 """In each folder that was made here; one without it is never deleted."""

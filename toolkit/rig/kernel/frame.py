@@ -292,7 +292,7 @@ def paint_background(
 
 
 class Linear(NamedTuple):
-    """Where the object's part of a linear view is written; see `toolkit.rig.linear_view.LinearView`.
+    """Where the object's part of a linear view is written; see `toolkit.rig.shading.LinearView`.
 
     Attributes:
         coverage: (h · w,) float32.

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
-from toolkit.rig.kernel.gloss import environment_brdf, key_lobe
 from toolkit.rig.kernel.lanes import log2, weighted_sum
-from toolkit.rig.kernel.light import LightMap, find_samples, read_light_map
+from toolkit.rig.kernel.light import LightMap, environment_brdf, find_samples, key_lobe, read_light_map
 from toolkit.rig.kernel.textures import Colour, Texels, sample_direction, sample_texture
 
 ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
