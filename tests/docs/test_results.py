@@ -229,3 +229,7 @@ def test_tables_agree_on_what_a_network_says_of_the_same_images() -> None:
     same = [(row, of[who]) for row in told if (who := (row["network"], row["object"])) in of]
     assert {row["network"] for row, _ in same} >= {"resnet18", "mobilenet_v2", UNSEEN}
     assert all([row[one] for one in counts] == [other[one] for one in counts] for row, other in same)
+    for row in read_table("sweeps"):
+        if row["axis"] == "coverage" and row["variant"] == "unpatched":
+            (bare,) = {one["bare"] for one in told if (one["network"], one["object"]) == (row["run"], row["object"])}
+            assert row["correct"] == bare
