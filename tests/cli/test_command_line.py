@@ -189,3 +189,17 @@ def test_names_in_a_narrow_table_are_broken_after_a_slash():
     with narrow.capture() as shown:
         narrow.print(table)
     assert [line.split()[0] for line in shown.get().splitlines()] == ["run", "landing/", "apriltag"]
+
+
+def test_no_number_is_cut_off_where_heads_are_long():
+    """Of p = 0.031 at 80 columns `0.03` was left."""
+    from rich.console import Console
+
+    from toolkit.core.tables import build_table
+
+    heads = ("n", "failed a gate", "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
+    row = ("coffeepot", "unpatched", "12", "2", "75", "47–91", "92", "0.50", "6", "0", "0.031")
+    narrow = Console(width=80)
+    with narrow.capture() as shown:
+        narrow.print(build_table("", ("object", "variant"), heads, [row]))
+    assert shown.get().split()[-len(row) :] == list(row)

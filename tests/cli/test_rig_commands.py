@@ -43,6 +43,12 @@ def test_plan_writes_what_it_was_asked_for_and_prints_it(space):
     assert space.plan_file.read_bytes() == first
 
 
+def test_plan_names_the_training_that_is_missing(space):
+    for file in space.patches().values():
+        file.unlink(), file.with_suffix(".json").unlink()
+    assert "next: toolkit train-patch --object crate, then toolkit capture-sim" in call("plan").stdout
+
+
 def test_jitter_follows_its_seed(space):
     def planned(seed):
         call("plan", "--jitter", 3, "--seed", seed, "--quiet")

@@ -190,7 +190,7 @@ def test_faces_without_value_or_out_of_reach_are_left_out() -> None:
 
 
 def test_many_triangles_give_the_piece_that_few_give() -> None:
-    few = pipe(20, 60, 48)
+    few = pipe(20, 60, 28)
     vertices, faces = few.vertices, few.faces
     for _ in range(4):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)

@@ -240,6 +240,16 @@ def test_another_dictionary_is_named(tmp_path):
     assert measure_ink(image, find_board(image, board)) < 0.2, "black ink on paper"
 
 
+def test_a_dark_object_on_a_pale_board_is_not_its_ink():
+    """A black pot covers a third of a board in 10 % ink, which was then called black."""
+    page = DEFAULT_BOARD.paint(3.0)
+    cv2.ellipse(
+        page, (page.shape[1] // 2, page.shape[0] // 2), (page.shape[1] // 3, page.shape[0] // 3), 0, 0, 360, 5, -1
+    )
+    image = np.repeat(cv2.GaussianBlur(page, (0, 0), 1.5)[..., None], 3, axis=2)
+    assert 0.7 < measure_ink(image, find_board(image, DEFAULT_BOARD)) < 0.9
+
+
 @pytest.mark.slow
 def test_dictionaries_of_real_boards_are_named(shared):
     for folder, name in (("charuco", "DICT_4X4_50"), ("aruco-sheet", "DICT_6X6_50")):

@@ -11,6 +11,7 @@ from PIL import Image
 from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
+from toolkit.photos.gates.check_photo import ExpectationBuilder
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.importing.gather import REPLACED
 from toolkit.photos.settings import ImportSettings
@@ -283,3 +284,14 @@ def test_what_the_gates_say_is_kept_with_each_photograph(space, folder):
     again = take(folder.parent / "again" / "pose_2.jpg", 3, 3)
     result = run(space, again, ImportSettings(object="crate", variant="patched", replace=True), check=check)
     assert "retake" not in read_manifest(result.source_dir)["crate/patched/pose_02.jpg"].made
+
+
+def test_a_board_that_gives_no_pose_is_not_called_unseen_by_the_gates(space, folder):
+    """Without a lens the board's corners say nothing: to print another board would be the wrong advice."""
+    take(folder / "pose_1.jpg", 1)
+    why = "a board is seen, but the lens is not known: no lens is calibrated"
+    (record,) = run(space, folder, board=lambda *_: why).imported
+    assert ExpectationBuilder(space).expect_record(record).no_pose == why
+    take(folder / "pose_2.jpg", 2)
+    (record,) = run(space, folder).imported
+    assert ExpectationBuilder(space).expect_record(record).no_pose == "no board is seen"

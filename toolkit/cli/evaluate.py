@@ -324,8 +324,8 @@ def transfer(
     if as_json:
         show_json([row.model_dump() for row in result.rows])
         return
-    for seen, title in ((False, "judged by the network that was left out"), (True, "judged by those trained on")):
-        say(title)
+    for seen, judges in ((False, "network that was left out"), (True, "networks that it was trained on")):
+        say(f"judged by the {judges}")
         show_table(HEADS, tabulate(result.rows, seen))
     say(f"matrix: {result.json_file}, {result.markdown_file}")
 

@@ -16,6 +16,7 @@ from toolkit.engine.config import EngineConfig
 from toolkit.rig.requests import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace
     from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
 
@@ -145,11 +146,20 @@ def plan(
             show_json(planned.model_dump(mode="json"))
         elif not as_json:
             _report_plan(planned, drawn, quiet)
-            say(f"wrote {space.plan_file}{'' if shot_list else '; next: toolkit capture-sim'}")
+            say(f"wrote {space.plan_file}{'' if shot_list else _what_follows(space, list(planned.objects))}")
     for line in list_misfits(space, names, made):
         remark(line)
     if shot_list:
         _report_list(write_shot_list(space, made, names, listing, seed), as_json)
+
+
+def _what_follows(space: "Workspace", names: list[str]) -> str:
+    from toolkit.objects.spec import read_spec
+    from toolkit.rig.variants import find_patch_file
+
+    bare = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
+    trained = f"toolkit train-patch --object {bare[0]}, then " if bare else ""
+    return f"; next: {trained}toolkit capture-sim"
 
 
 def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import TYPE_CHECKING
 
 from toolkit.core.statistics import Interval, RankCorrelation, wilson_interval
@@ -133,7 +134,7 @@ def build_table(
     Args:
         title: above it.
         texts: heads of the columns of text on the left, which are folded where the console is narrow.
-        numbers: heads of the columns on the right.
+        numbers: heads of the columns on the right, whose cells are never cut off.
         rows: a cell for each column. A cell in the first column that is the one above is left out.
         bold: first cell of the rows that stand out.
     """
@@ -144,21 +145,23 @@ def build_table(
 
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     cells = [[escape(cell) for cell in row] for row in rows]
-    columns = list(zip((*texts, *numbers), *cells, strict=True))
-    room = console.width - sum(max(map(len, column)) for column in columns[len(texts) :]) - len(columns)
-    widths = share_width(columns[: len(texts)], room)
-    if sum(widths) > room:  # long names such as landing/apriltag may then be broken after a slash
-        cells = [[*(BREAKS.sub("/ ", cell) for cell in row[: len(texts)]), *row[len(texts) :]] for row in cells]
-        widths = share_width(list(zip(texts, *(row[: len(texts)] for row in cells), strict=True)), room)
+    broken = [[*(BREAKS.sub("/ ", cell) for cell in row[: len(texts)]), *row[len(texts) :]] for row in cells]
+    # long names such as landing/apriltag may be broken after a slash, then heads between words, but no number
+    for heads, shown in product(([[head] for head in numbers], [head.split() for head in numbers]), (cells, broken)):
+        columns = list(zip((*texts, *numbers), *shown, strict=True))
+        numeric = [max(map(len, [*head, *of])) for head, (_, *of) in zip(heads, columns[len(texts) :], strict=True)]
+        room = console.width - sum(numeric) - len(columns)
+        widths = share_width(columns[: len(texts)], room)
+        if sum(widths) <= room:
+            break
     fits = sum(widths) <= room
     for i, (name, width) in enumerate(zip(texts, widths, strict=True)):
         least = width if fits else min(width, TEXT_WIDTH if i else FIRST_WIDTH)
         table.add_column(name, overflow="fold", min_width=least)
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
+    for name, width in zip(numbers, numeric, strict=True):
+        table.add_column(name, justify="right", overflow="fold", width=width if fits else None)
     above = None
-    for first, *rest in cells:
-        shown = "" if first == above else first
-        table.add_row(Text(shown), *map(Text, rest), style="bold" if first == bold else "")
+    for first, *rest in shown:
+        table.add_row(Text("" if first == above else first), *map(Text, rest), style="bold" if first == bold else "")
         above = first
     return table

@@ -91,15 +91,18 @@ def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
     places, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
     area = float(surface.area[rows].sum())
     # an equilateral triangle's side, of which FEW would cover the whole
-    places, faces = halve_long_edges(places, faces, 2.5 * float(np.sqrt(4 / np.sqrt(3) * area / FEW)))
+    places, faces = halve_long_edges(places, faces, 2.5 * float(np.sqrt(4 / np.sqrt(3) * area / FEW)), FEW)
     coarse = make_surface(places, faces)
     parent = np.full(len(allowed), -1)
     parent[rows] = _find_nearest(coarse, surface.corners[rows].mean(axis=1), surface.normals[rows])
     return Coarse(coarse, parent)
 
 
-def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cut triangles (m, 3) at the middle of edges that are longer, until none is; neighbours stay edge to edge."""
+def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cut triangles (m, 3) at the middle of edges that are longer, until none is or there are many.
+
+    Neighbours stay edge to edge.
+    """
     while True:
         start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
         key = np.minimum(start, end) * len(places) + np.maximum(start, end)
@@ -114,7 +117,7 @@ def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float) -> t
         around = np.bincount(edge.reshape(-1), minlength=len(edges))
         # an edge is cut where it is the longest of all triangles at it (Rivara 1984): no hanging corner is left
         cut = (np.bincount(longest_of, minlength=len(edges)) == around) & (length > longest)
-        if not cut.any():
+        if not cut.any() or len(faces) >= most:  # slivers, which decimation leaves on a flat part, take many cuts
             return places, faces
         middle = np.full(len(edges), -1)
         middle[cut] = len(places) + np.arange(int(cut.sum()))

@@ -136,11 +136,21 @@ def _read_markers(grey: np.ndarray, names: list[str]) -> list[set[int]]:
 
 
 def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
-    """Light of the board's ink as a share of its paper's, 0 to 1, in a picture (h, w, 3) uint8 sRGB."""
-    light = LINEAR_OF_CODE[sighting.pixels(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))]
-    # percentiles, so that a shadow, glare or what else lies on the board does not count
-    dark, bright = np.percentile(light, (15, 85)) if len(light) else (1.0, 1.0)
-    return float(dark / max(bright, 1e-6))
+    """Light of the board's ink as a share of its paper's, 0 to 1, in a picture (h, w, 3) uint8 sRGB.
+
+    Ink and paper meet at every corner. The median over the corners is told, each of which is seen: what stands on the
+    board, a shadow and glare do not count.
+    """
+    light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)]
+    apart = np.linalg.norm(sighting.corners_px[:, None] - sighting.corners_px, axis=-1)
+    reach = max(2, int(CHESS_REACH * np.median(np.sort(apart, axis=1)[:, 1])))
+    shares = []
+    for x, y in sighting.corners_px.round().astype(int):
+        dark, bright = np.percentile(
+            light[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1], (10, 90)
+        )
+        shares.append(dark / max(bright, 1e-6))
+    return float(np.median(shares))
 
 
 def explain_absence(image: np.ndarray, board: Board) -> str:

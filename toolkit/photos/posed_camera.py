@@ -93,7 +93,8 @@ class PhotoPose:
             return "two cameras fit the board about as well: it is too small or too blurred in the picture"
         if self.angle_sigma_deg > MOST_SIGMA_DEG:
             return (
-                f"the camera's direction is known to {self.angle_sigma_deg:.1f}° only: the board is blurred or hidden"
+                f"the camera's direction is known to {self.angle_sigma_deg:.1f}° only: the board is blurred or hidden, "
+                "or the lens is another one"
             )
         return None
 

@@ -135,7 +135,7 @@ HEADS = ("left out", "judged by", "booster", "source", "object", "bare", "booste
 
 
 def _as_markdown(rows: Sequence[JudgedRow], seen: bool) -> list[str]:
-    title = "Judged by networks that were trained on" if seen else "Judged by the network that was left out"
+    title = "Judged by the networks that it was trained on" if seen else "Judged by the network that was left out"
     table = [HEADS, ("---",) * len(HEADS), *tabulate(rows, seen)]
     lines = [" | ".join(cells) for cells in table]
     return [f"{title}:", "", *(f"| {line} |" for line in lines)]

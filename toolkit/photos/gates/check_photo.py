@@ -314,7 +314,8 @@ class ExpectationBuilder:
 
     def expect_record(self, record: CaptureRecord) -> Expectation:
         """What the photograph of a manifest's line should show."""
-        return self.expect(record.object, record.variant, record.pose_id, view_of_record(record))
+        why = record.made.get("no_pose", "no board is seen")
+        return self.expect(record.object, record.variant, record.pose_id, view_of_record(record), why)
 
     @cached_property
     def _patches(self) -> dict[str, np.ndarray]:

@@ -108,6 +108,8 @@ def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None
         made |= dict(located.details)
         if any(located.camera.distortion):
             made["distortion"] = list(located.camera.distortion)
+    elif evidence.no_board != Evidence.no_board:
+        made["no_pose"] = evidence.no_board
     name = f"pose_{key.pose_id:02d}{SUFFIXES[photo.kind]}"
     return CaptureRecord(
         path=f"{key.object}/{key.variant}/{name}", object=key.object, variant=key.variant,
