@@ -44,6 +44,8 @@ def main(folder: str, photographs: str | None = None) -> None:
     enter(entries, space, "patch-four-networks", said, patch_set="four-networks")
     said = "The kit's own textures: `toolkit train-texture --view-jitter --corrupt common`, four networks by turns."
     enter(entries, space, "texture-four-networks", said, budget="texture")
+    said = "The kit's own wraps: `toolkit train-wrap --view-jitter --corrupt common --max-change auto`, four networks."
+    enter(entries, space, "wrap-four-networks", said, budget="wrap")
     for name, method in (
         ("texture-resnet18", "`toolkit train-texture` against ResNet-18 alone."),
         ("texture-near", "The kit's own textures, the eggnog's kept near its paint: `--max-change 0.2`."),

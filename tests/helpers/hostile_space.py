@@ -111,6 +111,19 @@ def furnish(space: Workspace) -> None:
         "without": {"median": 1.0, "p95": 2.0}, "held_out": {"median": 1.0, "p95": 2.0},
         "made": {"on": "2026-01-01", "with_version": "0", "by": None},
     }  # fmt: skip
+    heads = "".join(
+        f"property {kind}\n" for kind in ("float x", "float y", "float z", "uchar red", "uchar green", "uchar blue")
+    )
+    (space.root / "tiles").mkdir()
+    (space.root / "tiles" / "road.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 4\n{heads}element face 2\nproperty list uchar int vertex_indices\n"
+        "end_header\n"
+        "-1 -1 0 90 90 90\n1 -1 0 90 90 90\n1 1 0 90 80 90\n-1 1 0 90 90 90\n3 0 1 2\n3 0 2 3\n"
+    )
+    (space.root / "town.toml").write_text(
+        'pieces = "tiles"\nscale = 10.0\ntile = 2.0\nrows = ["AA", "A "]\nplace = [{ piece = "road", yaw = 90.0 }]\n'
+        '[legend]\nA = [{ piece = "road", at = [0.0, 0.0, 0.5], class = "ground" }]\n'
+    )
     (space.root / "print" / "profiles").mkdir(parents=True)
     (space.root / "print" / "profiles" / "p.json").write_text(json.dumps(profile))
 
@@ -238,6 +251,7 @@ READERS = {
     "weights": Reader("rig/classifiers/mine.safetensors", _load_classifier, "bytes"),
     "object": Reader("rig/objects/crate.toml", _by("objects.load:load_object", "rig/objects/crate.toml"), "toml"),
     "mesh": Reader(MESH, _by("objects.load:load_object", "rig/objects/crate.toml"), "bytes"),
+    "kit": Reader("town.toml", _by("worlds.own:load_kit", "town.toml"), "toml"),
     "marker": Reader("toolkit.toml", _by("core.workspace:open_workspace", "."), "toml"),
     "manifest": Reader("captures/real/manifest.jsonl", _read_manifest, "lines"),
     "captures": Reader("captures/sim/manifest.jsonl", _read_captures, "lines"),

@@ -244,7 +244,7 @@ def test_files_that_are_no_exported_programs(tmp_path):
     assert "not a program of torch.export" in error_of(lambda: load_classifier(str(tmp_path / "noise.pt2")))
     with zipfile.ZipFile(tmp_path / "old.pt2", "w") as archive:
         archive.writestr("serialized_exported_program.json", "{}")
-    assert "torch.export 2.8 or later" in error_of(lambda: load_classifier(str(tmp_path / "old.pt2")))
+    assert "torch.export 2.9 or later" in error_of(lambda: load_classifier(str(tmp_path / "old.pt2")))
     assert "no such file" in error_of(lambda: load_classifier(str(tmp_path / "none.pt2")))
 
 

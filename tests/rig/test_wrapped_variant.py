@@ -136,6 +136,12 @@ def test_the_shot_list_shows_where_the_pieces_go(space):
     assert all(side in words for side in ("front", "left", "back", "right", "top", "bottom"))
 
 
+def test_a_mesh_of_very_many_triangles_is_one_line(crate, monkeypatch):
+    monkeypatch.setattr("toolkit.rig.wrap_plan.MOST_TRIANGLES", 11)
+    with pytest.raises(ToolkitError, match=r"crate: 12 triangles, more than a wrap's 11: simplify it \("):
+        plan_wrap(crate)
+
+
 def test_sides_larger_than_the_sheet_are_pieces_in_tiles(crate, capsys):
     small = plan_wrap(crate, WrapConfig(sheet_mm=(40.0, 50.0), views=8))
     assert small.record.covered > 0.99

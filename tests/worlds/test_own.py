@@ -186,6 +186,14 @@ def test_a_wrong_layout_is_one_clear_line(kit: Path, old: str, new: str, message
     assert "\n" not in str(caught.value)
 
 
+def test_a_layout_of_very_many_pieces_is_refused_before_they_are_laid(kit: Path) -> None:
+    rows, piece = '["' + "R" * 100_000 + '"]', '{ piece = "road" }, '
+    text = KIT_TOML.replace('["RR", "HR"]', rows).replace("R = [{ piece", f"R = [{piece * 10_000}{{ piece")
+    kit.write_text(text)  # a thousand million of them
+    with pytest.raises(ToolkitError, match="more than 20,000 pieces: make the grid smaller"):
+        load_world(kit)
+
+
 @pytest.mark.parametrize("rows", ['[""]', '["  ", " "]'])
 def test_a_layout_without_a_piece_is_one_clear_line(kit: Path, rows: str) -> None:
     place = next(line for line in KIT_TOML.splitlines() if line.startswith("place"))

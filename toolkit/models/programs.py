@@ -127,7 +127,7 @@ def _rebuild(path: Path) -> BytesIO:
             f"cannot read {path}: not a program of torch.export, or a damaged one: save it with torch.export.save"
         ) from None
     if len(content) != len(names) or "models/model.json" not in content:
-        raise ToolkitError(f"{path}: not a program of torch.export 2.8 or later: save it with torch.export.save")
+        raise ToolkitError(f"{path}: not a program of torch.export 2.9 or later: save it with torch.export.save")
     strange = next((name for name in content if not KNOWN_FILES.fullmatch(name)), None)
     if strange is not None:
         raise _refuse(path, f"the file '{strange[:80]}'")

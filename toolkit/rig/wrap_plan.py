@@ -11,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas, take_paint
 from toolkit.objects.flatten import Surface, lay_triangles, weld_surface
 from toolkit.objects.grow import find_pieces
-from toolkit.objects.load import TableObject
+from toolkit.objects.load import SIMPLER, TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
 from toolkit.objects.net import FOLD_DEG as NET_FOLD_DEG
 from toolkit.objects.net import TAB_MM, name_tabs, unfold
@@ -25,6 +25,8 @@ from toolkit.rig.patch_places import draw_poses
 from toolkit.rig.requests import WrapConfig
 
 LIFT_MM = 0.05
+MOST_TRIANGLES = 1_000_000
+"""More take minutes, for detail that no sheet follows."""
 
 
 def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0) -> Wrap:
@@ -39,7 +41,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
         The wrap, in the object's own paint.
 
     Raises:
-        ToolkitError: no piece lies flat anywhere.
+        ToolkitError: no piece lies flat anywhere, or the mesh has more than `MOST_TRIANGLES`.
 
     Example:
         >>> item = tk.load_object(tk.make_workspace(Path("space")).object_spec("racer"))
@@ -49,6 +51,8 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     """
     config = config or WrapConfig()
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
+    if (count := len(item.mesh.faces)) > MOST_TRIANGLES:
+        raise ToolkitError(f"{item.name}: {count:,} triangles, more than a wrap's {MOST_TRIANGLES:,}: {SIMPLER}")
     sight = look_at_faces(item, config.views, seed)
     if not sight.seen.any():
         raise ToolkitError(

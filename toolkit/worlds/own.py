@@ -16,9 +16,11 @@ at = [3.0, -2.0, 0.1]
 yaw = 90
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Literal
@@ -30,7 +32,7 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, read_toml
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import MAX_PARTS, SUFFIXES, read_mesh, turn_upright
+from toolkit.objects.load import MAX_FACES, MAX_PARTS, SUFFIXES, read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.spec import axes_of_format
 from toolkit.worlds.world import STANDING, SceneClass, Spot, World
@@ -302,28 +304,30 @@ def load_kit(path: Path, seed: int = 0) -> World:
     """
     path = Path(path)
     layout = read_toml(path, KitLayout)
-    meshes, classes = [], []
+    meshes, classes, n_faces = [], [], 0
     kit: dict[str, Mesh] = {}
-    tiles = _lay(layout, path)
+    tiles = list(islice(_lay(layout, path), MAX_PARTS + 1))
     if not tiles:
         raise ToolkitError(f"{path}: field 'rows': no piece lies on any cell: name one of the legend's letters")
     if len(tiles) > MAX_PARTS:
-        raise ToolkitError(f"{path}: {len(tiles)} pieces, expected at most {MAX_PARTS}: make the grid smaller")
+        raise ToolkitError(f"{path}: more than {MAX_PARTS:,} pieces: make the grid smaller")
     for tile, x, y, z in tiles:
         if tile.piece not in kit:
             kit[tile.piece] = _read_piece(inside(path.parent, layout.pieces), tile.piece, path)
         mesh = _turn(kit[tile.piece], tile.yaw)
+        n_faces += len(mesh.faces)
+        if n_faces > MAX_FACES:
+            raise ToolkitError(f"{path}: more than {MAX_FACES:,} faces in all: make the grid smaller")
         shift = np.array([x, y, z])
         meshes.append(replace(mesh, vertices=(mesh.vertices * layout.scale + shift).astype(np.float32)))
         classes.append(np.full(len(mesh.faces), _class_of(tile), np.uint8))
     return world_from_mesh(merge_meshes(meshes), str(path), path.stem, seed, np.concatenate(classes))
 
 
-def _lay(layout: KitLayout, path: Path) -> list[tuple[KitPiece, float, float, float]]:
+def _lay(layout: KitLayout, path: Path) -> Iterator[tuple[KitPiece, float, float, float]]:
     """Every tile with its place in metres."""
     side, depth = layout.tile * layout.scale, len(layout.rows)
     width = max(len(row) for row in layout.rows)
-    laid = []
     for j, row in enumerate(layout.rows):
         for i, letter in enumerate(row):
             if letter == " ":
@@ -336,8 +340,8 @@ def _lay(layout: KitLayout, path: Path) -> list[tuple[KitPiece, float, float, fl
             x, y = (i - (width - 1) / 2) * side, ((depth - 1) / 2 - j) * side
             for tile in layout.legend[letter]:
                 right, up, height = (layout.scale * v for v in tile.at)
-                laid.append((tile, x + right, y + up, height))
-    return [*laid, *((tile, *tile.at) for tile in layout.place)]
+                yield tile, x + right, y + up, height
+    yield from ((tile, *tile.at) for tile in layout.place)
 
 
 def _read_piece(folder: Path, name: str, path: Path) -> Mesh:
