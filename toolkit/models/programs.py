@@ -20,7 +20,7 @@ from torch import nn
 from torchvision.transforms._presets import ImageClassification
 
 from toolkit.core.child import is_memory_full, limit_memory
-from toolkit.core.console import notice
+from toolkit.core.console import errors
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import MOST_JSON_BYTES, explain_validation, sha256_bytes, sha256_file
 from toolkit.core.text import escape
@@ -267,10 +267,12 @@ def _read_description(path: Path) -> LabelsFile:
     """What the file beside a program says; with a line where it leaves open how images are normalised."""
     own = read_labels_file(path)
     if own.mean is None and own.std is None:
-        notice(
+        # said in quiet too, as it can cost half of the right answers
+        line = (
             f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
-            "normalised by ImageNet's, as published networks' mostly are"
+            "normalised by ImageNet's; where it was trained with others, its answers are wrong"
         )
+        errors.print(line, markup=False, soft_wrap=True)
     return own
 
 
