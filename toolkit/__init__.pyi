@@ -31,7 +31,7 @@ from toolkit.rig.wrap_plan import plan_wrap as plan_wrap
 from toolkit.rig.requests import WrapConfig as WrapConfig
 from toolkit.objects.wrap import read_wrap as read_wrap
 from toolkit.objects.wrap import write_wrap as write_wrap
-from toolkit.captures.simulate import render as render
+from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
 from toolkit.photos.retexture import retexture as retexture

@@ -11,7 +11,7 @@ from PIL import Image
 
 from toolkit.boosters.baselines.baseline_config import BaselineConfig
 from toolkit.boosters.baselines.make import make_baseline
-from toolkit.boosters.class_patches import read_patch_set
+from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.preprocessing import Preprocessing

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from toolkit.captures.render import render
 from toolkit.captures.shoot import ShootSettings, shoot_plan
-from toolkit.captures.simulate import render
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
 from toolkit.rig.camera import project

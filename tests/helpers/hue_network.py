@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from toolkit.boosters.class_patches import name_class
+from toolkit.boosters.patch_sets import name_class
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile

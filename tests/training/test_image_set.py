@@ -5,7 +5,7 @@ import pytest
 from hue_network import LABELS, make_hue_classifier, write_photos
 from PIL import Image
 
-from toolkit.boosters.class_patches import name_class
+from toolkit.boosters.patch_sets import name_class
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.training.images import choose_classes, match_classes, open_images

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
-from toolkit.captures.simulate import ObjectPreview, preview_object
 from toolkit.core.errors import FieldError
 from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace

@@ -125,7 +125,7 @@ def plan(
 
     With --shot-list, and without an option about the poses, those that are planned stay as they are.
     """
-    from toolkit.captures.simulate import preview_plan
+    from toolkit.captures.render import preview_plan
     from toolkit.core.workspace import open_workspace
     from toolkit.printing.shot_list.job import write_shot_list
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects

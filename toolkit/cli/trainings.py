@@ -8,8 +8,8 @@ import typer
 from pydantic import Field
 
 from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
-from toolkit.boosters.class_patches import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
+from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
 from toolkit.boosters.texture_config import make_config as make_texture_config

@@ -22,8 +22,6 @@ from pathlib import Path
 from typing import Any
 
 _starting = threading.Lock()
-
-
 LATE = 124
 """The code of a process that was ended as it took too long; that of `timeout` as well."""
 

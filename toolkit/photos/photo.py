@@ -59,7 +59,6 @@ RAW_SUFFIX = ".dng"
 MOST_BYTES = 512 << 20
 """Limit on one photograph's file: the largest raw files are half of it."""
 QUARTER_TURNED = (5, 6, 7, 8)
-TIFF_WIDTH, TIFF_HEIGHT = 256, 257
 
 
 @dataclass(frozen=True)
@@ -437,7 +436,7 @@ def _open_header(path: Path, content: bytes | None) -> tuple[int, int, str, Exif
                 if kind == "tiff":
                     # some versions of Pillow turn a TIFF's size, some do not: the tags do not change
                     with contextlib.suppress(AttributeError, KeyError):
-                        size = (image.tag_v2[TIFF_WIDTH], image.tag_v2[TIFF_HEIGHT])  # type: ignore[attr-defined]
+                        size = (image.tag_v2[WIDTH], image.tag_v2[LENGTH])  # type: ignore[attr-defined]
     except UnreadableImage:
         raise
     except Exception as error:  # decoders raise nearly every built-in exception on hostile files

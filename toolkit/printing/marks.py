@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,10 +22,6 @@ from toolkit.printing.page import (
     TilePage,
 )
 from toolkit.rig.markers import DICTIONARY, STRIP_FIRST_ID, add_rects, black_rects
-
-if TYPE_CHECKING:
-    from toolkit.printing.canvas import Pdf
-
 
 CELL_MM = 7.0
 ROW_GAP_MM = 1.0
@@ -206,7 +201,7 @@ def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:
         yield place, Rect(content.x, content.y, content.width - SHORT_MM, content.height)
 
 
-def draw_strip(pdf: "Pdf", place: StripPlace) -> None:
+def draw_strip(pdf: Pdf, place: StripPlace) -> None:
     """Draw the strip and its caption; its colours are sRGB to every reader."""
     if SPACE not in pdf._doc.idToObject:
         pdf._doc.Reference(pdf.srgb(), SPACE)

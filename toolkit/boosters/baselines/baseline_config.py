@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from toolkit.boosters.class_patches import SetName
+from toolkit.boosters.patch_sets import SetName
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
 

@@ -30,7 +30,7 @@ from toolkit.boosters.baselines.drawn import (
     FixedPatterns,
     QrCodes,
 )
-from toolkit.boosters.class_patches import name_class
+from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import record_network
 from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws

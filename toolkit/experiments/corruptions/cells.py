@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.apply import boost_images
-from toolkit.boosters.class_patches import PatchSet, read_patch_set
+from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.captures.read import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError

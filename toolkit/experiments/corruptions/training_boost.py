@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.boosters.apply import boost_images
-from toolkit.boosters.class_patches import PatchSet, read_patch_set
+from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import Workspace
