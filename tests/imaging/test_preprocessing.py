@@ -8,8 +8,8 @@ from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing, resize_and_crop
+from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, adapt_preprocessing
-from toolkit.models.weights import published_weights
 
 
 def photograph(width: int, height: int) -> np.ndarray:

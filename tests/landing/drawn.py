@@ -8,7 +8,7 @@ import numpy as np
 from toolkit.core.files import sha256_file, write_json
 from toolkit.landing.dataset import DatasetFile, Sample, ShardFile, Split, Truth, encode_sample, write_shard
 from toolkit.landing.landing_config import CameraConfig
-from toolkit.models.weights import build_network
+from toolkit.models.architectures import build_network
 
 OPTICS = CameraConfig(image_px=48)
 SEED = 5

@@ -14,7 +14,7 @@ from toolkit.landing.boost import PadTask, boost_pad, plan_views, start_picture
 from toolkit.landing.landing_config import BoostConfig, PadPrintConfig
 from toolkit.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
 from toolkit.landing.site import Pad, SiteView
-from toolkit.models.weights import build_network
+from toolkit.models.architectures import build_network
 
 CONFIG = BoostConfig(
     size_px=32, views=12, places=2, ground="bare", time="overcast", steps=12, batch=6, weathers=(), noise=0.0,

@@ -9,8 +9,8 @@ import torch
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
+from toolkit.models.architectures import CIFAR10_LABELS, CIFAR_NETWORKS, build_network, published_weights
 from toolkit.models.load import load_classifier
-from toolkit.models.weights import CIFAR10_LABELS, CIFAR_NETWORKS, build_network, published_weights
 
 
 # of the CIFAR networks of `robustness` (cifar_models/resnet.py); of ResNet-8 counted by hand:

@@ -8,9 +8,9 @@ import torch
 import torchvision
 
 from toolkit.core.errors import ToolkitError
+from toolkit.models.architectures import CIFAR_NETWORKS, list_architectures, published_weights
 from toolkit.models.load import load_classifier
 from toolkit.models.network import choose_device
-from toolkit.models.weights import CIFAR_NETWORKS, list_architectures, published_weights
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from colour_folder import write_colours
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
+from toolkit.models.architectures import build_network, imagenet_labels
 from toolkit.models.labels import imagenet_wnids
 from toolkit.models.load import load_classifier, read_bundled
-from toolkit.models.weights import build_network, imagenet_labels
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.classifier_task import are_folded, unfold_norms

@@ -24,8 +24,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.read import read_image
+from toolkit.models.architectures import build_network
 from toolkit.models.load import load_classifier
-from toolkit.models.weights import build_network
 from toolkit.training.classifier_task import find_worst_images
 from toolkit.training.images import find_photographs
 from toolkit.training.loop import FitConfig, TrainingTask, fit, make_steps

@@ -1,7 +1,7 @@
 """The list that the empty city is measured against."""
 
+from toolkit.models.architectures import imagenet_labels
 from toolkit.models.labels import imagenet_wnids
-from toolkit.models.weights import imagenet_labels
 from toolkit.worlds.urban import URBAN_CLASSES, urban_indices
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
+from toolkit.models.architectures import list_architectures
 from toolkit.models.find import BUNDLED_DIR, list_own, may_be_detector
 from toolkit.models.labels import read_labels_file
 from toolkit.models.load import bundled_file, load_classifier
 from toolkit.models.load_detector import Detector, is_detector, load_detector
 from toolkit.models.network import Classifier
-from toolkit.models.weights import cache_dir, find_local, list_architectures
+from toolkit.models.weights import cache_dir, find_local
 from toolkit.training.images import open_images
 
 SPEED_S = 1.0

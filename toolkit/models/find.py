@@ -11,8 +11,9 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json
 from toolkit.core.text import FolderName, is_folder_name
 from toolkit.core.workspace import PACKAGE_DATA
+from toolkit.models.architectures import imagenet_labels, list_architectures
 from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
-from toolkit.models.weights import SUFFIXES, check_named, imagenet_labels, list_architectures
+from toolkit.models.weights import SUFFIXES, check_named
 
 
 class ClassShare(BaseModel):

@@ -13,6 +13,7 @@ from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
+from toolkit.models.architectures import build_network, imagenet_labels, published_weights
 from toolkit.models.find import (
     BUNDLED,
     BUNDLED_DIR,
@@ -30,16 +31,13 @@ from toolkit.models.labels import adapt_preprocessing, choose_labels
 from toolkit.models.network import Classifier, check_numbers, choose_device, read_network_file
 from toolkit.models.weights import (
     WeightsFile,
-    build_network,
     check_named,
     download,
     find_in_folder,
     find_local,
     find_weights,
-    imagenet_labels,
     no_weights,
     open_weights,
-    published_weights,
 )
 
 if TYPE_CHECKING:

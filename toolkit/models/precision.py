@@ -8,7 +8,7 @@ import torch
 from torch.nn import functional
 from torch.overrides import TorchFunctionMode
 
-from toolkit.models.weights import build_network
+from toolkit.models.architectures import build_network
 
 if TYPE_CHECKING:
     import torch

@@ -25,6 +25,7 @@ from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import MOST_JSON_BYTES, explain_validation, sha256_bytes, sha256_file
 from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
+from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.labels import (
     PYTHON_PREFIX,
@@ -35,7 +36,7 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
-from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, imagenet_labels, is_inflated, open_weights
+from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, is_inflated, open_weights
 
 KNOWN_FILES = re.compile(
     r"archive_format|archive_version|byteorder|\.data/[\w.]+|\.format_version|\.storage_alignment|models/model\.json"

@@ -1,4 +1,4 @@
-"""Classification networks: which there are, and their weights, found and read wherever the user keeps them."""
+"""Find and read a network's weights, wherever the user keeps them."""
 
 import contextlib
 import math
@@ -7,151 +7,24 @@ import re
 import socket
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, ZipFile
 
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import is_quiet
-from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
 if TYPE_CHECKING:
     import torch
-    from torch import nn
-    from torchvision.models import WeightsEnum
-    from torchvision.transforms._presets import ImageClassification
 
-
-CIFAR10_LABELS = ("airplane", "automobile", "bird", "cat", "deer", "dog", "frog", "horse", "ship", "truck")
-"""In the order of the networks' outputs, which is alphabetical."""
-CIFAR_NETWORKS = ("cifar_resnet18", "cifar_resnet50", "cifar_resnet8")
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
 DOWNLOAD_TIMEOUT_S = 15.0
-NORMALISERS = ("normalizer.", "attacker.normalize.")
-"""Where robustness's AttackerModel keeps the mean and deviation, its own and the attacker's."""
-CLASSIFIERS = ("model.model.", "model.", "attacker.model.model.", "attacker.model.")
-"""And the classifier: bare, or in the DummyModel that torchvision's other networks than ResNets were put in."""
-LOADING_BYTES, TRYING_BYTES = 1 << 30, 2 << 30
-"""What reading weights may take beside some copies of them, and a program of somebody else's for two images."""
-WHOLE = (".onnx", ".pt2")
-"""Programs that can be named as networks themselves."""
-SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
-FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
-"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
-SAVE_NUMBERS = (
-    "save its numbers alone with safetensors.torch.save_file({name: value.clone() for name, value in "
-    "checkpoint['model'].items()}, 'NEW.safetensors'), and load that file"
-)
-PROGRAMS = {
-    ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
-    ".h5": "a Keras model", ".keras": "a Keras model", ".tflite": "a TensorFlow Lite model",
-    ".engine": "a TensorRT plan",
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class CifarWeights:
-    """Stands where torchvision's weights entry stands for its networks; nobody publishes weights of these.
-
-    Attributes:
-        url: None: there is nothing to download.
-        meta: the labels, as `categories`.
-    """
-
-    url: None = None
-    meta: dict[str, list[str]] = field(default_factory=lambda: {"categories": list(CIFAR10_LABELS)})
-
-    def transforms(self) -> "ImageClassification":
-        """Preprocessing, as torchvision's entries give it."""
-        from torchvision.transforms._presets import ImageClassification
-
-        # of all pixels of CIFAR-10's training images
-        mean, std = (0.4914, 0.4822, 0.4465), (0.2470, 0.2435, 0.2616)
-        return ImageClassification(crop_size=32, resize_size=32, mean=mean, std=std)
-
-
-def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
-    """One of `CIFAR_NETWORKS` with random weights."""
-    import torchvision
-    from torch import nn
-
-    if arch == "cifar_resnet8":
-        return _build_resnet8(num_classes)
-    module = torchvision.models.get_model(arch.removeprefix("cifar_"), weights=None, num_classes=num_classes)
-    # published networks shrink an image fourfold before the first stage: too little would be left of 32 px
-    module.conv1 = nn.Conv2d(3, 64, 3, 1, 1, bias=False)
-    nn.init.kaiming_normal_(module.conv1.weight, mode="fan_out", nonlinearity="relu")
-    module.maxpool = nn.Identity()
-    return module
-
-
-def _build_resnet8(num_classes: int) -> "nn.Module":
-    from torch import nn
-    from torchvision.models.resnet import BasicBlock, conv1x1
-
-    def stage(inputs: int, outputs: int, stride: int) -> BasicBlock:
-        # of He et al. (2016), section 4.2, with one block in each stage; a 1×1 convolution where the shape changes
-        narrow = None if stride == 1 else nn.Sequential(conv1x1(inputs, outputs, stride), nn.BatchNorm2d(outputs))
-        return BasicBlock(inputs, outputs, stride, narrow)
-
-    module = nn.Sequential(
-        OrderedDict(
-            conv1=nn.Conv2d(3, 16, 3, 1, 1, bias=False), bn1=nn.BatchNorm2d(16), relu=nn.ReLU(inplace=True),
-            layer1=stage(16, 16, 1), layer2=stage(16, 32, 2), layer3=stage(32, 64, 2),
-            avgpool=nn.AdaptiveAvgPool2d(1), flatten=nn.Flatten(), fc=nn.Linear(64, num_classes),
-        )
-    )  # fmt: skip
-    for layer in module.modules():
-        # as torchvision's own ResNets begin
-        if isinstance(layer, nn.Conv2d):
-            nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
-    return module
-
-
-def list_architectures() -> list[str]:
-    """Names of every classification network of the installed torchvision, and of those for small images."""
-    import torchvision
-
-    return [*torchvision.models.list_models(module=torchvision.models), *CIFAR_NETWORKS]
-
-
-def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
-    """The torchvision weights entry (url, labels, preprocessing) of a network: IMAGENET1K_V1 where there is one.
-
-    A network for small images has a `CifarWeights` instead, without url.
-
-    Raises:
-        ToolkitError: there is no classification network of that name.
-    """
-    import torchvision
-
-    if arch not in (known := list_architectures()):
-        raise one_of("model", arch, known)
-    if arch in CIFAR_NETWORKS:
-        return CifarWeights()
-    entries = torchvision.models.get_model_weights(arch)
-    return getattr(entries, "IMAGENET1K_V1", None) or entries.DEFAULT
-
-
-def imagenet_labels() -> list[str]:
-    """Names of ImageNet's 1000 classes, in the order that the published networks answer in."""
-    return published_weights("resnet18").meta["categories"]
-
-
-def build_network(arch: str, num_classes: int) -> "nn.Module":
-    """A network with random weights, as torchvision builds it."""
-    import torchvision
-
-    if arch in CIFAR_NETWORKS:
-        return build_cifar_network(arch, num_classes)
-
-    # torchvision sets transform_input for the published weights of these two; their normalisation depends on it
-    extra = {"transform_input": True, "init_weights": False} if arch in ("googlenet", "inception_v3") else {}
-    return torchvision.models.get_model(arch, weights=None, num_classes=num_classes, **extra)
 
 
 @dataclass(frozen=True)
@@ -253,6 +126,12 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     return network, LabelsFile(labels=labels, **normalisation)
 
 
+NORMALISERS = ("normalizer.", "attacker.normalize.")
+"""Where robustness's AttackerModel keeps the mean and deviation, its own and the attacker's."""
+CLASSIFIERS = ("model.model.", "model.", "attacker.model.model.", "attacker.model.")
+"""And the classifier: bare, or in the DummyModel that torchvision's other networks than ResNets were put in."""
+
+
 def _take_from_attacker(
     state: "OrderedDict[str, torch.Tensor]", path: Path
 ) -> "tuple[OrderedDict[str, torch.Tensor], dict[str, tuple[float, ...]]]":
@@ -263,13 +142,13 @@ def _take_from_attacker(
     # of two that begin alike the longer first
     prefix = next((prefix for prefix in CLASSIFIERS if any(name.startswith(prefix) for name in state)), "model.")
     found: dict[str, tuple[float, ...]] = {}
-    for part, least in (("mean", -1000.0), ("std", 1e-6)):
-        value = state.get(f"{normaliser}new_{part}")
+    for field, least in (("mean", -1000.0), ("std", 1e-6)):
+        value = state.get(f"{normaliser}new_{field}")
         # the shortest decimals that are the same single-precision numbers: 0.485 and not 0.48500001
         numbers = () if value is None else tuple(float(str(one)) for one in value.detach().float().flatten().numpy())
         if len(numbers) != 3 or not all(math.isfinite(one) and least <= one <= 1000 for one in numbers):
-            raise ToolkitError(f"{path}: '{normaliser}new_{part}': expected three numbers, one for each colour")
-        found[part] = numbers
+            raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected three numbers, one for each colour")
+        found[field] = numbers
     return _rename(state, lambda name: name[len(prefix) :] if name.startswith(prefix) else None), found
 
 
@@ -357,6 +236,26 @@ def _is_bomb(path: Path) -> bool:
 def is_inflated(path: Path, archive: ZipFile) -> bool:
     """Whether what an archive holds is larger than its file: torch compresses nothing, and bombs hold 1000 times it."""
     return sum(one.file_size for one in archive.infolist()) > path.stat().st_size
+
+
+LOADING_BYTES, TRYING_BYTES = 1 << 30, 2 << 30
+"""What reading weights may take beside some copies of them, and a program of somebody else's for two images."""
+
+
+WHOLE = (".onnx", ".pt2")
+"""Programs that can be named as networks themselves."""
+SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
+FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
+"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
+SAVE_NUMBERS = (
+    "save its numbers alone with safetensors.torch.save_file({name: value.clone() for name, value in "
+    "checkpoint['model'].items()}, 'NEW.safetensors'), and load that file"
+)
+PROGRAMS = {
+    ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
+    ".h5": "a Keras model", ".keras": "a Keras model", ".tflite": "a TensorFlow Lite model",
+    ".engine": "a TensorRT plan",
+}  # fmt: skip
 
 
 def find_program(path: Path) -> str | None:

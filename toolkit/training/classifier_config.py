@@ -13,7 +13,7 @@ from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import sha256_bytes
 from toolkit.core.text import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
-from toolkit.models.weights import build_network, list_architectures, published_weights
+from toolkit.models.architectures import build_network, list_architectures, published_weights
 
 if TYPE_CHECKING:
     import numpy as np

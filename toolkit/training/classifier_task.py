@@ -20,10 +20,11 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.statistics import wilson_interval
 from toolkit.corruptions.batch import corrupt, draw_corrupted
+from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
-from toolkit.models.weights import WeightsFile, build_network, read_state_dict
+from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_config import Attack, Augmentation, ClassifierConfig, ClassPictures, Corrupting
 from toolkit.training.data import Pack, TrainingSet
 from toolkit.training.loop import History, TrainingTask

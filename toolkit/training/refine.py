@@ -23,10 +23,10 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
+from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
-from toolkit.models.weights import list_architectures
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier import CHECKPOINT_EVERY_S
 from toolkit.training.classifier_config import PHOTOGRAPHS, Attack
