@@ -110,8 +110,8 @@ def test_each_version_of_the_sources_has_a_folder_of_its_own(start, sources, tmp
 
     first = folder()
     assert folder() == first
-    text = (sources / "gloss.py").read_text()
-    (sources / "gloss.py").write_text(text.replace("0.0425", "0.0426"))
+    text = (sources / "light.py").read_text()
+    (sources / "light.py").write_text(text.replace("0.0425", "0.0426"))
     assert folder() != first
 
 
@@ -119,7 +119,7 @@ def test_sources_that_were_installed_again_are_compiled_again_as_numba_does(star
     """It goes by a file's place and time: what it would not load is not said to be compiled."""
     start(tmp_path / "cache")
     compiled.prepare(lambda: None)
-    os.utime(sources / "gloss.py", ns=(0, 10**18))
+    os.utime(sources / "light.py", ns=(0, 10**18))
     start(tmp_path / "cache")
     assert not compiled.is_compiled()
 
