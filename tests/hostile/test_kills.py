@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch")
 
 from safetensors.torch import save_file  # noqa: E402
 
-from toolkit.models.weights import build_network  # noqa: E402
+from toolkit.models.architectures import build_network  # noqa: E402
 
 COMMANDS = {
     "plan": "plan --object crate",
