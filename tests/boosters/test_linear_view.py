@@ -12,8 +12,8 @@ from toolkit.boosters import linear_view as pyramid
 from toolkit.boosters.linear_view import batch_views, show_texture
 from toolkit.objects.atlas import apply_texture
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.rig import scene
 from toolkit.rig import shading as finish
+from toolkit.rig import textures
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
@@ -105,7 +105,7 @@ def test_the_straight_through_gradient_is_the_slope_of_the_linear_approximation(
     direction = torch.from_numpy(rng.standard_normal(texture.shape))
 
     def drend(theta):
-        levels = scene.build_pyramid(theta.permute(1, 2, 0).numpy())
+        levels = textures.build_pyramid(theta.permute(1, 2, 0).numpy())
         total = 0.0
         for view, w in zip(taken, weight.numpy(), strict=True):
             colour = sample_by_numpy(levels, view.uv[:, 0], view.uv[:, 1], view.lod)
@@ -185,7 +185,7 @@ def test_the_pyramid_is_that_of_the_renderer(n):
     rng = np.random.default_rng(n)
     image = rng.random((n, n, 3), np.float32)
     u, v, lod = rng.uniform(-0.5, 1.5, 500), rng.uniform(-0.5, 1.5, 500), rng.uniform(-1, 9, 500)
-    levels = scene.build_pyramid(image)
+    levels = textures.build_pyramid(image)
     mine = pyramid.build_levels(torch.from_numpy(image).permute(2, 0, 1))
     assert [level.shape[-1] for level in mine] == [len(level) for level in levels]
     for ours, theirs in zip(mine, levels, strict=True):

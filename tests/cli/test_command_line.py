@@ -39,6 +39,13 @@ for name, _ in list_places():
     assert in_a_process(code).stderr == ""
 
 
+def test_what_is_read_before_work_begins_is_light():
+    """Evaluation refuses a folder before a network is loaded; a studio is described without the renderer."""
+    code = "import sys; import toolkit.evaluation.evaluate, toolkit.rig.studio; "
+    done = in_a_process(f"{code}{HEAVY}; print([one for one in heavy if one not in ('numpy', 'PIL', 'rich')])")
+    assert done.stdout == "[]\n", done.stdout + done.stderr
+
+
 @pytest.mark.slow
 def test_planning_needs_neither_torch_nor_open3d(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path)

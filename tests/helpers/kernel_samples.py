@@ -3,7 +3,7 @@
 import numpy as np
 
 from toolkit.rig.kernel.textures import fill_colours
-from toolkit.rig.scene import pack_textures
+from toolkit.rig.textures import pack_textures
 
 
 def sample(encoded: np.ndarray, u: np.ndarray, v: np.ndarray, lod: float = 0.0) -> np.ndarray:

@@ -15,7 +15,8 @@ from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.lighting import BOUNCE, BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.scene import KeyLight, Scene, Stand, Table, build_pyramid, texture_pyramid
+from toolkit.rig.scene import KeyLight, Scene, Stand, Table
+from toolkit.rig.textures import build_pyramid, texture_pyramid
 
 QUICK = BakeDetail(key_rays=6, room_rays=48, surface_spacing=0.06, table_spacing=0.05)
 SPOT = Camera.from_fov(9, 9, 0.2)

@@ -6,7 +6,8 @@ from kernel_samples import sample, sample_by_numpy
 
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.kernel.textures import fill_colours, fill_radiance
-from toolkit.rig.scene import (
+from toolkit.rig.studio import make_studio
+from toolkit.rig.textures import (
     build_pyramid,
     equirectangular,
     pack_textures,
@@ -14,7 +15,6 @@ from toolkit.rig.scene import (
     sample_directions,
     texture_pyramid,
 )
-from toolkit.rig.studio import make_studio
 
 RNG = np.random.default_rng(11)
 

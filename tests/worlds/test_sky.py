@@ -6,7 +6,8 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.colour import XYZ_OF_LINEAR_SRGB
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.scene import KeyLight, illuminate, sample_directions
+from toolkit.rig.scene import KeyLight, illuminate
+from toolkit.rig.textures import sample_directions
 from toolkit.worlds.conditions import TIMES, TimeOfDay
 from toolkit.worlds.daylight import (
     LUMINANCE,

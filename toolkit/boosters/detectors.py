@@ -13,7 +13,7 @@ from toolkit.boosters.transforms.base import OF_NETWORKS
 from toolkit.boosters.transforms.transfer import find_layers
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
-from toolkit.models.load_detector import Detector, detector_class
+from toolkit.models.detector import Detector, detector_class
 from toolkit.models.weights import WeightsFile
 from toolkit.training.processes import current
 

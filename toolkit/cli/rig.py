@@ -261,7 +261,7 @@ def write_boxes(
     from toolkit.captures.truth import write_coco
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.tables import list_lines
-    from toolkit.models.load_detector import coco_names
+    from toolkit.models.detector import coco_names
     from toolkit.objects.spec import read_spec
 
     space = open_workspace(workspace)

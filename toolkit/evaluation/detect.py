@@ -37,7 +37,7 @@ from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, fi
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
 from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
 from toolkit.imaging.read import UnreadableImage, read_image
-from toolkit.models.load_detector import Detections, Detector, box_iou, detector_class
+from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
 
 IOU_LEVELS = np.linspace(0.5, 0.95, 10)

@@ -37,7 +37,7 @@ from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, dra
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 from toolkit.evaluation.summaries import PREDICTIONS, Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
-from toolkit.models.load_detector import Detector
+from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()

@@ -55,6 +55,9 @@ DETECTION_COLUMNS: dict[str, type] = {
     "found": bool, "score": float, "iou": float, "box": tuple, "strongest_label": str, "strongest_score": float,
     "status": str,
 }  # fmt: skip
+MOST_LEVELS = 20
+"""Of folders that are each listed once; what lies deeper is looked up by itself."""
+FILE, FOLDER, LINK = "file", "folder", "link"
 
 
 def make_detected(capture: Capture, true_label: str, detection: Detection, status: str = OK) -> Prediction:
@@ -198,10 +201,6 @@ def _within(root: Path) -> Find:
         return place, kind == FILE
 
     return find
-
-
-MOST_LEVELS = 20
-FILE, FOLDER, LINK = "file", "folder", "link"
 
 
 def _list_kinds(folder: Path) -> dict[str, str]:

@@ -11,10 +11,11 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
 from toolkit.models.architectures import list_architectures
+from toolkit.models.detector import Detector
 from toolkit.models.find import BUNDLED_DIR, list_own, may_be_detector
 from toolkit.models.labels import read_labels_file
 from toolkit.models.load import bundled_file, load_classifier
-from toolkit.models.load_detector import Detector, is_detector, load_detector
+from toolkit.models.load_detector import is_detector, load_detector
 from toolkit.models.network import Classifier
 from toolkit.models.weights import cache_dir, find_local
 from toolkit.training.images import open_images

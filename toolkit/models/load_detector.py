@@ -1,21 +1,22 @@
-"""Detectors: what they answer, torchvision's, and ONNX graphs that give a box and scores for each place of a grid."""
+"""Detectors: torchvision's, and ONNX graphs of families that give a box and scores for every place of a grid."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import torch
 import torchvision
 from torch import nn
-from torchvision import ops
+from torchvision.ops import batched_nms, box_iou, generalized_box_iou_loss
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.models.detector import COCO_LABELS, LEAST_SCORE, MOST_BOXES, Detections, Detector
 from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
-from toolkit.models.labels import LabelsFile, check_size, choose_labels, index_of_label, read_labels_file
-from toolkit.models.network import AnyNetwork, check_hash, choose_device
+from toolkit.models.labels import LabelsFile, check_size, choose_labels, read_labels_file
+from toolkit.models.network import check_hash, choose_device
 from toolkit.models.onnx_graphs import read_onnx, read_output_shape
 from toolkit.models.onnx_networks import OnnxNetwork
 from toolkit.models.weights import (
@@ -29,116 +30,7 @@ from toolkit.models.weights import (
 )
 
 if TYPE_CHECKING:
-    import torch
     from torchvision.models import WeightsEnum
-
-
-COCO_LABELS = (
-    "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
-    "fire hydrant", "stop sign", "parking meter", "bench", "bird", "cat", "dog", "horse", "sheep", "cow", "elephant",
-    "bear", "zebra", "giraffe", "backpack", "umbrella", "handbag", "tie", "suitcase", "frisbee", "skis", "snowboard",
-    "sports ball", "kite", "baseball bat", "baseball glove", "skateboard", "surfboard", "tennis racket", "bottle",
-    "wine glass", "cup", "fork", "knife", "spoon", "bowl", "banana", "apple", "sandwich", "orange", "broccoli",
-    "carrot", "hot dog", "pizza", "donut", "cake", "chair", "couch", "potted plant", "bed", "dining table", "toilet",
-    "tv", "laptop", "mouse", "remote", "keyboard", "cell phone", "microwave", "oven", "toaster", "sink",
-    "refrigerator", "book", "clock", "vase", "scissors", "teddy bear", "hair drier", "toothbrush",
-)  # fmt: skip
-"""In the order in which networks trained on COCO answer."""
-
-COCO_OF_IMAGENET = {
-    "airliner": "airplane", "warplane": "airplane", "racer": "car", "sports car": "car", "convertible": "car",
-    "minivan": "car", "cab": "car", "limousine": "car", "jeep": "car", "beach wagon": "car", "Model T": "car",
-    "beer bottle": "bottle", "wine bottle": "bottle", "pop bottle": "bottle", "water bottle": "bottle",
-    "coffee mug": "cup", "cup": "cup", "school bus": "bus", "trolleybus": "bus", "minibus": "bus",
-    "mountain bike": "bicycle", "bicycle-built-for-two": "bicycle", "motor scooter": "motorcycle",
-    "moped": "motorcycle",
-    "garbage truck": "truck", "tow truck": "truck", "moving van": "truck", "trailer truck": "truck",
-    "fire engine": "truck", "pickup": "truck", "traffic light": "traffic light", "parking meter": "parking meter",
-    "park bench": "bench", "folding chair": "chair", "rocking chair": "chair", "studio couch": "couch",
-    "dining table": "dining table", "toilet seat": "toilet", "television": "tv", "laptop": "laptop",
-    "notebook": "laptop", "mouse": "mouse", "remote control": "remote", "computer keyboard": "keyboard",
-    "cellular telephone": "cell phone", "microwave": "microwave", "toaster": "toaster", "refrigerator": "refrigerator",
-    "analog clock": "clock", "wall clock": "clock", "vase": "vase", "teddy": "teddy bear", "backpack": "backpack",
-    "umbrella": "umbrella", "soccer ball": "sports ball", "basketball": "sports ball", "tennis ball": "sports ball",
-    "banana": "banana", "orange": "orange", "Granny Smith": "apple", "broccoli": "broccoli", "pizza": "pizza",
-    "hotdog": "hot dog", "soup bowl": "bowl", "mixing bowl": "bowl", "red wine": "wine glass", "goblet": "wine glass",
-    "speedboat": "boat", "fireboat": "boat", "lifeboat": "boat", "gondola": "boat", "yawl": "boat",
-}  # fmt: skip
-"""ImageNet's name -> COCO's, where the one is a kind of the other."""
-LEAST_SCORE = 0.01
-"""Below it an answer is dropped: average precision counts weak answers too."""
-MOST_BOXES = 100
-"""For each image, as COCO's evaluation counts them."""
-
-
-def coco_names(label: str) -> list[str]:
-    """What COCO may call a class: its own name, then that of the kind which it is of."""
-    plain = label.replace("_", " ")
-    kind = COCO_OF_IMAGENET.get(plain)
-    return [plain] if kind is None else [plain, kind]
-
-
-@dataclass(frozen=True)
-class Detections:
-    """What a detector sees in one image, by falling score.
-
-    Attributes:
-        boxes: (n, 4) float32, x1, y1, x2, y2 in pixels of the image; pixel centres lie at half integers.
-        classes: (n,) int64, indices of the detector's labels.
-        scores: (n,) float32 in [0, 1].
-    """
-
-    boxes: np.ndarray
-    classes: np.ndarray
-    scores: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-
-class Detector(AnyNetwork, Protocol):
-    """A frozen network that finds things; the counterpart of `Classifier`."""
-
-    @property
-    def image_px(self) -> int:
-        """Side of the squares that `losses` takes; 0: any."""
-
-    def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
-        """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
-
-    def losses(self, batch: "torch.Tensor", boxes: "torch.Tensor", class_index: int) -> "torch.Tensor":
-        """(b,) how badly it finds the class at the place: small where score and box fit; differentiable.
-
-        Args:
-            batch: (b, 3, h, w) sRGB-encoded in [0, 1], square, of `image_px`.
-            boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the batch.
-            class_index: of the object.
-        """
-
-
-def detector_class(detector: Detector, name: str | int) -> int:
-    """Index of a class by its label, its index, or the name of an ImageNet class that is a kind of it.
-
-    Raises:
-        ToolkitError: there is no such class; the nearest names are listed.
-    """
-    if isinstance(name, int):
-        raise ToolkitError(f"class index {name} is of ImageNet: a detector's class is given by its name")
-    known = [one.lower() for one in detector.labels]
-    for spelling in coco_names(name):
-        if spelling.lower() in known:
-            return known.index(spelling.lower())
-    return index_of_label(detector.labels, name)
-
-
-def box_iou(boxes: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(n,) intersection over union of (n, 4) boxes with one (4,) box, x1, y1, x2, y2."""
-    corners = np.maximum(boxes[:, :2], other[:2]), np.minimum(boxes[:, 2:], other[2:])
-    inside = np.prod(np.clip(corners[1] - corners[0], 0, None), axis=1)
-    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(other[2:] - other[:2])
-    # union = sum of both areas - intersection; a box without area has none with anything
-    return inside / np.maximum(areas - inside, 1e-9)
-
 
 Dense = tuple[torch.Tensor, torch.Tensor]
 """(b, n, 4) boxes x1, y1, x2, y2 in the network's pixels, and (b, n, classes) scores in [0, 1]."""
@@ -276,7 +168,7 @@ class DenseDetector:
         kept = best > LEAST_SCORE
         boxes, best, classes = boxes[kept], best[kept], classes[kept]
         # boxes of one class only suppress each other
-        order = ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
+        order = batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
         found = boxes[order].cpu().numpy() / np.array([*scale, *scale], np.float32)
         found = np.clip(found, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         return Detections(found.astype(np.float32), classes[order].cpu().numpy(), best[order].float().cpu().numpy())
@@ -292,13 +184,13 @@ class DenseDetector:
         terms = []
         for k in range(len(batch)):
             # which places are meant is decided without a gradient; how well they fit has one
-            fit = ops.box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
+            fit = box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
             weight, places = fit.topk(min(10, len(fit)))
             # where no box overlaps at all, the places still count alike
             weight = (weight + 1e-3) / (weight + 1e-3).sum()
             # of a logarithm: at 0 there is no slope
             score = scores[k, places, class_index].clamp_min(1e-6)
-            misfit = ops.generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
+            misfit = generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
             terms.append((weight * (misfit - score.log())).sum())
         return torch.stack(terms)
 

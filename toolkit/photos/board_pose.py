@@ -125,9 +125,8 @@ def _read_markers(grey: np.ndarray, names: list[str]) -> list[set[int]]:
     """Numbers of the markers of each dictionary, of which the picture is searched once for all."""
     dictionaries = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)) for name in names]
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = max(
-        parameters.minMarkerPerimeterRate, detector_parameters(max(grey.shape)).minMarkerPerimeterRate
-    )
+    least = 4 * SMALLEST_MARKER_PX / max(grey.shape)
+    parameters.minMarkerPerimeterRate = max(parameters.minMarkerPerimeterRate, least)
     _, ids, _, of = cv2.aruco.ArucoDetector(dictionaries, parameters).detectMarkersMultiDict(grey)
     read: list[set[int]] = [set() for _ in names]
     for number, k in zip(*(np.ravel(one) for one in (ids, of)), strict=True) if ids is not None else ():

@@ -13,7 +13,8 @@ from toolkit.rig.kernel.scene import FACE, LitMesh, as_rotation, as_triple
 from toolkit.rig.kernel.textures import Texels, fill_colours
 from toolkit.rig.lighting import Shape, bake_surroundings
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.scene import AT_ORIGIN, Scene, Stand, pack_textures
+from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
+from toolkit.rig.textures import pack_textures
 from toolkit.rig.trace import LitBody
 
 F = TypeVar("F")

@@ -16,7 +16,8 @@ from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.mesh import Mesh, hash_triangles, load_open3d, make_ray_scene
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
-from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table, blur_directions, pad_channels, sample_directions
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
+from toolkit.rig.textures import blur_directions, pad_channels, sample_directions
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene

@@ -43,8 +43,9 @@ from toolkit.rig.kernel.scene import (
     find_table_edges,
 )
 from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting
-from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table, blur_directions, pad_channels
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import LinearView, tone_map
+from toolkit.rig.textures import blur_directions, pad_channels
 from toolkit.rig.trace import CENTRE, LitBody, Tracer
 
 LIGHT_MAP_ZOOM = 2

@@ -1,93 +1,11 @@
-"""Everything in the picture but the object: light, what stands around, and the table or ground it stands on.
-
-Textures are looked up without aliasing: a pyramid of averages, linear between texels and between levels.
-"""
+"""Everything in the picture but the object: light, what stands around, and the table or ground it stands on."""
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.objects.mesh import Mesh
-from toolkit.rig.kernel.textures import Texels
-
-WHITE = 65535
-SMALLEST = 4
-"""Shorter side of the coarsest level, texels."""
-_LINEAR = np.round(LINEAR_OF_CODE * WHITE).astype(np.uint16)
-
-
-def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
-    """Halve (h, w, 3) linear values, float32 or uint16, by area average until one side is 4; level 0 is the input."""
-    levels: list[np.ndarray] = [np.ascontiguousarray(linear)]
-    while min(levels[-1].shape[:2]) > SMALLEST:
-        h, w = levels[-1].shape[:2]
-        # each level is made of the one before, in linear light: averages of codes would be too dark
-        levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
-    return levels
-
-
-def texture_pyramid(encoded: np.ndarray) -> list[np.ndarray]:
-    """`build_pyramid` of an sRGB-encoded uint8 texture, in linear light, uint16: 65535 is 1."""
-    return build_pyramid(_LINEAR[encoded])
-
-
-def pack_textures(textures: list[np.ndarray]) -> Texels:
-    """Pyramids of sRGB-encoded uint8 textures (h, w, 3) for the kernel."""
-    pyramids = [texture_pyramid(texture) for texture in textures]
-    levels = [level for pyramid in pyramids for level in pyramid]
-    sizes = np.array([level.shape[:2] for level in levels], np.int32)
-    counts = np.array([len(pyramid) for pyramid in pyramids], np.int32)
-    texels = sizes.astype(np.int64).prod(axis=1)
-    return Texels(
-        # one texel more: the kernel reads four numbers at once, past the last texel's three
-        values=np.concatenate([*(level.reshape(-1, 3) for level in levels), np.zeros((1, 3), np.uint16)]),
-        start=np.cumsum(texels) - texels, width=sizes[:, 1].copy(), height=sizes[:, 0].copy(),
-        first=(np.cumsum(counts) - counts).astype(np.int32), levels=counts,
-    )  # fmt: skip
-
-
-def pad_channels(picture: np.ndarray) -> np.ndarray:
-    """(h, w, 4) float32 of (h, w, 3), as the kernel reads pictures: four numbers at once."""
-    padded = np.zeros((*picture.shape[:2], 4), np.float32)
-    padded[..., :3] = picture
-    return padded
-
-
-def equirectangular(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(u, v) in [0, 1] of directions (n, 3) on a picture of all directions: see `Scene.environment`."""
-    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
-    elevation = np.arcsin(np.clip(directions[:, 2], -1, 1))
-    return 0.5 - azimuth / np.float32(2 * np.pi), 0.5 + elevation / np.float32(np.pi)
-
-
-def sample_directions(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Bilinear values (n, 3) of a picture of all directions at unit `directions` (n, 3); its poles do not wrap."""
-    u, v = equirectangular(directions)
-    h, w = picture.shape[:2]
-    x, y = u * w - 0.5, ((1 - v) * h - 0.5).clip(0, h - 1)
-    left, top = np.floor(x).astype(int), np.minimum(y.astype(int), h - 2)
-    fx, fy = (x - left)[:, None], (y - top)[:, None]
-    upper = picture[top, left % w] * (1 - fx) + picture[top, (left + 1) % w] * fx
-    lower = picture[top + 1, left % w] * (1 - fx) + picture[top + 1, (left + 1) % w] * fx
-    return (upper * (1 - fy) + lower * fy).astype(np.float32)
-
-
-def blur_directions(picture: np.ndarray, sigma_px: float) -> np.ndarray:
-    """A picture of all directions (h, w, 3), blurred across its seam; smaller where what is left fits fewer pixels."""
-    shrink = 1
-    # a wide blur leaves no fine detail: on a smaller picture it costs the square of `shrink` less
-    while sigma_px / shrink >= 8 and min(picture.shape[:2]) // (2 * shrink) >= 16:
-        shrink *= 2
-    h, w = (side // shrink for side in picture.shape[:2])
-    small = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA) if shrink > 1 else picture
-    # azimuth runs round: what lies beyond one edge is copied to the other before the blur; 4 sigma hold all of it
-    margin = min(w, int(np.ceil(4 * sigma_px / shrink)))
-    wide = np.concatenate([small[:, w - margin :], small, small[:, :margin]], axis=1)
-    blurred = cv2.GaussianBlur(wide, (0, 0), sigma_px / shrink)[:, margin : margin + w]
-    return np.ascontiguousarray(blurred, np.float32)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.rig.scene import build_pyramid
+from toolkit.rig.textures import build_pyramid
 
 EARTH_M = 6.371e6
 BASE_M, TOP_M, VEIL_M = 1500.0, 2300.0, 8000.0

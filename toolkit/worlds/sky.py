@@ -14,7 +14,8 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.imaging.read import read_image, read_linear
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.scene import KeyLight, illuminate, sample_directions
+from toolkit.rig.scene import KeyLight, illuminate
+from toolkit.rig.textures import sample_directions
 from toolkit.worlds.clouds import (
     BASE_M,
     HAZE_M,
