@@ -127,15 +127,15 @@ def test_answers_say_the_numbers_of_captures() -> None:
 
 def test_the_challenge_is_what_its_records_say() -> None:
     """Gains counted by hand from each record's rows of all judges that never saw the entry; the order of the ranks."""
-    rows = read_table("challenge")
-    assert rows
+    rows, worn = read_table("challenge"), {"patch": "patched", "wrap": "wrapped", "texture": "textured"}
+    assert {row["budget"] for row in rows} == set(worn)
     for row in rows:
         record = json.loads((DOCS / "records" / "challenge" / f"{row['entry']}.json").read_text(encoding="utf-8"))
         unseen = [judge["name"] for judge in record["judges"] if not judge["seen"]]
         assert row["unseen"].split("; ") == unseen
         gains = []
         for condition in ("clear", "fog", "corrupted"):
-            key = (condition, "all", record["entry"]["budget"] + ("ped" if row["budget"] == "wrap" else "ed"))
+            key = (condition, "all", worn[record["entry"]["budget"]])
             own = [one for one in record["rows"] if (one["condition"], one["object"], one["variant"]) == key]
             own = [one for one in own if one["judge"] in unseen]
             assert len(own) == len(unseen) and {one["n"] for one in own} == {144}
