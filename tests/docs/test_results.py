@@ -140,8 +140,8 @@ def test_the_challenge_is_what_its_records_say() -> None:
             own = [one for one in own if one["judge"] in unseen]
             assert len(own) == len(unseen) and {one["n"] for one in own} == {144}
             gains.append(sum(one["gained"] - one["lost"] for one in own) / (144 * len(unseen)))
-            assert float(row[f"gain_{condition}"]) == pytest.approx(gains[-1], abs=5e-5)
-        assert float(row["rank_gain"]) == pytest.approx(sum(gains) / 3, abs=5e-5)
+            assert float(row[f"gain_{condition}"]) == pytest.approx(gains[-1], abs=5.1e-5)
+        assert float(row["rank_gain"]) == pytest.approx(sum(gains) / 3, abs=5.1e-5)
     for budget in {row["budget"] for row in rows}:
         lows = [float(row["rank_low"]) for row in rows if row["budget"] == budget]
         assert lows == sorted(lows, reverse=True)
