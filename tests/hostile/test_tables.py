@@ -25,6 +25,8 @@ SHAPES = {
     "groups of ten": lambda k: ("sim", f"o{k // 20}", VARIANTS[k // 10 % 2], k % 10),
     "one object": lambda k: ("sim", "o", VARIANTS[k % 2], k // 2),
     "many sources": lambda k: (f"s{k // 2}", "o", VARIANTS[k % 2], 1),
+    "renderings of many sources": lambda k: (f"sim-like-s{k // 2}" if k % 2 else f"s{k // 2}", "o", "patched", 1),
+    "renderings of other objects": lambda k: (f"sim-{k}" if k % 2 else f"s{k}", f"o{k}", "patched", 1),
     "many variants": lambda k: ("sim", "o", f"v{k}" if k % 2 else "unpatched", k // 2),
     "variants of their own": lambda k: ("sim", f"o{k // 2}", f"v{k}" if k % 2 else "unpatched", 1),
     "without partners": lambda k: ("sim", "o", f"v{k}" if k % 2 else "unpatched", k),
