@@ -171,7 +171,7 @@ def test_a_mesh_in_centimetres_is_told_its_scale_and_taken_with_it(space, tmp_pa
 def test_the_city_is_a_city_to_the_list() -> None:
     from toolkit.cli.world import describe_world
 
-    row = describe_world(build_city(0, blocks=(1, 1)), None)
+    row = describe_world(build_city(0, blocks=(1, 2)), None)
     assert {"road", "building", "vehicle", "tree", "furniture", "sign", "skyline"} <= set(row["classes"])
 
 
