@@ -230,8 +230,12 @@ def load_object(spec_file: Path) -> TableObject:
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
         mesh = read_mesh(inside(Path(spec_file).parent, spec.mesh))
-    mesh = turn_upright(mesh, spec.up, spec.front)
-    return TableObject(spec, place_on_table(mesh, spec.length_mm))
+    return stand_upright(spec, mesh)
+
+
+def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
+    """The object of a spec whose mesh is read already."""
+    return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 
 @lru_cache(maxsize=8)
