@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 
 from toolkit.boosters.booster import BoosterFiles, TrainedBooster, train_booster
 from toolkit.boosters.detectors import meet_networks
@@ -222,8 +223,6 @@ def rank_pieces(
 
 def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence[Target]) -> tuple[float, float]:
     """Mean log probability of the class over views and networks, and the share of them that are right."""
-    import torch
-
     texture = from_picture(canvas, targets[0].classifier.device)
     sure, right = [], []
     with torch.inference_mode():

@@ -8,6 +8,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.photos.lens import LensRecord, choose_lens, read_lenses
 from toolkit.photos.photo import Photo
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import look_at
@@ -15,7 +16,6 @@ from toolkit.rig.plan import Pose
 
 if TYPE_CHECKING:
     from toolkit.photos.board_pose import BoardSighting
-    from toolkit.photos.lens import LensRecord
 
 Locate = Callable[[Photo, np.ndarray], PosedCamera | str]
 """(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
@@ -28,7 +28,6 @@ def locate_by_board(workspace: Workspace) -> Locate:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
     from toolkit.photos.board_pose import explain_absence, find_board, measure_ink
-    from toolkit.photos.lens import read_lenses
     from toolkit.rig.board_file import read_board
 
     board, lenses = read_board(workspace), read_lenses(workspace)
@@ -50,10 +49,9 @@ def locate_by_board(workspace: Workspace) -> Locate:
     return locate
 
 
-def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> PosedCamera | str:
+def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list[LensRecord]) -> PosedCamera | str:
     """Where a photograph's camera stood, from the board that was found in it; in words why that is not known."""
     from toolkit.photos.board_pose import solve_pose
-    from toolkit.photos.lens import choose_lens
 
     if sighting is None:
         return "no board is seen"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
 from toolkit import __version__
@@ -190,8 +191,6 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
     Raises:
         ToolkitError: the network's output is not finite.
     """
-    import torch
-
     batch = torch.from_numpy(pixels).to(classifier.device).permute(0, 3, 1, 2).float().div_(255)
     with torch.inference_mode():
         # double precision: the best of many images may differ from the next by little

@@ -7,6 +7,7 @@ from pydantic import field_validator
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
+from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError
 from toolkit.worlds.conditions import read_weathers
 
@@ -47,7 +48,6 @@ class Fog(ImageTransform):
         """Lay clouds over each, within [0, 1]."""
         import torch
 
-        from toolkit.core.draws import RandomStreams
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
@@ -223,7 +223,6 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     Returns:
         As `images`, what `corrupt` returns; differentiable.
     """
-    from toolkit.core.draws import RandomStreams
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
     from toolkit.corruptions.digital import pixelate_unrounded
