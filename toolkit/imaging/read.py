@@ -320,17 +320,10 @@ def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
     return image
 
 
-BY_DESIGN = frozenset(
-    (
-        "manifest.jsonl",
-        "transforms.json",
-        "retake.txt",
-        "gates.jsonl",
-        "corruption.json",
-        "corrupted.jsonl",
-        "instances.json",
-    )
-)
+BY_DESIGN = frozenset((
+    "manifest.jsonl", "transforms.json", "retake.txt", "gates.jsonl", "corruption.json", "corrupted.jsonl",
+    "instances.json",
+))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -177,14 +177,8 @@ class RegressorTask(TrainingTask[Regressor]):
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
-        module = start_module(
-            config.arch,
-            3 if config.uncertainty else 2,
-            config.pool,
-            image_px=train.images.shape[1],
-            init=init,
-            seed=seed,
-        )
+        outputs, image_px = 3 if config.uncertainty else 2, train.images.shape[1]
+        module = start_module(config.arch, outputs, config.pool, image_px=image_px, init=init, seed=seed)
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def parameters(self) -> dict[str, torch.Tensor]:

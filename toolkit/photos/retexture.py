@@ -152,12 +152,9 @@ def _retexture(
     return number, photo.name, facts
 
 
-def _suffix(photo: Photo) -> str:
-    return SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
-
-
 def _path(name: str, variant: str, number: int, photo: Photo) -> str:
-    return f"{name}/{variant}/pose_{number:02d}{_suffix(photo)}"
+    suffix = SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
+    return f"{name}/{variant}/pose_{number:02d}{suffix}"
 
 
 def _write(

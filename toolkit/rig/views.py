@@ -347,11 +347,6 @@ class ViewStream:
             self._pool = None
         self._waiting.clear()
 
-    @property
-    def views_per_group(self) -> int:
-        """How many views a group has."""
-        return self.settings.studios * self.settings.per_studio
-
     def group(self, number: int) -> list[RenderedView]:
         """The views of a group, and a beginning made with the next."""
         if self._current is None or self._current[0] != number:

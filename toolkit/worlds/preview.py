@@ -301,16 +301,8 @@ class _Show:
     def hash_inputs(self, job: _Job) -> str:
         """Hash of all that decides what a file shows."""
         sky, settings = self.skies[job.sky], self.settings
-        parts: list[object] = [
-            MADE_AS,
-            job.kind,
-            sky.name,
-            sky.exposure,
-            sky.sun,
-            sky.lamps,
-            crc32(sky.panorama.tobytes()),
-            self.facts,
-        ]
+        painted = crc32(sky.panorama.tobytes())
+        parts: list[object] = [MADE_AS, job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, painted, self.facts]
         if job.kind == "picture":
             parts += [settings.resolution, job.weather, settings.seed, job.item]
             parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]

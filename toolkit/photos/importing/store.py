@@ -60,8 +60,8 @@ def store_photo(
     old = [one for one in find_images(index, key) if not (one == file and sha256_file(one) == record.image_sha256)]
     for one in old:
         _keep_aside(index, one, key)
-    # a link is refused across disks, and then the bytes are copied
-    linked = link and content_is_file(photo) and link_file(photo.path, file, root)
+    # only an original whose bytes are kept as they are; a link is refused across disks, and then they are copied
+    linked = link and photo.kind not in HOW and link_file(photo.path, file, root)
     if not linked:
         write_bytes(file, content, root)
     for one in old:
@@ -83,11 +83,6 @@ def encode_photo(photo: Photo) -> bytes:
     picture = Image.fromarray(load_pixels(photo))
     picture.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
     return buffer.getvalue()
-
-
-def content_is_file(photo: Photo) -> bool:
-    """Whether the original's bytes go into the capture folder as they are."""
-    return photo.kind not in HOW
 
 
 def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None, image_sha256: str) -> CaptureRecord:
