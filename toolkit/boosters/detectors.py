@@ -127,12 +127,9 @@ def refuse_for_detectors(acting: Sequence[str]) -> None:
 
 
 def load_networks(
-    models: Sequence[str] | None,
-    weights: Sequence[Path] | None,
-    device: str = "auto",
-    folder: Path | None = None,
+    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str = "auto", folder: Path | None = None,
     may_mix: bool = False,
-) -> Sequence[Classifier | DetectorNetwork]:
+) -> Sequence[Classifier | DetectorNetwork]:  # fmt: skip
     """What boosters are trained against: classifiers or detectors by name; see `load_classifiers`, `load_detector`.
 
     Args:

@@ -173,15 +173,9 @@ def print_on_paper(linear: torch.Tensor, size_mm: float) -> torch.Tensor:
 
 
 def show_mounted(
-    patch: torch.Tensor,
-    views: MountedViews,
-    which: np.ndarray,
-    corners: np.ndarray,
-    image_px: int,
-    rng: np.random.Generator | None = None,
-    *,
-    through: Through | None = None,
-) -> torch.Tensor:
+    patch: torch.Tensor, views: MountedViews, which: np.ndarray, corners: np.ndarray, image_px: int,
+    rng: np.random.Generator | None = None, *, through: Through | None = None,
+) -> torch.Tensor:  # fmt: skip
     """Photographs of the object with a patch on its sheets.
 
     Args:

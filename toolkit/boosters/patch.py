@@ -146,18 +146,10 @@ class TrainedPatch(TrainedBooster):
 
 
 def train_patch(
-    config: PatchConfig,
-    class_name: str | int,
-    networks: Sequence[Network],
-    data: DataConfig | TrainingData,
-    workspace: Workspace,
-    *,
-    name: str | None = None,
-    views: MountedViews | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedPatch:
+    config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: DataConfig | TrainingData,
+    workspace: Workspace, *, name: str | None = None, views: MountedViews | None = None, out: Path | None = None,
+    restart: bool = False, checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedPatch:  # fmt: skip
     """Train a patch, or take it up where an interrupted run of the same settings left it.
 
     Args:

@@ -110,17 +110,10 @@ def say_held_out(validations: Iterable[WeatherValidation], how: str) -> Iterator
 
 
 def train_texture(
-    config: TextureConfig,
-    networks: Sequence[Network],
-    workspace: Workspace,
-    *,
-    class_name: str | int | None = None,
-    name: str | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    workers: int | None = None,
+    config: TextureConfig, networks: Sequence[Network], workspace: Workspace, *, class_name: str | int | None = None,
+    name: str | None = None, out: Path | None = None, restart: bool = False, workers: int | None = None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedTexture:
+) -> TrainedTexture:  # fmt: skip
     """Train a texture, or take it up where an interrupted run of the same settings left it.
 
     Args:

@@ -64,16 +64,9 @@ def count_placements(images: int, draws: int = DRAWS) -> int:
 
 
 def validate_patch(
-    patch: torch.Tensor,
-    images: torch.Tensor,
-    targets: list[Target],
-    appearance: Appearance,
-    seed: int,
-    *,
-    draws: int = DRAWS,
-    advance: Callable[[int], None] = lambda count: None,
-    corrupted: Corrupted | None = None,
-) -> list[Validation]:
+    patch: torch.Tensor, images: torch.Tensor, targets: list[Target], appearance: Appearance, seed: int, *,
+    draws: int = DRAWS, advance: Callable[[int], None] = lambda count: None, corrupted: Corrupted | None = None,
+) -> list[Validation]:  # fmt: skip
     """Recognise images bare and with the patch in fresh random placements.
 
     Args:

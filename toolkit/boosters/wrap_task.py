@@ -237,15 +237,9 @@ def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence
 
 
 def train_wrap(
-    config: WrapTrainConfig,
-    networks: Sequence[Network],
-    workspace: Workspace,
-    *,
-    class_name: str | int | None = None,
-    restart: bool = False,
-    workers: int | None = None,
-    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedWrap:
+    config: WrapTrainConfig, networks: Sequence[Network], workspace: Workspace, *, class_name: str | int | None = None,
+    restart: bool = False, workers: int | None = None, checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedWrap:  # fmt: skip
     """Train what is on a wrap, or take it up where an interrupted run of the same settings left it.
 
     Args:

@@ -256,15 +256,9 @@ def corrupt_images(
 
 
 def corrupt_folder(
-    source: Path,
-    out: Path,
-    corruptions: Sequence[tuple[str, int]],
-    *,
-    seed: int = 0,
-    size_px: int | None = None,
-    image_format: str = "png",
-    device: str = "cpu",
-) -> CorruptResult:
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
+    image_format: str = "png", device: str = "cpu",
+) -> CorruptResult:  # fmt: skip
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
     One corruption at one severity lies in `out` itself, several in `out`/NAME/SEVERITY. An image's seed is its path

@@ -217,15 +217,10 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
 
 
 def load_captures(
-    workspace: Workspace,
-    classifier: Classifier,
-    captures_dir: Path | str | None = None,
-    *,
-    sources: Sequence[str] = (),
-    objects: Sequence[str] = (),
-    variants: Sequence[str] = (),
+    workspace: Workspace, classifier: Classifier, captures_dir: Path | str | None = None, *,
+    sources: Sequence[str] = (), objects: Sequence[str] = (), variants: Sequence[str] = (),
     transform: "Callable[[torch.Tensor], torch.Tensor] | None" = None,
-) -> "CaptureDataset":
+) -> "CaptureDataset":  # fmt: skip
     """Captures as a `torch.utils.data.Dataset` of `(image, target, info)`, for a `DataLoader` with any workers.
 
     `image` is (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the classifier wants it, not normalised;

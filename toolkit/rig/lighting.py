@@ -255,13 +255,9 @@ class _Directions:
 
 
 def bake_lighting(
-    shape: Shape,
-    albedo: np.ndarray,
-    scene: Scene,
-    detail: BakeDetail = FULL_DETAIL,
-    stand: Stand = AT_ORIGIN,
+    shape: Shape, albedo: np.ndarray, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN,
     around: Shape | None = None,
-) -> Lighting:
+) -> Lighting:  # fmt: skip
     """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:

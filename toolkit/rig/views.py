@@ -305,16 +305,9 @@ class ViewStream:
     """
 
     def __init__(
-        self,
-        subjects: list[PaintableObject],
-        settings: ViewSettings,
-        seed: int,
-        groups: int,
-        workers: int | None = None,
-        *,
-        setting: Setting = IN_STUDIO,
-        with_depth: bool = False,
-    ) -> None:
+        self, subjects: list[PaintableObject], settings: ViewSettings, seed: int, groups: int,
+        workers: int | None = None, *, setting: Setting = IN_STUDIO, with_depth: bool = False,
+    ) -> None:  # fmt: skip
         """Prepare `groups` groups of training views.
 
         Args:

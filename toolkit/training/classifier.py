@@ -53,18 +53,10 @@ class TrainedClassifier:
 
 
 def train_classifier(
-    config: ClassifierConfig,
-    workspace: Workspace,
-    pictures: ClassPictures | None = None,
-    *,
-    out: Path | None = None,
-    device: str = "auto",
-    workers: int = 1,
-    download: bool = False,
-    restart: bool = False,
-    keep_data: bool = False,
+    config: ClassifierConfig, workspace: Workspace, pictures: ClassPictures | None = None, *, out: Path | None = None,
+    device: str = "auto", workers: int = 1, download: bool = False, restart: bool = False, keep_data: bool = False,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedClassifier:
+) -> TrainedClassifier:  # fmt: skip
     """Train a classifier, or take it up where an interrupted run of the same settings left it.
 
     Args:

@@ -472,12 +472,9 @@ def choose_corruptions(pictures: Iterable[tuple[str, int]]) -> dict[tuple[str, i
 
 
 def _ask(
-    entry: ChallengeEntry,
-    judge: Classifier,
-    captures: Sequence[Capture],
-    home: Path,
+    entry: ChallengeEntry, judge: Classifier, captures: Sequence[Capture], home: Path,
     looks: Mapping[tuple[str, int], float],
-) -> Iterator[JudgedPicture]:
+) -> Iterator[JudgedPicture]:  # fmt: skip
     space = Workspace(home / entry.record.name)
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
