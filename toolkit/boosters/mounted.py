@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from torch.nn.functional import interpolate
 
 from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
@@ -160,8 +161,6 @@ def stack_views(
 
 def print_on_paper(linear: torch.Tensor, size_mm: float) -> torch.Tensor:
     """(3, m, m): `toolkit.rig.mount.print_on_paper`, in linear light and differentiable in the patch (3, n, n)."""
-    from torch.nn.functional import interpolate
-
     repeat, margin = size_on_paper(linear.shape[-1], size_mm)
     # nearest by default: texels on paper have sharp edges
     crisp = interpolate(linear[None], scale_factor=repeat)[0]

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
+from torch.nn.functional import cross_entropy, interpolate
 
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
@@ -68,8 +69,6 @@ class Target:
 
 def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
     """(b, 3, m, m) photographs at another side; differentiable."""
-    from torch.nn.functional import interpolate
-
     if photos.shape[-1] == side:
         return photos
     return interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)
@@ -155,8 +154,6 @@ def judge_photos(
     recognised, mean over the networks. By the objective `logit` the loss is the class' logit, its sign turned, whose
     gradient does not vanish where a network is sure (Zhao et al. 2021).
     """
-    from torch.nn.functional import cross_entropy
-
     loss, recognised = photos.new_zeros(()), 0.0
     for target in targets:
         with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():

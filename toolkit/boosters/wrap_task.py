@@ -1,9 +1,9 @@
 """Train what is on the pieces of a wrap: what `toolkit train-wrap` runs."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -44,10 +44,6 @@ from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
 from toolkit.worlds.place import scale_to_world
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-
 BATCH = 12
 """Views that are shown together when pieces are ranked."""
 
@@ -60,7 +56,7 @@ class StuckObject(PaintableObject):
         stick: the mesh with the pieces where the draws of a block let them lie.
     """
 
-    stick: "Callable[[Draws], Mesh]"
+    stick: Callable[[Draws], Mesh]
 
     def for_block(self, draws: Draws) -> PaintableObject:
         """With the pieces where these draws let them lie."""

@@ -432,8 +432,6 @@ def _find_flipped(images: Sequence[DetectedImage]) -> set[str]:
 
 def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
-    from toolkit.evaluation.predict import corrupt_images, find_pending
-
     if one.seen is None:
         return None
     try:

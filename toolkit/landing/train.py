@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -361,7 +362,6 @@ def export_onnx(regressor: Regressor, file: Path) -> Path:
     Raises:
         ToolkitError: onnx is not installed.
     """
-    from tempfile import TemporaryDirectory
 
     class Whole(torch.nn.Module):
         def __init__(self) -> None:
