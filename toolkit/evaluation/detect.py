@@ -244,8 +244,6 @@ def evaluate_detector(
         ToolkitError: no image with a known box, no object whose class the detector knows, or `eval/` cannot be
             written.
     """
-    from toolkit.evaluation.detect import write_detection_report
-
     folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [one for one in folder.captures if one.object in classes]

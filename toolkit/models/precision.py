@@ -94,16 +94,13 @@ def mixed_precision(device: str) -> AbstractContextManager[object]:
 
 @contextmanager
 def _bfloat16_on_cpu() -> Iterator[None]:
-    from toolkit.models.precision import FastDepthwise
-
     with torch.autocast("cpu", torch.bfloat16), FastDepthwise():
         yield
 
 
 def has_native_bfloat16() -> bool:
     """Whether this processor has instructions for products of bfloat16 (AVX-512 BF16 or AMX)."""
-    find = getattr(torch.cpu, "get_capabilities", None)  # torch 2.9 and later
-    found = find() if find else {}
+    found = torch.cpu.get_capabilities()
     return any(found.get(name, False) for name in ("avx512_bf16", "amx_bf16", "amx_tile"))
 
 
