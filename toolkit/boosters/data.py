@@ -18,7 +18,7 @@ from toolkit.core.files import inside, real_path, sha256_bytes, sha256_file, wri
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
-from toolkit.models.labels import imagenet_wnids
+from toolkit.models.labels import imagenet_wnids, plain_name
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.training.renders import RENDERS_VERSION
@@ -103,11 +103,7 @@ def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[s
     names = {typed, classifier.labels[index]}
     if classifier.is_imagenet:
         names.add(imagenet_wnids()[index])
-    return frozenset(_plain(name) for name in names)
-
-
-def _plain(name: str) -> str:
-    return name.lower().replace("_", " ").replace("-", " ").strip()
+    return frozenset(plain_name(name) for name in names)
 
 
 def choose_images(
