@@ -131,7 +131,9 @@ def choose_images(
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
     inside_class = plain_name(real_path(folder).name) in names
-    own = tuple(parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1]))
+    own = tuple(
+        parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])
+    )
     if backgrounds == "class" and not own:
         raise FieldError(
             f"no sub-folder called {' or '.join(sorted(names))}: name one so, or use {{backgrounds}} all",
