@@ -169,7 +169,7 @@ def fly(
         made.write(flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4")
         for made, one in zip(films, filmed, strict=True)
     ]
-    files = write_report(config, flown, results, pairs, space, films)
+    page = write_report(config, flown, results, pairs, space, films)
     if as_json:
         rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
         show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
@@ -183,7 +183,7 @@ def fly(
             say(f"{flown.made} episodes flown now, {seconds['whole_s']:.0f} s of work, {share:.1%} physics and control")
         for path in paths:
             say(f"film: {path}")
-        say(f"report: {files.report}")
+        say(f"report: {page}")
     if flown.failed:
         raise typer.Exit(1)
 
