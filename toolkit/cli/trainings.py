@@ -1,7 +1,7 @@
 """Commands that train: patches, textures, wraps, classifiers; and what patches are compared with."""
 
 import os
-from dataclasses import asdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,7 @@ from toolkit.boosters.wrap_config import RECIPES as WRAP_RECIPES
 from toolkit.boosters.wrap_config import make_config as make_wrap_config
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
-from toolkit.cli.output import say, show_json, show_result, warn
+from toolkit.cli.output import show_result, warn
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, open_workspace
@@ -283,36 +283,18 @@ def baseline(
     place = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, place.classifiers_dir)
     made = make_baseline(config.with_overrides(seed=seed), classifier, place)
-    _report_baseline(made, config.kind, config.data, as_json)
-    if made.skipped:
-        raise typer.Exit(1)
+    show_result(made, as_json, _describe_baseline(made, config.kind, config.data))
 
 
-def _report_baseline(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
-    from toolkit.core.console import list_skipped
-
-    list_skipped(made.skipped)
-    if as_json:
-        sets = [asdict(one) | {"folder": str(one.folder)} for one in made.sets]
-        skipped = [{"path": path, "reason": reason} for path, reason in made.skipped]
-        show_json({"sets": sets, "skipped": skipped})
-        return
-
-    for one in made.sets:
-        if one.made:
-            before = f", {one.found} made before" if one.found else ""
-            say(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
-        elif one.found:
-            say(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
-        else:
-            say(f"{one.folder}: nothing made")
+def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Iterator[str]:
+    yield from made.lines()
     names = [one.name for one in made.sets if one.made or one.found]
     if names:
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
         where = "FOLDER" if others or data is None else data
         why = ": FOLDER with other images than these were chosen from" if others else ""
-        say(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")
+        yield f"next: toolkit {command} --data {where} --patches {names[0]}{why}"
 
 
 @from_config(config=ClassifierConfig)
@@ -349,36 +331,15 @@ def train_classifier(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,
         workers=workers or os.cpu_count() or 1, download=download, restart=restart, keep_data=keep_data,
     )  # fmt: skip
-    _report_classifier(trained, out, as_json)
-    if trained.skipped:
-        raise typer.Exit(1)
+    show_result(trained, as_json, _describe_classifier(trained, out))
 
 
-def _report_classifier(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
-    from toolkit.core.console import list_skipped
-
-    list_skipped(trained.skipped)
+def _describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iterator[str]:
     record = trained.record
-    if as_json:
-        result = {
-            "classifier": str(trained.file),
-            "was_finished": trained.was_finished,
-            "resumed_from": trained.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
-            "record": record.model_dump(mode="json"),
-        }
-        show_json(result)
-        return
-
-    if trained.was_finished:
-        say(f"{trained.file} was trained with these inputs before: nothing to do; --restart trains it again")
-    else:
-        size_mb = trained.file.stat().st_size / 1e6
-        say(f"{trained.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB")
-    for line in describe_held_out(record.held_out):
-        say(line)
+    yield from trained.lines()
+    yield from describe_held_out(record.held_out)
     model = f"--model {record.name}" if out is None else f"--weights {trained.file}"
-    say(
+    yield (
         f"next: toolkit eval captures/ {model}, and for patches of its own "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"
     )

@@ -1,8 +1,10 @@
 """Train a classifier from its settings to files: what `toolkit train-classifier` runs."""
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
@@ -50,6 +52,22 @@ class TrainedClassifier:
     skipped: tuple[tuple[str, str], ...]
     resumed_from: int
     was_finished: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "classifier": str(self.file), "was_finished": self.was_finished, "resumed_from": self.resumed_from,
+            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
+            "record": self.record.model_dump(mode="json"),
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What it is, or that it was there."""
+        if self.was_finished:
+            yield f"{self.file} was trained with these inputs before: nothing to do; --restart trains it again"
+        else:
+            size_mb, record = self.file.stat().st_size / 1e6, self.record
+            yield f"{self.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB"
 
 
 def train_classifier(
