@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +16,7 @@ from toolkit.boosters.pixels import PixelTask, Target, record_network
 from toolkit.boosters.validation import Validation, list_shares
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.imaging.read import encode_image
 from toolkit.objects.records import Patch, Texture
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
@@ -187,9 +187,8 @@ def draw_turntable(photos: torch.Tensor, target: Target) -> np.ndarray:
 
 def write_preview(file: Path, sheet: np.ndarray) -> None:
     """Write a picture (h, w, 3) uint8 sRGB as PNG."""
-    buffer = BytesIO()
-    Image.fromarray(sheet).save(buffer, "PNG")  # without the slow search for the smallest file that a patch is worth
-    write_bytes(file, buffer.getvalue())
+    # without the slow search for the smallest file that a patch is worth
+    write_bytes(file, encode_image(sheet, "PNG"))
 
 
 def _draw_photos(

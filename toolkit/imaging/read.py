@@ -382,6 +382,13 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     return FoundFiles(tuple(sorted(images)), tuple(refused), tuple(others))
 
 
+def encode_image(picture: np.ndarray | Image.Image, kind: str, **how: Any) -> bytes:
+    """A picture, (h, w), (h, w, 3) or (h, w, 4) uint8, as the bytes of a file of that kind; `how` is Pillow's."""
+    buffer = io.BytesIO()
+    (picture if isinstance(picture, Image.Image) else Image.fromarray(picture)).save(buffer, kind, **how)
+    return buffer.getvalue()
+
+
 def show_path(parts: tuple[str, ...]) -> str:
     """Parts of a path joined by slashes, as text that can be written anywhere, whatever bytes the name holds."""
     return os.fsencode("/".join(parts)).decode("utf-8", errors="replace")

@@ -1,16 +1,14 @@
 """Put a photograph into a capture folder."""
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
 from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
-from toolkit.imaging.read import show_path
+from toolkit.imaging.read import encode_image, show_path
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
@@ -78,11 +76,8 @@ def encode_photo(photo: Photo) -> bytes:
         return read_preview(photo.path)
     if photo.kind != "video":
         return photo.path.read_bytes()
-    buffer = io.BytesIO()
     facts = ExifFacts(photo.taken, photo.camera, photo.focal_mm, photo.focal_35mm_mm)
-    picture = Image.fromarray(load_pixels(photo))
-    picture.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
-    return buffer.getvalue()
+    return encode_image(load_pixels(photo), "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
 
 
 def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None, image_sha256: str) -> CaptureRecord:
