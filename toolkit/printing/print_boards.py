@@ -122,6 +122,14 @@ STAND_IT = (
 )
 
 
+@dataclass(frozen=True)
+class BoardDocument:
+    """A finished PDF and how it is laid out."""
+
+    content: bytes
+    plan: PagePlan
+
+
 def plan_board_pages(spec: Board, paper: Paper, orientation: str = "auto") -> PagePlan:
     """Lay out a board or a ring on as few pages as can be.
 
@@ -168,8 +176,8 @@ def choose_board(
     return CharucoBoard(columns, rows, side, round(side * MARKER_SHARE, 2) if marker_mm is None else marker_mm)
 
 
-def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> tuple[bytes, PagePlan]:
-    """A board or a ring as PDF, and how it is laid out; the same spec, paper and toolkit version give the same bytes.
+def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> BoardDocument:
+    """A board or a ring as PDF; the same spec, paper and toolkit version give the same bytes.
 
     Raises:
         ToolkitError: it is too large to be tiled sensibly.
@@ -192,7 +200,7 @@ def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> tup
     for number, page in enumerate(plan.pages, start=1):
         with pdf.page():
             draw_page(pdf, plan, page, sheet, f"page {number} of {len(plan.pages)}")
-    return pdf.finish(), plan
+    return BoardDocument(pdf.finish(), plan)
 
 
 def label_board(spec: Board) -> PatchLabel:
@@ -218,7 +226,7 @@ def label_board(spec: Board) -> PatchLabel:
 USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
 
 
-def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, PagePlan]:
+def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
     """The strip in the middle of a page, with check bars and, where they fit, crop marks."""
     frame = turn_frames(paper, orientation)[0]
     width, height = STRIP.size_mm
@@ -238,7 +246,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
         if middle.area.width + 2 * MARK_MM <= frame.content.width:
             draw_crop_marks(pdf, middle.area)
         draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)
-    return pdf.finish(), PagePlan(frame, (CopiesPage((middle.area,), middle),))
+    return BoardDocument(pdf.finish(), PagePlan(frame, (CopiesPage((middle.area,), middle),)))
 
 
 @dataclass(frozen=True)
@@ -299,15 +307,15 @@ def print_board(
     pdf_file = folder if is_file else folder / f"{wanted.kind.replace('-', '_')}.pdf"
     spec = None if wanted.colour_strip else choose_sheet(wanted, page)
     build = build_strip_pdf if spec is None else partial(build_board_pdf, spec)
-    content, plan = build(page.paper, page.orientation)
-    write_bytes(pdf_file, content)
+    document = build(page.paper, page.orientation)
+    write_bytes(pdf_file, document.content)
     note = _compare(workspace, spec) if spec else None  # before the spec that it is compared with is replaced
-    paper = plan.frame.paper
+    paper = document.plan.frame.paper
     return PrintedBoard(
         kind=wanted.kind, file=str(pdf_file), spec_file=str(write_board(workspace, spec)) if spec else None,
         description=spec.describe() if spec else f"colour strip of {len(STRIP.swatches)} cells",
         size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)) if spec else STRIP.size_mm,
-        paper=paper.name, orientation=paper.orientation, pages=len(plan.pages), tiles=plan.tiles,
+        paper=paper.name, orientation=paper.orientation, pages=len(document.plan.pages), tiles=document.plan.tiles,
         note=note,
     )  # fmt: skip
 
