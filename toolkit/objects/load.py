@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_read_error, inside, open_plain
@@ -25,7 +26,9 @@ from toolkit.objects.mesh import (
     hash_shape,
     merge_meshes,
     mesh_from_corners,
+    pack_mesh,
     place_on_table,
+    unpack_mesh,
 )
 from toolkit.objects.paint import paint_faces
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
@@ -240,7 +243,8 @@ def build_mesh(name: str) -> Mesh:
     """Build one of the procedural objects."""
     if name not in BUILTIN:
         raise one_of("built-in mesh", name, list(BUILTIN))
-    return import_module(f"toolkit.content.{name}").build()
+    # modelling takes a second or two, and gives the same each time
+    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(import_module(f"toolkit.content.{name}").build())))
 
 
 def read_mesh(path: Path) -> Mesh:
