@@ -11,8 +11,12 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace, open_workspace
+from toolkit.objects.add import add_object
 from toolkit.objects.load import load_object
+from toolkit.objects.spec import ObjectRequest
 from toolkit.rig.fit import measure_fit
+
+REPLACED = ObjectRequest(class_name="coffee mug", replace=True)
 
 
 @pytest.fixture
@@ -135,3 +139,16 @@ def test_a_patch_that_does_not_lie_on_top_is_put_where_place_finds_it_lying(spac
     asked = ("../board.stl", "--class", "crate", "--length-mm", 100, "--print-side", "top", "--replace", "--json")
     made = json.loads(call(*asked).stdout)
     assert not made["moved"] and "'toolkit place --object board' shows where one lies" in made["trouble"]
+
+
+def test_a_mesh_is_read_once(space, monkeypatch):
+    """A large one takes longer to read than all else takes."""
+    from toolkit.objects import load
+
+    read, build = [], load._build_mesh
+    monkeypatch.setattr(load, "_build_mesh", lambda path: read.append(path.name) or build(path))
+    call("../brick.ply", "--class", "coffee mug", "--quiet")
+    assert read == ["brick.ply"]
+    monkeypatch.undo()
+    kept, made = load_object(space.object_spec("brick")), add_object(space, space.root / "../brick.ply", REPLACED).item
+    assert kept.mesh_sha256 == made.mesh_sha256

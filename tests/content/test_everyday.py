@@ -28,8 +28,7 @@ def _bytes(mesh):
 @pytest.mark.slow
 @kinds
 def test_seed_decides(label, made):
-    again = [make_everyday(label, (7, seed)) for seed in SEEDS[:2]]
-    assert [_bytes(mesh) for mesh in again] == [_bytes(mesh) for mesh in made[label][:2]]
+    assert _bytes(make_everyday(label, (7, SEEDS[1]))) == _bytes(made[label][1])
     assert len({_bytes(mesh) for mesh in made[label]}) == len(SEEDS)
 
 

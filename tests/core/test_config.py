@@ -161,9 +161,10 @@ def test_bounds_in_words():
         b: Annotated[int, Field(ge=2)] = 2
         c: Annotated[float, Field(gt=0, lt=1)] = 0.5
         d: float = 0.0
+        e: Annotated[int, Field(ge=2, le=10_000_000)] = 2
 
     assert [bounds_of(info) for info in Bounds.model_fields.values()] == [
-        "8 to 224", "at least 2", "above 0 and below 1", ""
+        "8 to 224", "at least 2", "above 0 and below 1", "", "2 to 10000000"
     ]  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """What answers instead of a simulator: numbers, maps and pictures that are none, and more of them than memory holds."""
 
+import math
 import socket
 import struct
 import threading
@@ -99,6 +100,12 @@ def test_an_image_that_is_none_is_a_line(name, value):
         image.decode()
 
     said_in_a_line(read)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_depth_beyond_single_precision_is_endless():
+    depth = _Image.read(IMAGE | {"image_data_float": [1.0, 1e300, -1e300, 2.0]}, "here").read_depth()
+    assert depth.tolist() == [[1.0, math.inf], [math.inf, 2.0]]
 
 
 @given(part=st.sampled_from(sorted(POSE)), axis=st.sampled_from("wxyz"), value=ODD)

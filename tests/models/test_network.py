@@ -7,6 +7,7 @@ import pytest
 import torch
 import torchvision
 
+from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.models.architectures import CIFAR_NETWORKS, list_architectures, published_weights
 from toolkit.models.load import load_classifier
@@ -141,3 +142,15 @@ def test_preprocess_gives_what_logits_takes(classifier):
     assert tensor.shape == (3, 224, 224)
     assert tensor.dtype == torch.float32
     assert torch.equal(tensor, torch.ones(3, 224, 224))
+
+
+def test_torchs_compiler_is_loaded_where_it_is_asked_for(files):
+    """It takes 160 MB, and no evaluation needs it."""
+    code = (
+        "import sys; from pathlib import Path; from toolkit.models.load import load_classifier; "
+        f"load_classifier('resnet18', Path({str(files / 'imagenet.pth')!r}), 'cpu'); before = 'sympy' in sys.modules; "
+        "import torchvision.ops.roi_align; roi = sys.modules['torchvision.ops.roi_align']; "
+        "print(before, getattr(roi, 'is_compile_supported', lambda _: True)('cpu'))"
+    )
+    done = run_python(code)
+    assert done.stdout.split() == [b"False", b"True"], done.stderr.decode()

@@ -272,8 +272,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("batch", ["b", 1])
-@pytest.mark.parametrize("case", HOSTILE)
+@pytest.mark.parametrize(("case", "batch"), [*((case, 1) for case in HOSTILE), ("a scalar", "b"), ("misfit", "b")])
 def test_a_hostile_graph_is_one_line(tmp_path, monkeypatch, case, batch):
     import toolkit.models.onnx_graphs
 

@@ -232,7 +232,7 @@ def test_paint_of_finer_pictures_is_their_mean_light():
 
 @pytest.mark.parametrize("unwrap", [False, True])
 def test_in_its_paint_an_object_looks_as_before(unwrap):
-    mesh, n = build_mesh("eggnog"), 512
+    mesh, n = build_mesh("eggnog"), 384
     atlas = make_atlas(mesh, n, unwrap=unwrap)
     worn = apply_texture(atlas, take_paint(atlas, mesh))
     triangle, weights, uv = seen(atlas.mesh, 20)

@@ -1,5 +1,7 @@
 """The mesh type: placing, merging, creases."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,12 @@ from toolkit.objects.mesh import (
     Mesh,
     check_mesh,
     corner_normals,
+    hash_mesh,
     merge_meshes,
     mesh_from_corners,
+    pack_mesh,
     place_on_table,
+    unpack_mesh,
 )
 
 GREY = Material("grey", np.full((4, 4, 3), 128, np.uint8))
@@ -60,6 +65,16 @@ def test_vertices_are_split_where_texture_or_crease_ask_for_it():
     uv[2:] = 0.5
     assert len(mesh_from_corners(flat_vertices, faces, uv, np.zeros(4), (GREY,)).vertices) == 8
     np.testing.assert_allclose(creased.vertices[creased.faces], vertices[faces], atol=1e-6)
+
+
+def test_a_mesh_comes_back_from_its_arrays(make_box):
+    mesh = make_box()
+    (paint,) = mesh.materials
+    lamp = Material("lamp", paint.texture, 1, 0.25, emission=paint.texture // 2)
+    mesh = replace(mesh, materials=(paint, lamp))
+    back = unpack_mesh(pack_mesh(mesh))
+    assert hash_mesh(back) == hash_mesh(mesh) and np.array_equal(back.normals, mesh.normals)
+    assert back.materials[0].texture is back.materials[1].texture  # one picture, as before
 
 
 def test_a_mesh_is_shown_by_its_counts(make_box):

@@ -51,7 +51,7 @@ def cone(radius: float, height: float, sides: int) -> Mesh:
 
 
 def sphere(radius: float) -> Mesh:
-    made = trimesh.creation.icosphere(4, radius)
+    made = trimesh.creation.icosphere(3, radius)
     return make_mesh(made.vertices, made.faces)
 
 

@@ -233,7 +233,7 @@ def test_another_dictionary_is_named(tmp_path):
     grey = cv2.GaussianBlur(40 + page * 0.7, (0, 0), 1.0).astype(np.uint8)
     image = np.repeat(grey[..., None], 3, axis=2)
     assert find_dictionary(image) == "DICT_4X4_50", "the smallest that has all of its numbers"
-    assert find_dictionary(np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)) is None
+    assert find_dictionary(np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)) is None
     words = locate_by_board(make_workspace(tmp_path))(None, image)
     assert words == "no board is seen, but markers of DICT_4X4_50: this board has DICT_5X5_1000"
     board = CharucoBoard(5, 7, 30.0, 22.0, "DICT_4X4_50")

@@ -166,7 +166,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
 
     space = make_workspace(tmp_path / "space")  # noqa: F811
     item = load_object(space.object_spec("racer"))
-    write_plan(space.plan_file, make_plan([item], Camera.from_fov(640, 480), Pattern(count=6)))
+    write_plan(space.plan_file, make_plan([item], Camera.from_fov(640, 480), Pattern(count=4)))
     plan = read_plan(space.plan_file)
     steps = order_shots(plan, ["racer"], seed=3)
     write_shots(space.root / "rig" / "shots.json", list_shots(plan, steps, 3))
@@ -182,7 +182,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
                 np.array(pose.target_mm), pose.azimuth_deg + beside[0], pose.elevation_deg + beside[1],
                 pose.distance_mm * rng.uniform(0.8, 1), rng.normal(0, 1.5),
             )  # fmt: skip
-            pixels = tone_map(renderer.render(Camera.from_fov(960, 720, 50), T), (3, step.number))
+            pixels = tone_map(renderer.render(Camera.from_fov(640, 480, 50), T), (3, step.number))
             exif, taken = Image.Exif(), datetime(2024, 5, 1, 10) + timedelta(minutes=step.number)
             exif[0x8769] = {0x9003: taken.strftime("%Y:%m:%d %H:%M:%S")}
             Image.fromarray(pixels).save(tmp_path / "photos" / f"IMG_{step.number}.jpg", exif=exif.tobytes())

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.rig.lighting import Shape, bake_lighting, read_samples
+from toolkit.core.cache import PLACE
+from toolkit.rig import lighting
+from toolkit.rig.lighting import BakeDetail, Shape, bake_lighting, bake_studio_light, read_samples
 from toolkit.rig.scene import KeyLight
 from toolkit.rig.studio import make_studio
 
@@ -132,3 +134,19 @@ def test_a_symmetric_scene_has_symmetric_light(bake):
     mirrored = light.table[::-1]
     assert np.abs(light.table - mirrored).mean() < 0.015 * light.open_irradiance.mean()
     assert np.abs(light.table - light.table[:, ::-1]).mean() > 0.05  # and the key light is seen to be on one side
+
+
+def test_light_that_is_kept_is_the_same_and_of_another_light_it_is_another(make_box, monkeypatch, tmp_path):
+    monkeypatch.setenv(PLACE, str(tmp_path))
+    studio, mesh, albedo = make_studio(0, 100, "white"), make_box((60.0, 60.0, 40.0)), np.full(3, 0.4, np.float32)
+    detail = BakeDetail(4, 16, 0.1, 0.1)
+    made = bake_lighting(Shape(mesh), albedo, studio, detail)
+    kept = [bake_studio_light(Shape(mesh), albedo, studio, detail) for _ in range(2)]
+    other = bake_studio_light(Shape(mesh), albedo, replace(studio, key=KeyLight(azimuth_deg=90.0)), detail)
+    monkeypatch.setattr(lighting, "bake_lighting", lambda *_: pytest.fail("it is on disk"))
+    kept.append(bake_studio_light(Shape(mesh), albedo, studio, detail))
+    for one in kept:
+        assert one.table_side_mm == made.table_side_mm and one.grid.slot.shape == made.grid.slot.shape
+        for name in ("stored", "table", "open_irradiance"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(made, name))
+    assert not np.array_equal(other.stored, made.stored)

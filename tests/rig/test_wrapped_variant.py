@@ -9,11 +9,14 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
+from toolkit.captures.read import read_captures
 from toolkit.captures.shoot import Rehearsal, ShootSettings, shoot_plan
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.results import find_training
 from toolkit.objects.load import load_object
+from toolkit.objects.records import NetworkRecord
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig.plan import read_plan
@@ -67,6 +70,17 @@ def test_it_is_seen_and_the_manifest_says_how_it_misfits(space):
     assert is_green.sum() > 0.8 * on_crate.sum() > 200
     made = {path: record.made for path, record in read_manifest(shot.source_dir).items()}["crate/wrapped/pose_01.png"]
     assert made["booster"] == "crate" and made["misfit"] == Misfit().record() and made["misfit_seed"] == 0
+
+
+def test_an_evaluation_says_whether_its_network_was_seen(space):
+    wrap = read_wrap(space.wrap("crate"))
+    network = NetworkRecord(arch="resnet18", weights="resnet18.pth", sha256="ab" * 32)
+    trained = wrap.record.model_copy(update={"booster": TRAINING.model_copy(update={"networks": [network]})})
+    write_wrap(space.wraps_dir / "crate", Wrap(trained, wrap.pieces, wrap.pixels))
+    captures = read_captures(shoot(space).source_dir.parent).captures
+    for judge, seen in ((network.sha256, True), ("cd" * 32, False)):
+        (found,) = find_training(captures, space, judge)
+        assert (found.variant, found.booster, found.networks, found.seen) == ("wrapped", "crate", (network,), seen)
 
 
 def test_what_is_stuck_on_otherwise_is_shot_again_and_nothing_else(space):

@@ -14,6 +14,7 @@ from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exp
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
 from toolkit.core.config import Config
+from toolkit.core.console import Ticker
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
@@ -263,7 +264,7 @@ def shoot_plan(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
     settings: ShootSettings | None = None, source: str = "sim", *,
     captures_dir: Path | None = None, patch_mm: float | None = None, stored: Mapping[str, StoredImage] | None = None,
-    engine: Engine | None = None,
+    engine: Engine | None = None, bar: Ticker | None = None,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
 
@@ -281,6 +282,7 @@ def shoot_plan(
         patch_mm: printed side of every patch, by default as the object's spec or the patch's record says.
         stored: images by the hash of their inputs (`index_images`) that are copied instead of shot again.
         engine: where images are shot; by default in this process.
+        bar: counts each image that is shot; by default a bar of its own.
 
     Raises:
         ToolkitError: an object, variant, backdrop, light, renderer or source is unknown, an object is not in the plan,
@@ -297,7 +299,7 @@ def shoot_plan(
         for shot in _plan_scene(workspace, plan, item, variant, settings)
     ]
     source_dir = (captures_dir or workspace.captures_dir) / source
-    return take_shots(workspace, shots, settings, source_dir, stored, engine=engine)
+    return take_shots(workspace, shots, settings, source_dir, stored, engine=engine, bar=bar)
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
@@ -331,7 +333,7 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
 
 def take_shots(
     workspace: Workspace, shots: Iterable[Shot], settings: ShootSettings, source_dir: Path,
-    stored: Mapping[str, StoredImage] | None = None, *, engine: Engine | None = None,
+    stored: Mapping[str, StoredImage] | None = None, *, engine: Engine | None = None, bar: Ticker | None = None,
 ) -> ShootResult:  # fmt: skip
     """Take the shots that are not there yet.
 
@@ -359,7 +361,7 @@ def take_shots(
             and not _copy_stored(shot, stored or {}, source_dir)
         }
         units = _list_units(workspace, missing, settings, planned)
-        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess())
+        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), bar=bar)
         records = read_manifest(source_dir)
         folders = {Path(path).parent for path in wanted}
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -13,9 +13,9 @@ from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import AddedObject, add_object
-from toolkit.objects.load import load_object
+from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.objects.spec import ObjectRequest, Side, write_mounts
+from toolkit.objects.spec import ObjectRequest, Side, read_spec, write_mounts
 from toolkit.objects.wrap import Wrap, write_wrap
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, mounted_sizes_mm
@@ -239,24 +239,24 @@ def add_and_place(workspace: Workspace, mesh_file: Path, request: ObjectRequest)
     label = find_class(str(request.class_name), workspace.classifiers_dir)
     added = add_object(workspace, mesh_file, request.with_overrides(class_name=label))
     sides = get_args(Side) if request.print_side is None else (request.print_side,)
-    moved = move_sheet(workspace, added.item.name, sides)
-    return NewObject(added, moved, preview_object(workspace, load_object(added.spec_file)))
+    moved = move_sheet(workspace, added.item, sides)
+    return NewObject(added, moved, preview_object(workspace, replace(added.item, spec=read_spec(added.spec_file))))
 
 
-def move_sheet(workspace: Workspace, object_name: str, sides: Sequence[Side]) -> str:
+def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -> str:
     """Move the sheet of a new object to where it lies, if it does not where the object's file puts it.
 
     The largest size counts at which it lies at all, and of its places the one that a plan's cameras see best.
 
     Args:
         workspace: whose object is meant; its file is written.
-        object_name: which object.
+        item: the object.
         sides: that it may be moved to.
 
     Returns:
         What was changed, in a sentence; empty where the sheet stays.
     """
-    item, camera = load_object(workspace.object_spec(object_name)), Camera.from_fov()
+    camera = Camera.from_fov()
     (wanted_mm,), mount = mounted_sizes_mm(workspace, item), item.spec.mounts[0]
     if describe_misfit(item, wanted_mm) is None:
         return ""
@@ -266,7 +266,7 @@ def move_sheet(workspace: Workspace, object_name: str, sides: Sequence[Side]) ->
             break
         config = PlaceConfig(sides=tuple(sides), steps=FEW_STEPS, best=1)
         for best in find_places(item, camera, poses, config, [size_mm]):
-            file = workspace.object_spec(object_name)
+            file = workspace.object_spec(item.name)
             write_mounts(file, file, [best.mount])
             return (
                 f"a patch of {wanted_mm:.3g} mm does not lie flat on its {mount.at}: it goes on its {best.mount.at}, "

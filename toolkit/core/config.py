@@ -226,13 +226,13 @@ def bounds_of(info: FieldInfo) -> str:
     for mark in info.metadata:
         match mark:
             case Ge(ge=bound):
-                low = f"at least {bound:g}"
+                low = f"at least {bound:.12g}"
             case Gt(gt=bound):
-                low = f"above {bound:g}"
+                low = f"above {bound:.12g}"
             case Le(le=bound):
-                high = f"at most {bound:g}"
+                high = f"at most {bound:.12g}"
             case Lt(lt=bound):
-                high = f"below {bound:g}"
+                high = f"below {bound:.12g}"
     if low.startswith("at least") and high.startswith("at most"):
         return f"{low.removeprefix('at least ')} to {high.removeprefix('at most ')}"
     return " and ".join(filter(None, [low, high]))

@@ -3,6 +3,7 @@
 import traceback
 from collections import deque
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import groupby, islice
 from pathlib import Path
@@ -192,6 +193,7 @@ class Ran:
 def run_resumable(
     title: str, wanted: Mapping[Key, Item], missing: Mapping[Key, Item], units: Iterable[Unit[Result]],
     keep: Callable[[Key, Item, Result], None], engine: Engine, weigh: Callable[[Item], int] = lambda item: 1,
+    bar: Ticker | None = None,
 ) -> Ran:  # fmt: skip
     """Do what is missing.
 
@@ -206,6 +208,7 @@ def run_resumable(
         keep: puts an item's result on disk.
         engine: does the units.
         weigh: how much an item counts on the progress bar.
+        bar: of a longer work, where this is a part of it; by default a bar of its own.
 
     Raises:
         ToolkitError: the first units all failed for one reason, nothing could be done, or the disk is full.
@@ -213,7 +216,7 @@ def run_resumable(
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
     made = 0
-    with progress(title, total, done=total - todo) as bar:
+    with progress(title, total, done=total - todo) if bar is None else nullcontext(bar) as bar:
         for outcome in engine.run(_tell(units, bar) if missing else ()):
             if outcome.result is None:
                 failed.append((outcome.unit.name, outcome.reason))

@@ -28,7 +28,7 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
 
 OK = "ok"
-CPU_BATCH, CUDA_BATCH = 32, 128
+CPU_BATCH, CUDA_BATCH = 16, 128
 MAX_DECODERS = 8
 CPU_PART = 8
 """Images that one thread classifies at once. Passes of one shape on one thread give the same numbers whatever else is

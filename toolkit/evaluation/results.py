@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
@@ -30,6 +31,7 @@ from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
 from toolkit.evaluation.verdict import Verdict, write_headlines
 from toolkit.models.network import Classifier
 from toolkit.objects.records import BoosterRecord, NetworkRecord, PatchRecord, TextureRecord
+from toolkit.objects.wrap import RECORD_FILE, WrapRecord, hash_wrap
 
 MOST_NAMED = 3
 
@@ -40,7 +42,7 @@ class Training:
 
     Attributes:
         source, object, variant: the images that it is on.
-        booster, booster_sha256: the name and the PNG's hash of the patch or texture.
+        booster, booster_sha256: the name and the hash of the patch, texture or wrap, as a manifest has it.
         networks: that it was trained on.
         seen: whether the network that judges is among them, by its weights' hash.
     """
@@ -59,7 +61,7 @@ class Training:
 
 
 def find_training(captures: Sequence[Capture], workspace: Workspace, weights_sha256: str) -> tuple[Training, ...]:
-    """The training of every patch and texture that the manifests name and a record of the workspace describes.
+    """The training of every booster that the manifests name and a record of the workspace describes.
 
     Args:
         captures: images; those without a manifest, and noise and grey as boosters, have no part in it.
@@ -71,24 +73,30 @@ def find_training(captures: Sequence[Capture], workspace: Workspace, weights_sha
     )
     if not worn:
         return ()
-    records = {record.png_sha256: record for record in _read_records(workspace)}
+    records = {sha256: (booster, networks) for sha256, booster, networks in _read_records(workspace)}
     found = []
     for source, name, variant, sha256 in worn:
-        if sha256 is not None and (record := records.get(sha256)) is not None:
-            seen = any(one.sha256 == weights_sha256 for one in record.networks)
-            found.append(Training(source, name, variant, record.name, sha256, tuple(record.networks), seen))
+        if sha256 is not None and sha256 in records:
+            booster, networks = records[sha256]
+            seen = any(one.sha256 == weights_sha256 for one in networks)
+            found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen))
     return tuple(found)
 
 
-def _read_records(workspace: Workspace) -> Iterator[BoosterRecord]:
-    """Records that are broken or absent are refused where they are used; here they tell nothing."""
+def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, Sequence[NetworkRecord]]]:
+    """Hash, name and networks of each booster; records that are broken or absent are refused where they are used."""
+    pngs: list[tuple[Path, type[BoosterRecord]]] = [(png, TextureRecord) for png in workspace.textures().values()]
     for patch_set in (None, *workspace.patch_sets()):
-        for png in workspace.with_patches(patch_set).patches().values():
-            with suppress(ToolkitError):
-                yield read_json(png.with_suffix(".json"), PatchRecord)
-    for png in workspace.textures().values():
+        pngs += [(png, PatchRecord) for png in workspace.with_patches(patch_set).patches().values()]
+    for png, kind in pngs:
         with suppress(ToolkitError):
-            yield read_json(png.with_suffix(".json"), TextureRecord)
+            record = read_json(png.with_suffix(".json"), kind)
+            yield record.png_sha256, record.name, record.networks
+    for folder in workspace.wraps().values():
+        with suppress(ToolkitError):
+            wrap = read_json(folder / RECORD_FILE, WrapRecord)
+            if wrap.booster is not None:
+                yield hash_wrap(wrap), wrap.name, wrap.booster.networks
 
 
 def mark_seen(training: Sequence[Training], source: str, name: str, variant: str) -> str:

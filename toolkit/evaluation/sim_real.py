@@ -172,18 +172,27 @@ def explain_apart(predictions: Sequence[Prediction]) -> Reasons:
 
 
 def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source with every one of photographs, those without a pair too."""
+    """Every rendered source with every one of photographs that shows a pose of it, those without a pair too."""
     by_source: dict[str, list[Prediction]] = defaultdict(list)
     for one in predictions:
         by_source[one.capture.source].append(one)
-    rendered = [name for name in by_source if _is_rendered(name, by_source[name])]
+    rendered = [name for name, members in by_source.items() if _is_rendered(name, members)]
+    rank = {name: at for at, name in enumerate(rendered)}
+    # by pose, and by the photographs that the cameras are of: what shares no pose is never looked at
+    showing: dict[tuple[str | None, object, Key], list[str]] = defaultdict(list)
+    for sim in rendered:
+        shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else None
+        for key in _index_images(by_source[sim]):
+            showing[shot_for, by_source[sim][0].capture.corruption, key].append(sim)
     made = []
-    for real in by_source:
-        for sim in rendered:
-            shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else real
-            alike = by_source[sim][0].capture.corruption == by_source[real][0].capture.corruption
-            if alike and real not in rendered and shot_for == real:
-                made.append(SimReal(sim, real, *pair_sources(by_source[sim], by_source[real])))
+    for real, members in by_source.items():
+        if real in rank:
+            continue
+        places = [(own, members[0].capture.corruption, key) for key in _index_images(members) for own in (None, real)]
+        beside = {sim for place in places for sim in showing.get(place, ())}
+        made += [
+            SimReal(sim, real, *pair_sources(by_source[sim], members)) for sim in sorted(beside, key=rank.__getitem__)
+        ]
     return made
 
 

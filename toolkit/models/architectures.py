@@ -1,7 +1,11 @@
 """The classification networks: which there are, and what comes with each; and networks for images of 32 px."""
 
+import sys
 from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import one_of
@@ -75,9 +79,43 @@ def _build_resnet8(num_classes: int) -> "nn.Module":
     return module
 
 
+@contextmanager
+def without_compiler() -> Iterator[None]:
+    """Within, torchvision loads without torch's compiler, sympy and triton: 160 MB, and as long again as torchvision.
+
+    Its `roi_align` wants one function of the compiler's; the compiler is loaded when that, or another, is called.
+    """
+    name = "torch._dynamo.utils"
+    if name in sys.modules or "torchvision" in sys.modules:
+        yield
+        return
+    stand_in = ModuleType(name)
+
+    def load(wanted: str) -> object:
+        if wanted.startswith("__"):  # the import's own questions
+            raise AttributeError(wanted)
+        sys.modules.pop(name, None)
+        import torch._dynamo.utils
+
+        return getattr(torch._dynamo.utils, wanted)
+
+    def is_compile_supported(device_type: str) -> object:
+        return load("is_compile_supported")(device_type)  # type: ignore[operator]
+
+    stand_in.is_compile_supported = is_compile_supported  # type: ignore[attr-defined]
+    stand_in.__getattr__ = load  # type: ignore[method-assign]
+    sys.modules[name] = stand_in
+    try:
+        yield
+    finally:
+        if sys.modules.get(name) is stand_in:
+            del sys.modules[name]
+
+
 def list_architectures() -> list[str]:
     """Names of every classification network of the installed torchvision, and of those for small images."""
-    import torchvision
+    with without_compiler():
+        import torchvision
 
     return [*torchvision.models.list_models(module=torchvision.models), *CIFAR_NETWORKS]
 
@@ -90,10 +128,10 @@ def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
     Raises:
         ToolkitError: there is no classification network of that name.
     """
-    import torchvision
-
     if arch not in (known := list_architectures()):
         raise one_of("model", arch, known)
+    import torchvision
+
     if arch in CIFAR_NETWORKS:
         return CifarWeights()
     entries = torchvision.models.get_model_weights(arch)

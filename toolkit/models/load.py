@@ -122,8 +122,15 @@ def load_classifiers(
 def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
     import torch
 
+    class Undrawn(torch.overrides.TorchFunctionMode):
+        """Random numbers are not drawn: for tensors that hold none torch would load its compiler."""
+
+        def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+            drawn = func in (torch.Tensor.uniform_, torch.Tensor.normal_)
+            return args[0] if drawn else func(*args, **(kwargs or {}))
+
     # on the meta device a network has shapes and no numbers: nothing is allocated
-    with torch.device("meta"):
+    with torch.device("meta"), Undrawn():
         expected = build_network(arch, published).state_dict()
     # the last weight with as many rows as there are classes is the classifier's head
     last = [name for name, value in expected.items() if name.endswith(".weight") and value.shape[0] == published][-1]

@@ -13,9 +13,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, real_path, without_links, write_bytes, write_text
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
+from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
 from toolkit.objects.records import printed_size_mm
-from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format
+from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
 
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
@@ -121,7 +121,8 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}", place)
     guessed = request.length_mm is None and length_mm != stated_mm
-    return AddedObject(load_object(spec_file), spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
+    item = stand_upright(read_spec(spec_file), mesh)  # reading a large mesh takes longer than all else here
+    return AddedObject(item, spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
 
 
 def _check_name(workspace: Workspace, name: str, replace: bool) -> None:

@@ -323,9 +323,9 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
         weights = _middles(int(steps))
         faces = np.flatnonzero(atlas.trained & (parts == steps))
         for some in np.array_split(faces, -(-len(faces) * len(weights) // SAMPLES_AT_ONCE)):
-            row, column = _texel_at(np.einsum("sc,fci->fsi", weights, sheet_uv[some]), n, n)
+            row, column = _texel_at(_weigh_corners(weights, sheet_uv[some]), n, n)
             texel = row * n + column
-            seen = np.einsum("sc,fci->fsi", weights, own_uv[some])
+            seen = _weigh_corners(weights, own_uv[some])
             weight = np.repeat(area[some] / len(weights), len(weights))
             colour = np.empty((*texel.shape, 3))
             for k in np.unique(material[some]):
@@ -338,6 +338,15 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     found = hits.reshape(n, n) > 0
     mean = light / np.where(hits, hits, 1)[:, None]
     return np.round(linear_to_srgb(mean[nearest_covered(found)]) * 255).astype(np.uint8)
+
+
+def _weigh_corners(weights: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
+    """(f, s, 2) coordinates at barycentric weights (s, 3) of triangles (f, 3, 2)."""
+    # corner by corner along the samples: several times as fast as einsum, and the same to the last bit
+    a, b, c = (np.moveaxis(corner_uv[:, k], 1, 0)[..., None] * weights[:, k] for k in range(3))
+    a += b
+    a += c
+    return np.moveaxis(a, 0, -1)
 
 
 def dilate(texture: np.ndarray, atlas: Atlas) -> np.ndarray:

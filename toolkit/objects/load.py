@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_read_error, inside, open_plain
@@ -25,7 +26,9 @@ from toolkit.objects.mesh import (
     hash_shape,
     merge_meshes,
     mesh_from_corners,
+    pack_mesh,
     place_on_table,
+    unpack_mesh,
 )
 from toolkit.objects.paint import paint_faces
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
@@ -227,8 +230,12 @@ def load_object(spec_file: Path) -> TableObject:
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
         mesh = read_mesh(inside(Path(spec_file).parent, spec.mesh))
-    mesh = turn_upright(mesh, spec.up, spec.front)
-    return TableObject(spec, place_on_table(mesh, spec.length_mm))
+    return stand_upright(spec, mesh)
+
+
+def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
+    """The object of a spec whose mesh is read already."""
+    return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 
 @lru_cache(maxsize=8)
@@ -236,7 +243,8 @@ def build_mesh(name: str) -> Mesh:
     """Build one of the procedural objects."""
     if name not in BUILTIN:
         raise one_of("built-in mesh", name, list(BUILTIN))
-    return import_module(f"toolkit.content.{name}").build()
+    # modelling takes a second or two, and gives the same each time
+    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(import_module(f"toolkit.content.{name}").build())))
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -5,8 +5,9 @@ a few packed integers instead of whole rows.
 """
 
 import hashlib
+import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -396,6 +397,34 @@ def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
     for material in mesh.materials:
         digest.update(f"{material.name}\n".encode())
     return digest.hexdigest()
+
+
+GEOMETRY = ("vertices", "normals", "uv", "faces", "face_material")
+
+
+def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
+    """A mesh as plain arrays, for `unpack_mesh`; materials that share a picture do so again."""
+    pictures = {id(one): one for m in mesh.materials for one in (m.texture, m.emission) if one is not None}
+    number = {key: k for k, key in enumerate(pictures)}
+    materials = [
+        (m.name, m.roughness, m.metallic, number[id(m.texture)], None if m.emission is None else number[id(m.emission)])
+        for m in mesh.materials
+    ]
+    return {
+        **{name: getattr(mesh, name) for name in GEOMETRY},
+        **{f"picture {k}": picture for k, picture in enumerate(pictures.values())},
+        "materials": np.frombuffer(json.dumps(materials).encode(), np.uint8),
+    }
+
+
+def unpack_mesh(arrays: Mapping[str, np.ndarray]) -> Mesh:
+    """The mesh that `pack_mesh` packed."""
+    materials = [
+        Material(name, arrays[f"picture {texture}"], roughness, metallic,
+                 None if emission is None else arrays[f"picture {emission}"])
+        for name, roughness, metallic, texture, emission in json.loads(arrays["materials"].tobytes())
+    ]  # fmt: skip
+    return Mesh(**{name: arrays[name] for name in GEOMETRY}, materials=tuple(materials))
 
 
 def hash_triangles(mesh: Mesh) -> str:

@@ -471,9 +471,9 @@ def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
     return None
 
 
-def hash_wrap(wrap: Wrap) -> str:
-    """SHA-256 of the hashes of all its pictures."""
-    return sha256_bytes("".join(one.png_sha256 for one in wrap.record.pieces).encode())
+def hash_wrap(record: WrapRecord) -> str:
+    """SHA-256 of the hashes of all pictures of a wrap."""
+    return sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
 
 
 def check_wrap(wrap: Wrap, item: TableObject) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import cv2
 import numpy as np
 
+from toolkit.core.cache import keep_arrays
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.mesh import Mesh, hash_triangles, load_open3d, make_ray_scene
 from toolkit.rig.camera import orbit_direction
@@ -252,6 +253,23 @@ class _Directions:
     room_radiance: np.ndarray
     key: np.ndarray
     key_irradiance: np.ndarray
+
+
+def bake_studio_light(shape: Shape, albedo: np.ndarray, scene: Scene, detail: BakeDetail = FULL_DETAIL) -> Lighting:
+    """`bake_lighting` of an object on its table, kept on disk for runs that light the same shape alike."""
+
+    def bake() -> dict[str, np.ndarray]:
+        made = bake_lighting(shape, albedo, scene, detail)
+        return {
+            "stored": made.stored, "table": made.table, "side": np.array(made.table_side_mm),
+            "open": made.open_irradiance,
+        }  # fmt: skip
+
+    ground = _mean_colour(scene.table)
+    inputs = [hash_triangles(shape.mesh), albedo, scene.key, scene.environment, ground, detail]
+    kept = keep_arrays("light", inputs, bake)
+    grid = shape.grid(detail.surface_spacing * shape.size)
+    return Lighting(grid, kept["stored"], kept["table"], float(kept["side"]), kept["open"])
 
 
 def bake_lighting(

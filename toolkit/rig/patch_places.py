@@ -153,7 +153,8 @@ def _judge_all(
     step_mm = float(item.mesh.size_mm.max()) / config.steps
     tried = [mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)]
     found: list[Place] = []
-    with progress(f"trying places on {item.name}", len(tried)) as bar:
+    sides = " and ".join(f"{size:g}" for size in sizes_mm)
+    with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
         for mount in tried:
             place = judge_place(item, scene, camera, poses, mount)
             found += [place] if place is not None and place.fit.lies else []
@@ -168,7 +169,7 @@ def judge_place(
     """What the poses see of a sheet there; None where it cannot be mounted at all."""
     assert mount.size_mm is not None
     try:
-        fit = measure_fit(item, mount.size_mm, mount)
+        fit = measure_fit(item, mount.size_mm, mount, scene)
     except ToolkitError:
         return None
     points, normals = _grid(fit, mount.at)

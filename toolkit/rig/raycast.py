@@ -42,7 +42,7 @@ from toolkit.rig.kernel.scene import (
     fill_sheen,
     find_table_edges,
 )
-from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_studio_light
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import LinearView, tone_map
 from toolkit.rig.textures import blur_directions, pad_channels
@@ -63,7 +63,10 @@ class RaycastRenderer:
     light or paint costs little.
     """
 
-    def __init__(self, mesh: Mesh, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN) -> None:
+    def __init__(
+        self, mesh: Mesh, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN, *,
+        keep_light: bool = False,
+    ) -> None:  # fmt: skip
         """Bake the light.
 
         Args:
@@ -71,6 +74,7 @@ class RaycastRenderer:
             scene: what it stands in.
             detail: how finely light is worked out.
             stand: where in it.
+            keep_light: on disk for other runs, see `bake_studio_light`; for an object on its table, at the origin.
         """
         compiled.prepare(_compile_all)
         self._mesh, self._scene, self._stand = mesh, scene, stand
@@ -82,7 +86,10 @@ class RaycastRenderer:
             around = self._others.shape
             # light bounces off both, and how much off which depends on the place: the mean does
             albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
-        lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
+        if keep_light:
+            lighting = bake_studio_light(shape, albedo, scene, detail)
+        else:
+            lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         grid = lighting.grid
         # baked in the object's own frame, and turned and moved only when it is read
         lit = light_mesh(mesh, paint, BakedLight(grid.steps, grid.first, lighting.stored), stand)

@@ -39,7 +39,7 @@ def make_renderer(name: str, mesh: Mesh, studio: Scene) -> Renderer:
     if name == "raycast":
         from toolkit.rig.raycast import RaycastRenderer
 
-        return RaycastRenderer(mesh, studio)
+        return RaycastRenderer(mesh, studio, keep_light=True)
     if name == "filament":
         from toolkit.rig.filament import FilamentRenderer
 

@@ -193,7 +193,7 @@ def find_booster(
                 f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
             )
         pixels = fill_canvas(wrap, len(item.mesh.faces))
-        return Sheets(pixels, hash_wrap(wrap), wrap.record.name, wrap, None if perfect else Misfit(), seed)
+        return Sheets(pixels, hash_wrap(wrap.record), wrap.record.name, wrap, None if perfect else Misfit(), seed)
     own = find_patch(workspace, item)
     sizes_mm = item.spec.sizes_mm(own.size_mm)
     if variant == "patch-alone":

@@ -193,8 +193,8 @@ def _add_upload(app: FastAPI, session: Session, most_bytes: int) -> None:
         if request.headers.get("content-type", "").split(";")[0].strip().lower() != UPLOAD_TYPE:
             raise Refused(WRONG_TYPE, f"expected the photograph's bytes as {UPLOAD_TYPE}")
         length = request.headers.get("content-length", "")
-        # digits alone: int() would take signs and underscores as well
-        announced = int(length) if length.isascii() and length.isdecimal() else None
+        # digits alone: int() would take signs and underscores as well, and refuses thousands of digits
+        announced = int(length[:20]) if length.isascii() and length.isdecimal() else None
         try:
             file = await receive_file(request.stream(), session.folders, announced, most_bytes)
         except ClientDisconnect:

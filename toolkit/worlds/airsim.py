@@ -598,7 +598,8 @@ class _Image:
         if len(self.numbers) != width * height or not width * height:
             raise ToolkitError(f"{self.where}: expected {width} × {height} depths, found {len(self.numbers)}")
         try:
-            depth = np.array(self.numbers, np.float32).reshape(height, width)
+            with np.errstate(over="ignore"):  # what single precision cannot hold is endless
+                depth = np.array(self.numbers, np.float32).reshape(height, width)
         except (TypeError, ValueError):
             raise ToolkitError(f"{self.where}: a depth in it is no number") from None
         return np.where((depth >= ENDLESS_M) | ~np.isfinite(depth), np.float32(np.inf), depth)

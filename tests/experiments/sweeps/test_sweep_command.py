@@ -15,8 +15,8 @@ def run(space, redness, monkeypatch, type_toolkit):
 
 @pytest.mark.slow
 def test_table_and_files_are_named(run):
-    code, out, err = run("size", "--object", "crate", "--values", "40", "--quiet")
-    assert code == 0, err
+    code, out, err = run("size", "--object", "crate", "--values", "40")
+    assert code == 0 and "shooting: 4 to do" in err  # images, not values
     assert "40mm (40 %)" in out and "unpatched" in out
     assert "4 images shot, 0 kept; 4 classified" in out
     assert "sweep-redness.csv" in out and "sweep-redness.png" in out and "report.html" in out

@@ -157,7 +157,7 @@ def read_booster(path: Path, budget: Budget) -> EnteredBooster:
             raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
         files = tuple((f"/{file.name}", file) for file in sorted(path.iterdir()) if file.is_file())
         return EnteredBooster(
-            wrap, hash_wrap(wrap), wrap.record.class_name, training.class_index, training.networks, files
+            wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
         )
     made = read_patch(path) if budget == "patch" else read_texture(path)
     record = made.record

@@ -18,6 +18,7 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.batch import corrupt, run_each
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
+from toolkit.evaluation.predict import CPU_PART
 from toolkit.experiments.corruptions.benchmark_config import NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.recognisers import (
     Reader,
@@ -193,8 +194,8 @@ def make_key(
     return sha256_bytes(json.dumps(inputs).encode())
 
 
-CPU_PART, CUDA_PART = 16, 128
-"""Images that are computed at once; on a CPU, by one thread."""
+CUDA_PART = 128
+"""Images that are computed at once; on a CPU `CPU_PART`, by one thread."""
 
 
 @dataclass(frozen=True)

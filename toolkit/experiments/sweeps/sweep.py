@@ -117,21 +117,21 @@ def _shoot_units(
     shot = kept = 0
     stale: set[str] = set()
     failed: list[tuple[str, str]] = []
+    images = sum(len(unit.setup.plan.objects[unit.object]) for unit in units) * len(variants)
     # one bar over all values, not one for each
-    with progress("shooting", len(units)) as bar, quietly():
+    with progress("shooting", images) as bar, quietly():
         for unit in units:
-            bar.advance(0, note=f"{unit.label}: {unit.object}")
             space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
             result = shoot_plan(
                 space, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
-                captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored, engine=engine,
+                captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored, engine=engine, bar=bar,
             )  # fmt: skip
+            bar.advance(result.kept)
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
             failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
             # what was shot for one value may serve the next
             stored |= index_images(result.source_dir)
-            bar.advance()
     return shot, kept, stale, failed
 
 

@@ -17,7 +17,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays, make_ray_scene
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.plan import read_plan
+from toolkit.rig.plan import CapturePlan, read_plan
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -114,13 +114,17 @@ class KnownObjects:
         return {name: load_object(self._workspace.object_spec(name)).spec.class_name for name in self._templates}
 
     @cached_property
+    def _plan(self) -> CapturePlan | None:
+        return read_plan(self._workspace.plan_file) if self._workspace.plan_file.is_file() else None
+
+    @cached_property
     def _templates(self) -> "dict[str, PoseTemplates]":
         """Of each object of the plan that can be read, bare; none without a plan."""
         from toolkit.photos.match_render import make_templates  # with the renderer, which `eval` needs not
 
-        if not self._workspace.plan_file.is_file():
-            return {}
-        plan, found = read_plan(self._workspace.plan_file), {}
+        found: dict[str, PoseTemplates] = {}
+        if (plan := self._plan) is None:
+            return found
         for name, poses in plan.objects.items():
             try:
                 mesh = load_object(self._workspace.object_spec(name)).mesh
@@ -141,6 +145,8 @@ class KnownObjects:
 
     def check(self, image: np.ndarray, name: str) -> GateResult:
         """By how much a photograph (h, w, 3) uint8 sRGB, upright, looks more like an object other than `name`."""
+        if self._plan and list(self._plan.objects) == [name]:  # before anything is rendered
+            return OBJECT.skip("the plan has no other object to compare with")
         if name not in self._templates:
             return OBJECT.skip("the plan has no poses of the object to compare with")
         if len(self._templates) < 2:

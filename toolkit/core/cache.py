@@ -1,0 +1,164 @@
+"""What is kept on disk between runs, with the user and never beside the code: see `keep_arrays`.
+
+A folder of the cache that others could have filled is never used.
+"""
+
+import grp
+import hashlib
+import os
+import pwd
+import stat
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_bytes
+
+PLACE = "TOOLKIT_CACHE"
+"""The variable that names another folder for the cache."""
+PACKAGE = Path(__file__).parents[1]
+MOST_BYTES = 512 * 2**20
+"""Of all arrays that are kept; those that were used longest ago go first."""
+DIGEST_BYTES = hashlib.sha256().digest_size
+Arrays = dict[str, np.ndarray]
+
+
+def cache_root() -> Path:
+    """The folder of the cache, which may not be there yet."""
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
+    return Path(os.environ.get(PLACE) or Path(home) / "toolkit")
+
+
+def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays]) -> Arrays:
+    """What `make` returns, taken from disk where a process of this version made it of the same inputs before.
+
+    Args:
+        kind: what they are, for the file's name.
+        inputs: all that they follow from, besides the package's sources; arrays, or what `repr` tells apart.
+        make: named arrays without Python objects.
+    """
+    folder = _arrays_folder(cache_root())
+    if folder is None:
+        return make()
+    digest = hashlib.sha256(_hash_sources())
+    for one in inputs:
+        if isinstance(one, np.ndarray):
+            digest.update(f"{one.dtype} {one.shape}".encode() + one.tobytes())
+        else:
+            digest.update(f"{one!r};".encode())
+    file = folder / f"{kind}-{digest.hexdigest()[:32]}"
+    with suppress(OSError, ValueError):
+        content = file.read_bytes()
+        # a bit that has flipped is a wrong picture: then they are made again
+        if hashlib.sha256(content[DIGEST_BYTES:]).digest() == content[:DIGEST_BYTES]:
+            with np.load(BytesIO(content[DIGEST_BYTES:]), allow_pickle=False) as stored:
+                found = {name: stored[name] for name in stored.files}
+            os.utime(file)
+            return found
+    made = make()
+    stream = BytesIO()
+    np.savez(stream, allow_pickle=False, **made)
+    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this one nothing
+        write_bytes(file, hashlib.sha256(stream.getvalue()).digest() + stream.getvalue())
+        _trim(folder)
+    return made
+
+
+@lru_cache(maxsize=4)
+def _arrays_folder(root: Path) -> Path | None:
+    with suppress(OSError):
+        folder = root / "arrays"
+        make_private(folder)
+        return folder if os.access(folder, os.W_OK) and not explain_distrust(folder) else None
+    return None
+
+
+@lru_cache(maxsize=1)
+def _hash_sources() -> bytes:
+    digest = hashlib.sha256(np.__version__.encode())
+    for source in sorted(PACKAGE.rglob("*.py")):
+        facts = source.stat()
+        digest.update(f"{source.relative_to(PACKAGE)} {facts.st_size} {facts.st_mtime_ns}".encode())
+    return digest.digest()
+
+
+def _trim(folder: Path) -> None:
+    facts = sorted(((file.stat(), file) for file in folder.iterdir()), key=lambda pair: pair[0].st_mtime)
+    spare = sum(one.st_size for one, _ in facts) - MOST_BYTES
+    for one, file in facts:
+        if spare <= 0:
+            break
+        file.unlink(missing_ok=True)
+        spare -= one.st_size
+
+
+OTHERS_READ_OR_WRITE = stat.S_IRWXG | stat.S_IRWXO
+
+
+def make_private(folder: Path) -> bool:
+    """Make a folder, and those above it that are missing, for this user alone; whether it was not there before.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    missing = [place for place in (folder, *folder.parents) if not place.is_dir()]
+    for place in reversed(missing):
+        place.mkdir(mode=0o700, exist_ok=True)
+    return bool(missing)
+
+
+def explain_distrust(folder: Path) -> str:
+    """Why somebody else could have put a file into a folder, or the folder into its place; empty where nobody could.
+
+    All that lies in it must be this user's, no link, and closed to the writing of others. The folders above may be the
+    administrator's too, or shared if they are sticky as /tmp is.
+    """
+    mine = os.geteuid()
+    trusted = (mine, Path("/").stat().st_uid)  # the administrator, whatever number a container gives him
+    folder = folder.absolute()
+    for above in dict.fromkeys((*folder.parents, *(folder.parent.resolve() / folder.name).parents)):
+        facts = above.stat()
+        if facts.st_uid not in trusted:
+            return f"{above} belongs to another user"
+        if _is_open(facts) and not facts.st_mode & stat.S_ISVTX:
+            return f"others may write to {above}"
+    is_closed = not folder.lstat().st_mode & OTHERS_READ_OR_WRITE
+    for path, facts in _look_through(folder):
+        if stat.S_ISLNK(facts.st_mode):
+            return f"{path} is a link"
+        if facts.st_uid != mine:
+            return f"{path} belongs to another user"
+        has_second_name = stat.S_ISREG(facts.st_mode) and facts.st_nlink > 1
+        if _is_open(facts) and (not is_closed or has_second_name):  # nobody else comes into a closed folder
+            return f"others may write to {path}"
+    return ""
+
+
+def _look_through(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    yield folder, folder.lstat()
+    for path in folder.rglob("*"):
+        try:
+            yield path, path.lstat()
+        except FileNotFoundError:  # another process is compiling, and has just renamed a file
+            continue
+
+
+def _is_open(facts: os.stat_result) -> bool:
+    """Whether anybody but its owner may write to it; a group of the owner alone, as many systems make, is nobody."""
+    if facts.st_mode & stat.S_IWOTH:
+        return True
+    return bool(facts.st_mode & stat.S_IWGRP) and not _is_own_group(facts)
+
+
+def _is_own_group(facts: os.stat_result) -> bool:
+    try:
+        owner, group = pwd.getpwuid(facts.st_uid), grp.getgrgid(facts.st_gid)
+    except KeyError:
+        return False
+    is_theirs = owner.pw_gid == group.gr_gid and owner.pw_name == group.gr_name
+    return is_theirs and set(group.gr_mem) <= {owner.pw_name}
