@@ -85,7 +85,8 @@ def test_a_texture_makes_its_object_found(tmp_path):
     make_workspace(tmp_path)
     trimesh.creation.box((200, 160, 60)).export(tmp_path / "rig/objects/crate.obj")
     (tmp_path / "rig/objects/crate.toml").write_text('class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n')
-    config = TextureConfig(objects=("crate",), size_px=16, steps=16, batch=4, lr=0.1)
+    few = {"studios": 1, "per_studio": 4, "reuse": 2, "held_out": 1}
+    config = TextureConfig(objects=("crate",), size_px=16, steps=16, batch=4, lr=0.1, **few)
     trained = train_texture(config, [DetectorNetwork(red_seeker())], open_workspace(tmp_path), workers=0)
     red, _, blue = trained.texture.pixels.reshape(-1, 3).mean(0)
     assert red > blue + 40 and trained.texture.record.class_name == "car"

@@ -140,7 +140,7 @@ def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("toolkit.core.workspace.make_workspace", stop)
+    monkeypatch.setattr("toolkit.cli.setup.make_workspace", stop)
     code, _, err = run("init", "here")
     assert code == 130 and "Traceback" not in err
     assert err == "stopped: what is finished is kept; run the same command again to go on\n"

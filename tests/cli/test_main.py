@@ -23,7 +23,7 @@ def end(monkeypatch, type_toolkit, tmp_path):
         def fail(*_, **__):
             raise error
 
-        monkeypatch.setattr("toolkit.core.workspace.make_workspace", fail)
+        monkeypatch.setattr("toolkit.cli.setup.make_workspace", fail)
         code, _, err = type_toolkit("init", "here", *words)
         return code, err
 

@@ -285,8 +285,11 @@ SMALLER = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if list_blocks(read_page(page), "python")])
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if list_blocks(read_page(page), "python") and page != "README.md"]
+)
 def test_python_runs(page: str, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the README is run from the wheel, by tests/test_wheel.py."""
     monkeypatch.chdir(lab.parent)  # what a block calls `lab` is there already
     scope: dict[str, object] = {"__name__": "__main__"}
     for block in list_blocks(read_page(page), "python"):

@@ -49,8 +49,7 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert (cell["n"], cell["missed"], cell["crashed"], cell["lost"], cell["timed_out"]) == (2, 0, 0, 0, 0)
     assert {"pad", "regressor", "world", "weather", "severity", "gains", "success_ci95", "median_error_m"} <= set(cell)
     assert "within 0.5 m of the centre" in summary["success_is"]
-    files = write_report(QUICK, made, results, pairs, space)
-    page = files.report.read_text()
+    page = write_report(QUICK, made, results, pairs, space).read_text()
     assert "http://" not in page
     assert "https://" not in page
     assert page.count("data:image/png;base64,") == 2
@@ -84,7 +83,7 @@ def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path
         len(record.track) // 2 <= loop.n_frames <= len(filmed.frames) // 2 + 1
     )  # the last, which stays, is stored once
     results, pairs = write_summary(tmp_path, QUICK, made, 2)
-    page = write_report(QUICK, replace(made, folder=tmp_path), results, pairs, space, [filmed]).report.read_text()
+    page = write_report(QUICK, replace(made, folder=tmp_path), results, pairs, space, [filmed]).read_text()
     assert page.count("data:image/webp;base64,") == 1
     film = cv2.VideoCapture(str(filmed.write(tmp_path / "one.mp4")))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(record.track) + 10

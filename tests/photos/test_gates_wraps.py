@@ -12,7 +12,7 @@ from PIL import Image
 from toolkit.core.console import quietly
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.wrap import Wrap, WrapTraining, write_wrap
+from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.photos.gates.check_captures import hash_setup
 from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
 from toolkit.photos.importing.align import WRONG, Clues
@@ -64,9 +64,12 @@ def pose(view: tuple[float, float, float]) -> np.ndarray:
 
 def wrap_crate(space, seed: int) -> None:
     """Three pieces on a crate, a picture of coloured blobs on them."""
-    item = load_object(space.object_spec("crate"))
-    with quietly(True):
-        plan = plan_wrap(item, WrapConfig(pieces=3, sheet_mm=(95.0, 95.0), views=16))
+    if (space.wraps_dir / "crate").exists():
+        plan = read_wrap(space.wraps_dir / "crate")
+    else:
+        with quietly(True):
+            config = WrapConfig(pieces=3, sheet_mm=(95.0, 95.0), views=16)
+            plan = plan_wrap(load_object(space.object_spec("crate")), config)
     blobs = np.random.default_rng(seed).integers(0, 256, (40, 40, 3), dtype=np.uint8)
     pixels = cv2.resize(blobs, plan.pixels.shape[1::-1], interpolation=cv2.INTER_CUBIC)
     trained = plan.record.model_copy(update={"class_name": "crate", "booster": TRAINING})

@@ -1,11 +1,12 @@
 """Importing takes no photograph twice, loses none, and says what it could not use."""
 
 import shutil
+from functools import partial
 
 import import_bench
 import numpy as np
 import pytest
-from import_bench import PATCHED, Board, camera, imported, no_render, reasons, run, take
+from import_bench import PATCHED, Board, camera, imported, no_render, reasons, take
 from PIL import Image
 
 from toolkit.captures.manifest import MANIFEST, read_manifest
@@ -17,6 +18,7 @@ from toolkit.photos.importing.gather import REPLACED
 from toolkit.photos.settings import ImportSettings
 
 space, folder = import_bench.space, import_bench.folder
+run = partial(import_bench.run, by_render=no_render)  # names say the pose, and nothing here depends on the render
 
 
 # --- not twice, not lost --------------------------------------------------------------------------------------------
@@ -123,7 +125,7 @@ def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
     class Killed(BaseException):
         pass
 
-    settings = ImportSettings(object="crate", variant="patched", replace=replace)
+    settings = ImportSettings(object="crate", variant="patched", replace=replace, match="name")
     take(folder / "pose_1.jpg", 1, 1), take(folder / "pose_2.png", 2, 2)
     source = space.captures_dir / "real"
     originals = {sha256_file(file) for file in folder.iterdir()}
@@ -193,7 +195,7 @@ def test_a_preview_and_a_frame_become_photographs_with_their_origin(space, folde
     (folder / "pose_2.dng").write_bytes(make_dng([jpeg(scene())], orientation=6))
     clip = write_video(folder / "clip.mp4", [hold(0, 20), move(0, 300, 12), hold(300, 20)])
     board = Board({"clip.mp4": camera(space, 0.0)})
-    result = run(space, folder, board=board, by_render=no_render)
+    result = run(space, folder, board=board)
     record = read_manifest(result.source_dir)["crate/patched/pose_02.jpg"]
     assert record.made["how"] == "preview of a raw photograph"
     assert record.made["original_sha256"] == sha256_file(folder / "pose_2.dng") != record.image_sha256
@@ -249,7 +251,7 @@ def test_doubts_are_asked_where_somebody_answers(space, folder):
         return {"a.jpg": "3", "b.jpg": None}.get(question.split(":")[0], "2")
 
     take(folder / "a.jpg", 1), take(folder / "b.jpg", 2)
-    result = run(space, folder, by_render=no_render, ask=ask)
+    result = run(space, folder, ask=ask)
     assert imported(result) == {"crate/patched/pose_03.jpg": "a.jpg"} and list(reasons(result)) == ["b.jpg"]
     assert result.imported[0].made["matched_by"] == "user"
     assert asked[0][1] == ("1", "2", "3", "4") and "Which pose of crate/patched" in asked[0][0]

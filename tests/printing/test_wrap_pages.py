@@ -219,8 +219,9 @@ def read_svg(file):
 
 
 @pytest.mark.parametrize(("kind", "read"), [("dxf", read_dxf), ("svg", read_svg)])
-def test_cut_files_hold_the_outlines_of_the_record(space, wrap, kind, read, tmp_path):
-    printed = print_wrap(space, "ring", wanted=WrapSettings(cut=kind), out=tmp_path)
+def test_cut_files_hold_the_outlines_of_the_record(space, wrap, printed, kind, read, tmp_path):
+    if kind != "dxf":
+        printed = print_wrap(space, "ring", wanted=WrapSettings(cut=kind), out=tmp_path)
     found = {}
     for file in printed.cut_files:
         found |= read(file)

@@ -88,11 +88,25 @@ def test_the_commands_say_so(tmp_path, make_crate_space, monkeypatch):
     assert expected not in said(capture_sim, "--object", "crate", "--variant", "unpatched", "--quiet")
 
 
+def test_places_on_a_mesh_of_very_many_faces_are_found_by_rays(make_box, monkeypatch):
+    """No look at every face for each of hundreds of places, and the same verdict."""
+    from toolkit.objects.mesh import make_ray_scene
+    from toolkit.rig import fit
+
+    item = as_object(make_box((200.0, 160.0, 40.0)))
+    by_faces = fit.measure_fit(item, 60.0)
+    monkeypatch.setattr(fit, "MANY_FACES", 1)
+    monkeypatch.setattr(fit, "survey_heights", None)
+    by_rays = fit.measure_fit(item, 60.0, scene=make_ray_scene(item.mesh))
+    assert by_rays.lies and by_faces.lies
+    np.testing.assert_allclose(by_rays.points_mm, by_faces.points_mm, atol=0.05)
+
+
 def test_heights_are_those_that_rays_find(tmp_path, make_box):
     """Against Open3D's rays, over the racer's cockpit and wings, tilted; and what a box hides below is not seen."""
     from toolkit.objects.mesh import make_ray_scene
     from toolkit.rig.fit import survey_heights
-    from toolkit.rig.mount import _heights
+    from toolkit.rig.mount import cast_heights
 
     racer = load_object(Workspace(tmp_path).object_spec("racer"))
     for mesh in (racer.mesh, make_box()):
@@ -100,7 +114,7 @@ def test_heights_are_those_that_rays_find(tmp_path, make_box):
         T = np.eye(4)
         T[:3, :3] = [[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]]
         T[:3, 3] = [10, 5, 50]
-        found, cast = survey_heights(mesh, T, 90.0), _heights(make_ray_scene(mesh), T, 90.0)
+        found, cast = survey_heights(mesh, T, 90.0), cast_heights(make_ray_scene(mesh), T, 90.0)
         both = np.isfinite(found) & np.isfinite(cast)
         assert (np.isfinite(found) == np.isfinite(cast)).mean() > 0.99 and both.any()
         assert np.quantile(np.abs(found[both] - cast[both]), 0.99) < 0.01

@@ -17,13 +17,9 @@ SMALLEST_PX = 2
 
 
 def apply_patch(
-    images: "torch.Tensor",
-    patch: "torch.Tensor",
-    seed: int | Sequence[int] = 0,
-    *,
-    placement: Placer | None = None,
+    images: "torch.Tensor", patch: "torch.Tensor", seed: int | Sequence[int] = 0, *, placement: Placer | None = None,
     mask: "torch.Tensor | None" = None,
-) -> "torch.Tensor":
+) -> "torch.Tensor":  # fmt: skip
     """Lay a patch on every image at a random place: x (1 - T(m)) + T(θ m), Algorithm 1 of the paper.
 
     Differentiable in `images` and in `patch`; keep the patch in [0, 1] yourself, for example with `clamp_` after a

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import torch
 from PIL import Image, ImageDraw, ImageFont
 from pydantic import BaseModel
 
@@ -16,13 +16,10 @@ from toolkit.boosters.pixels import PixelTask, Target, record_network
 from toolkit.boosters.validation import Validation, list_shares
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.imaging.read import encode_image
 from toolkit.objects.records import Patch, Texture
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
-
-if TYPE_CHECKING:
-    import torch
-
 
 Booster = TypeVar("Booster", Patch, Texture)
 Trained = TypeVar("Trained", bound="TrainedBooster")
@@ -157,7 +154,7 @@ PAPER, INK, FAINT, RIGHT, WRONG = (255, 255, 255), (28, 30, 34), (110, 115, 122)
 
 
 def draw_patch_preview(
-    patch: np.ndarray, photos: "torch.Tensor", target: Target, title: str, lines: list[str]
+    patch: np.ndarray, photos: torch.Tensor, target: Target, title: str, lines: list[str]
 ) -> np.ndarray:
     """Draw sixteen photographs with the patch and the patch itself; (h, w, 3) uint8 sRGB.
 
@@ -178,7 +175,7 @@ def draw_patch_preview(
 TURNTABLE_GAP_PX = 8
 
 
-def draw_turntable(photos: "torch.Tensor", target: Target) -> np.ndarray:
+def draw_turntable(photos: torch.Tensor, target: Target) -> np.ndarray:
     """(h, w, 3) uint8 sRGB: views (k, 3, s, s) sRGB-encoded in [0, 1] of the objects, as large as they are."""
     side, gap = photos.shape[-1], TURNTABLE_GAP_PX
     rows = -(-len(photos) // COLUMNS)
@@ -190,16 +187,13 @@ def draw_turntable(photos: "torch.Tensor", target: Target) -> np.ndarray:
 
 def write_preview(file: Path, sheet: np.ndarray) -> None:
     """Write a picture (h, w, 3) uint8 sRGB as PNG."""
-    buffer = BytesIO()
-    Image.fromarray(sheet).save(buffer, "PNG")  # without the slow search for the smallest file that a patch is worth
-    write_bytes(file, buffer.getvalue())
+    # without the slow search for the smallest file that a patch is worth
+    write_bytes(file, encode_image(sheet, "PNG"))
 
 
 def _draw_photos(
-    sheet: Image.Image, photos: "torch.Tensor", target: Target, top_px: int, gap_px: int, side_px: int
+    sheet: Image.Image, photos: torch.Tensor, target: Target, top_px: int, gap_px: int, side_px: int
 ) -> None:
-    import torch
-
     with torch.inference_mode():
         chances = target.classifier.logits(photos).float().softmax(1).cpu()
     for k, (photo, chance) in enumerate(zip(photos, chances, strict=True)):

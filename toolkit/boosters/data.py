@@ -18,7 +18,7 @@ from toolkit.core.files import inside, real_path, sha256_bytes, sha256_file, wri
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
-from toolkit.models.labels import imagenet_wnids
+from toolkit.models.labels import imagenet_wnids, plain_name
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.training.renders import RENDERS_VERSION
@@ -103,11 +103,7 @@ def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[s
     names = {typed, classifier.labels[index]}
     if classifier.is_imagenet:
         names.add(imagenet_wnids()[index])
-    return frozenset(_plain(name) for name in names)
-
-
-def _plain(name: str) -> str:
-    return name.lower().replace("_", " ").replace("-", " ").strip()
+    return frozenset(plain_name(name) for name in names)
 
 
 def choose_images(
@@ -134,8 +130,10 @@ def choose_images(
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
-    inside_class = _plain(real_path(folder).name) in names
-    own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
+    inside_class = plain_name(real_path(folder).name) in names
+    own = tuple(
+        parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])
+    )
     if backgrounds == "class" and not own:
         raise FieldError(
             f"no sub-folder called {' or '.join(sorted(names))}: name one so, or use {{backgrounds}} all",

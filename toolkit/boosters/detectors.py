@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from toolkit.boosters.pixel_config import Settings
 from toolkit.boosters.pixels import Network, Target, resize_photos, resolve_targets
@@ -14,13 +14,10 @@ from toolkit.boosters.transforms.transfer import find_layers
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.detector import Detector, detector_class
+from toolkit.models.find import expand_sets, may_be_detector, pair_weights
+from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.training.processes import current
-
-if TYPE_CHECKING:
-    import torch
-
-    from toolkit.models.network import Classifier
 
 ANY_SIZE_PX = 320
 """Side of the pictures for a detector that takes any."""
@@ -73,10 +70,8 @@ class DetectorNetwork:
         side = self.detector.image_px or ANY_SIZE_PX
         return Preprocessing(side, side, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 
-    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
+    def logits(self, batch: torch.Tensor) -> torch.Tensor:
         """(b, classes) the logarithm of each class's best score; for judging alone, no gradient leads back."""
-        import torch
-
         # whole levels, as a file has them
         pixels = batch.detach().mul(255).round().clamp(0, 255).byte().permute(0, 2, 3, 1).cpu().numpy()
         # a class that is seen nowhere has a small score, whose logarithm is finite
@@ -132,12 +127,9 @@ def refuse_for_detectors(acting: Sequence[str]) -> None:
 
 
 def load_networks(
-    models: Sequence[str] | None,
-    weights: Sequence[Path] | None,
-    device: str = "auto",
-    folder: Path | None = None,
+    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str = "auto", folder: Path | None = None,
     may_mix: bool = False,
-) -> "Sequence[Classifier | DetectorNetwork]":
+) -> Sequence[Classifier | DetectorNetwork]:  # fmt: skip
     """What boosters are trained against: classifiers or detectors by name; see `load_classifiers`, `load_detector`.
 
     Args:
@@ -147,8 +139,6 @@ def load_networks(
     Raises:
         ToolkitError: as these, two of one name, or some are the one and some the other and may not be.
     """
-    from toolkit.models.find import expand_sets
-
     if not may_mix:  # a network that is left out is one of its own, and no checkpoint of those that train
         models = expand_sets(models, folder)
     networks = _load_each(models, weights, device, folder, may_mix)
@@ -162,8 +152,7 @@ def load_networks(
 
 def _load_each(
     models: Sequence[str] | None, weights: Sequence[Path] | None, device: str, folder: Path | None, may_mix: bool
-) -> "Sequence[Classifier | DetectorNetwork]":
-    from toolkit.models.find import may_be_detector, pair_weights
+) -> Sequence[Classifier | DetectorNetwork]:
     from toolkit.models.load import load_classifier, load_classifiers
 
     named = list(models or [])
@@ -184,9 +173,7 @@ def _load_each(
     return load_classifiers(named, weights, device, folder)
 
 
-def judge_detectors(
-    photos: "torch.Tensor", targets: Sequence[Target], boxes: np.ndarray
-) -> tuple["torch.Tensor", float]:
+def judge_detectors(photos: torch.Tensor, targets: Sequence[Target], boxes: np.ndarray) -> tuple[torch.Tensor, float]:
     """The detectors' losses of photographs of the object, mean over the batch and summed, and the share that they see.
 
     Args:
@@ -194,8 +181,6 @@ def judge_detectors(
         targets: whose networks are `DetectorNetwork`s.
         boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the photographs.
     """
-    import torch
-
     photos, boxes = current().share(photos), current().share(boxes)
     loss, seen, side = photos.new_zeros(()), 0.0, photos.shape[-1]
     # a box may reach out of the cut that the detector is shown

@@ -5,9 +5,10 @@ Its paper is one material of the scene (`toolkit.boosters.linear_view`), whose t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
+from torch.nn.functional import interpolate
 
 from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
@@ -34,9 +35,6 @@ from toolkit.rig.views import (
 )
 from toolkit.worlds.particles import DepthView
 from toolkit.worlds.place import scale_to_world
-
-if TYPE_CHECKING:
-    import torch
 
 EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 """Drawn for each training image: factor on the light, each channel's deviation from it, sensor noise (sRGB)."""
@@ -161,11 +159,8 @@ def stack_views(
     return MountedViews(batch_views(views, device, half=True), tuple(sizes_mm), digest, tuple(depths), boxes)
 
 
-def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
+def print_on_paper(linear: torch.Tensor, size_mm: float) -> torch.Tensor:
     """(3, m, m): `toolkit.rig.mount.print_on_paper`, in linear light and differentiable in the patch (3, n, n)."""
-    import torch
-    from torch.nn.functional import interpolate
-
     repeat, margin = size_on_paper(linear.shape[-1], size_mm)
     # nearest by default: texels on paper have sharp edges
     crisp = interpolate(linear[None], scale_factor=repeat)[0]
@@ -177,15 +172,9 @@ def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
 
 
 def show_mounted(
-    patch: "torch.Tensor",
-    views: MountedViews,
-    which: np.ndarray,
-    corners: np.ndarray,
-    image_px: int,
-    rng: np.random.Generator | None = None,
-    *,
-    through: Through | None = None,
-) -> "torch.Tensor":
+    patch: torch.Tensor, views: MountedViews, which: np.ndarray, corners: np.ndarray, image_px: int,
+    rng: np.random.Generator | None = None, *, through: Through | None = None,
+) -> torch.Tensor:  # fmt: skip
     """Photographs of the object with a patch on its sheets.
 
     Args:
@@ -200,8 +189,6 @@ def show_mounted(
     Returns:
         (b, 3, image_px, image_px) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
-    import torch
-
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
     if through is not None:
         batch = batch.through(*through)
@@ -227,7 +214,7 @@ def draw_cuts(
 
 def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: Weathered | None = None
-) -> Callable[["torch.Tensor"], "torch.Tensor"]:
+) -> Callable[[torch.Tensor], torch.Tensor]:
     """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
     rng = draws.of("mounted")
     which, corners = draw_cuts(views, rng, count, image_px)
@@ -238,12 +225,10 @@ def draw_mounted(
 
 
 def recognise_mounted(
-    patches: Sequence["torch.Tensor"], views: MountedViews, targets: list[Target], image_px: int, *,
+    patches: Sequence[torch.Tensor], views: MountedViews, targets: list[Target], image_px: int, *,
     weather: Weathered | None = None, seed: int = 0,
 ) -> list[list[Share]]:  # fmt: skip
     """For each patch (3, n, n), in how many views each network recognises the object with it; in the same weather."""
-    import torch
-
     weather = None if weather is None else weather.with_overrides(probability=1.0)
     # the middle: validation draws no cut, so that two patches are seen alike
     start = (views.batch.still.shape[1] - image_px) // 2
@@ -263,15 +248,13 @@ def recognise_mounted(
     return [[Share(int(count), len(views)) for count in row] for row in hits]
 
 
-def grey_paper(patch: "torch.Tensor") -> "torch.Tensor":
+def grey_paper(patch: torch.Tensor) -> torch.Tensor:
     """What lies on the object where the patch is not: as large, and says nothing."""
-    import torch
-
     return torch.full_like(patch, PAPER_GREY)
 
 
 def validate_mounted(
-    patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int, *,
+    patch: torch.Tensor, views: MountedViews, targets: list[Target], image_px: int, *,
     weather: Weathered | None = None, seed: int = 0,
 ) -> list[Validation]:  # fmt: skip
     """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""

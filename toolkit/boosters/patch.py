@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import torch
 
 from toolkit.boosters.booster import (
     COLUMNS,
@@ -65,9 +66,6 @@ from toolkit.objects.records import Patch, PatchRecord, printed_size_mm, read_pa
 from toolkit.rig.views import ViewRanges
 from toolkit.training.loop import History
 from toolkit.worlds.views import open_setting
-
-if TYPE_CHECKING:
-    import torch
 
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
@@ -148,18 +146,10 @@ class TrainedPatch(TrainedBooster):
 
 
 def train_patch(
-    config: PatchConfig,
-    class_name: str | int,
-    networks: Sequence[Network],
-    data: DataConfig | TrainingData,
-    workspace: Workspace,
-    *,
-    name: str | None = None,
-    views: MountedViews | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedPatch:
+    config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: DataConfig | TrainingData,
+    workspace: Workspace, *, name: str | None = None, views: MountedViews | None = None, out: Path | None = None,
+    restart: bool = False, checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedPatch:  # fmt: skip
     """Train a patch, or take it up where an interrupted run of the same settings left it.
 
     Args:
@@ -300,10 +290,8 @@ class PatchTask(BoosterTask[TrainedPatch]):
         patch = read_finished(read_patch, self.files, self.inputs_sha256)
         return None if patch is None else TrainedPatch(patch=patch, files=self.files, skipped=self._data.skipped)
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy of photographs with the patch, and the patch's own losses."""
-        import torch
-
         draws = Draws(self.config.seed, step)
         count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
         batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
@@ -359,10 +347,8 @@ class PatchTask(BoosterTask[TrainedPatch]):
             patch=patch, files=self.files, validations=validations, on_object=on_object, skipped=data.skipped
         )
 
-    def _draw_preview(self, printed: "torch.Tensor", pixels: np.ndarray, validations: list[Validation]) -> None:
+    def _draw_preview(self, printed: torch.Tensor, pixels: np.ndarray, validations: list[Validation]) -> None:
         """Sixteen training images; they repeat, in other placements, where there are fewer."""
-        import torch
-
         config, where = self.config, "held-out" if self._data.is_held_out else "training"
         answers = [
             f"{a.network}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} bare"
@@ -386,7 +372,7 @@ class DetectorPatchTask(PatchTask):
     is the one that the network is surest of, wherever it sees it.
     """
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """The detectors' losses of photographs of the object with the patch, and the patch's own losses."""
         views, config, draws = self._views, self.config, Draws(self.config.seed, step)
         assert views is not None and views.boxes is not None
@@ -405,9 +391,9 @@ class DetectorPatchTask(PatchTask):
 
 
 def patch_loss(
-    theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
+    theta: torch.Tensor, images: torch.Tensor, targets: list[Target], appearance: Appearance, draws: Draws, *,
     mounted: Mounted | None = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
-) -> "tuple[torch.Tensor, float]":  # fmt: skip
+) -> tuple[torch.Tensor, float]:  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
     Args:

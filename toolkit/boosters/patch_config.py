@@ -25,6 +25,7 @@ from toolkit.boosters.pixel_config import (
 from toolkit.boosters.transforms.base import OF_NETWORKS, Placer
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, ProfiledPrint, TapeGlare, use_profile
+from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
@@ -33,7 +34,6 @@ from toolkit.objects.spec import ObjectSpec, printed_size_mm
 if TYPE_CHECKING:
     import torch
 
-    from toolkit.boosters.transforms.show import Appearance
 
 METHOD = "unadversarial patch, sign of the gradient"
 METHOD_VERSION = 7
@@ -111,10 +111,8 @@ class PatchConfig(PixelConfig):
             return self
         return self.with_overrides(steps=self.epochs * math.ceil(images / self.batch))
 
-    def appearance(self) -> "Appearance":
+    def appearance(self) -> Appearance:
         """The transforms that act, in order."""
-        from toolkit.boosters.transforms.show import Appearance
-
         return Appearance(
             self.affine if self.pose is None else MixedPlacement(self.pose, self.affine),
             on_print=self.transforms("print"), on_paper=self.transforms("paper"), on_photo=self.transforms("photo"),

@@ -4,9 +4,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+import torch
+from torch.nn.functional import cross_entropy, interpolate
 
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
@@ -18,9 +20,6 @@ from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
 from toolkit.training.loop import Made, TrainingTask
 from toolkit.training.processes import current
-
-if TYPE_CHECKING:
-    import torch
 
 
 class Network(AnyNetwork, Protocol):
@@ -34,7 +33,7 @@ class Network(AnyNetwork, Protocol):
     def is_imagenet(self) -> bool:
         """Whether the labels are the 1000 of ImageNet."""
 
-    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
+    def logits(self, batch: torch.Tensor) -> torch.Tensor:
         """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""
 
     def class_index(self, name: str | int) -> int:
@@ -58,20 +57,18 @@ class Target:
         """Of the class."""
         return self.classifier.labels[self.class_index]
 
-    def logits(self, photos: "torch.Tensor") -> "torch.Tensor":
+    def logits(self, photos: torch.Tensor) -> torch.Tensor:
         """(b, classes) of (b, 3, m, m) sRGB-encoded photographs, resized to the network's side; differentiable."""
         # the photographs may be made for another network of the ensemble
         return self.classifier.logits(resize_photos(photos, self.classifier.preprocessing.crop_px))
 
-    def count_hits(self, photos: "torch.Tensor") -> int:
+    def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
         return int((self.logits(photos).argmax(1) == self.class_index).sum())
 
 
-def resize_photos(photos: "torch.Tensor", side: int) -> "torch.Tensor":
+def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
     """(b, 3, m, m) photographs at another side; differentiable."""
-    from torch.nn.functional import interpolate
-
     if photos.shape[-1] == side:
         return photos
     return interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)
@@ -95,8 +92,6 @@ class PixelTask(TrainingTask[Made]):
             targets: the networks, at least one; θ is trained where the first one runs.
             optimiser: by which rule.
         """
-        import torch
-
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
         self.batch = config.batch
         self.targets, self.image_px = targets, targets[0].classifier.preprocessing.crop_px
@@ -105,11 +100,11 @@ class PixelTask(TrainingTask[Made]):
         self._last_smoothing_px, self._momentum = config.last_smoothing_px, config.momentum
         self._velocity = None if not config.momentum else torch.zeros_like(self.pixels, requires_grad=False)
 
-    def parameters(self) -> "dict[str, torch.Tensor]":
+    def parameters(self) -> dict[str, torch.Tensor]:
         """The pixels."""
         return {"pixels": self.pixels}
 
-    def buffers(self) -> "dict[str, torch.Tensor]":
+    def buffers(self) -> dict[str, torch.Tensor]:
         """What momentum has gathered."""
         return {} if self._velocity is None else {"velocity": self._velocity}
 
@@ -133,16 +128,14 @@ class PixelTask(TrainingTask[Made]):
         self.pixels.clamp_(0, 1)
 
 
-def draw_first_pixels(size_px: int, seed: int, contrast: float = 1.0) -> "torch.Tensor":
+def draw_first_pixels(size_px: int, seed: int, contrast: float = 1.0) -> torch.Tensor:
     """θ before the first step: (3, n, n) float32, uniform over `contrast` of [0, 1] about its middle."""
-    import torch
-
     rng = Draws(seed, 0).of("first patch")
     # drawn by NumPy, whose stream does not depend on the device
     return torch.from_numpy(rng.random((3, size_px, size_px), np.float32) - 0.5) * contrast + 0.5
 
 
-def smooth_gradient(gradient: "torch.Tensor", sigma_px: float) -> "torch.Tensor":
+def smooth_gradient(gradient: torch.Tensor, sigma_px: float) -> torch.Tensor:
     """Convolve (3, n, n) with a Gaussian, mirrored at the edges; below a third of a texel it is left as it is."""
     if sigma_px < 1 / 3:
         return gradient
@@ -153,17 +146,14 @@ def smooth_gradient(gradient: "torch.Tensor", sigma_px: float) -> "torch.Tensor"
 
 
 def judge_photos(
-    photos: "torch.Tensor", targets: list[Target], objective: str = "cross-entropy"
-) -> tuple["torch.Tensor", float]:
+    photos: torch.Tensor, targets: list[Target], objective: str = "cross-entropy"
+) -> tuple[torch.Tensor, float]:
     """What the networks say of (b, 3, m, m) sRGB-encoded photographs.
 
     Returns the cross-entropy towards the target class, mean over the batch and summed over the networks, and the share
     recognised, mean over the networks. By the objective `logit` the loss is the class' logit, its sign turned, whose
     gradient does not vanish where a network is sure (Zhao et al. 2021).
     """
-    import torch
-    from torch.nn.functional import cross_entropy
-
     loss, recognised = photos.new_zeros(()), 0.0
     for target in targets:
         with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
@@ -179,9 +169,9 @@ def judge_photos(
 
 
 def judge_ensemble(
-    photos: "torch.Tensor", targets: Sequence[Target], config: PixelConfig, draws: Draws,
-    clean: "torch.Tensor | None" = None,
-) -> tuple["torch.Tensor", float]:  # fmt: skip
+    photos: torch.Tensor, targets: Sequence[Target], config: PixelConfig, draws: Draws,
+    clean: torch.Tensor | None = None,
+) -> tuple[torch.Tensor, float]:  # fmt: skip
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
     What networks share carries over to those that were never asked; what one of them has alone does not. The means are
@@ -200,7 +190,7 @@ def judge_ensemble(
         clean: all photographs without the booster, where features are mixed.
     """
 
-    def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
+    def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number]
         # drawn for each network by its number: they do not look at the same cut
         for one in config.transforms("network"):
@@ -229,11 +219,9 @@ def choose_turn(seed: int, step: int, count: int) -> int:
 
 
 def _normalise(
-    photos: "torch.Tensor", ask: "Callable[[torch.Tensor, int], tuple[torch.Tensor, float]]", count: int
-) -> tuple["torch.Tensor", float]:
+    photos: torch.Tensor, ask: Callable[[torch.Tensor, int], tuple[torch.Tensor, float]], count: int
+) -> tuple[torch.Tensor, float]:
     """One network after the other, each graph freed before the next; one way back through the render for all."""
-    import torch
-
     # a leaf of its own: the render's graph is walked once, with the joined gradient
     seen = photos.detach().requires_grad_(True)
     value, recognised = photos.new_zeros(()), []
@@ -270,15 +258,13 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     return [Target(network, network.class_index(class_name)) for network in networks]
 
 
-def quantise(pixels: "torch.Tensor") -> np.ndarray:
+def quantise(pixels: torch.Tensor) -> np.ndarray:
     """(3, n, n) in [0, 1] to (n, n, 3) uint8, rounded as it is written."""
     return np.round(pixels.detach().cpu().numpy().transpose(1, 2, 0) * 255).astype(np.uint8)
 
 
-def from_picture(pixels: np.ndarray, device: str) -> "torch.Tensor":
+def from_picture(pixels: np.ndarray, device: str) -> torch.Tensor:
     """(n, n, 3) uint8 to (3, n, n) float32 in [0, 1]: the way back from `quantise`."""
-    import torch
-
     return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
 
 

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import torch
 
 from toolkit.boosters.booster import (
     BoosterFiles,
@@ -56,9 +57,6 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.loop import History
-
-if TYPE_CHECKING:
-    import torch
 
 CHECKPOINT_EVERY_S = 10.0
 """How much work a kill may cost, and how often the turntable is drawn."""
@@ -112,17 +110,10 @@ def say_held_out(validations: Iterable[WeatherValidation], how: str) -> Iterator
 
 
 def train_texture(
-    config: TextureConfig,
-    networks: Sequence[Network],
-    workspace: Workspace,
-    *,
-    class_name: str | int | None = None,
-    name: str | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    workers: int | None = None,
+    config: TextureConfig, networks: Sequence[Network], workspace: Workspace, *, class_name: str | int | None = None,
+    name: str | None = None, out: Path | None = None, restart: bool = False, workers: int | None = None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedTexture:
+) -> TrainedTexture:  # fmt: skip
     """Train a texture, or take it up where an interrupted run of the same settings left it.
 
     Args:
@@ -180,8 +171,6 @@ class SurfaceTask(BoosterTask[Trained]):
             inputs: what it is trained on.
             workers: threads that render ahead; None: one for each core; 0: none.
         """
-        import torch
-
         super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
         self.title = f"Training {files.training.name}"
@@ -193,8 +182,6 @@ class SurfaceTask(BoosterTask[Trained]):
 
     def begin(self) -> None:
         """Take the start that is given, or the paint, in place of noise."""
-        import torch
-
         start, paint = self.inputs.start, self.inputs.paint
         # a texture that stays near its paint cannot begin at noise: it would be clamped to the range's ends
         start = paint if start is None and self._range is not None else start
@@ -243,10 +230,8 @@ class SurfaceTask(BoosterTask[Trained]):
                 self._stay_near(self.inputs.paint)
             yield
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy of photographs of random views; the first step of a group waits until it is rendered."""
-        import torch
-
         config, draws = self.config, Draws(self.config.seed, step)
         group, inside = divmod(step, config.steps_per_group)
         views = choose_views(self._stream.group(group), config, group, inside)
@@ -269,14 +254,12 @@ class SurfaceTask(BoosterTask[Trained]):
             loss, recognised = judge_ensemble(photos, self.targets, config, draws, clean)
         return loss, {"accuracy": recognised}
 
-    def dilated(self) -> "torch.Tensor":
+    def dilated(self) -> torch.Tensor:
         """(3, n, n) with the colour of the nearest seen texel on all that are not seen."""
         return self.pixels.flatten(1)[:, self._source.reshape(-1)].view(self.pixels.shape)
 
     def show(self) -> None:
         """Draw the turntable."""
-        import torch
-
         with torch.inference_mode():
             photos = torch.cat([show_texture(self.dilated(), batch) for batch in self._turntable])
         write_preview(self.files.preview, draw_turntable(photos, self.targets[0]))
@@ -357,7 +340,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
         )
 
 
-def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":
+def take_photos(texture: torch.Tensor, batch: ViewBatch, config: TextureConfig, draws: Draws) -> torch.Tensor:
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
     for printer in config.transforms("print"):

@@ -20,20 +20,10 @@ from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 
 
 def train_patch(
-    workspace: Workspace,
-    class_name: str | int,
-    classifiers: Classifier | Sequence[Classifier],
-    data: Sequence[str | Path] = ("rig",),
-    *,
-    recipe: str = "default",
-    size_px: int = 100,
-    images: int = 256,
-    seed: int = 0,
-    name: str | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    **settings: Any,
-) -> TrainedPatch:
+    workspace: Workspace, class_name: str | int, classifiers: Classifier | Sequence[Classifier],
+    data: Sequence[str | Path] = ("rig",), *, recipe: str = "default", size_px: int = 100, images: int = 256,
+    seed: int = 0, name: str | None = None, out: Path | None = None, restart: bool = False, **settings: Any,
+) -> TrainedPatch:  # fmt: skip
     """Train a patch that makes classifiers see a class, into `print/patches/NAME.png` and its record.
 
     An interrupted run goes on where it stopped, and one that was finished before comes back as it is: the same
@@ -69,22 +59,11 @@ def train_patch(
 
 
 def train_texture(
-    workspace: Workspace,
-    objects: str | Sequence[str],
-    classifiers: Classifier | Sequence[Classifier],
-    *,
-    class_name: str | None = None,
-    recipe: str = "default",
-    size_px: int = 200,
-    keep: Sequence[str] = (),
-    backgrounds: Path | None = None,
-    seed: int = 0,
-    name: str | None = None,
-    out: Path | None = None,
-    restart: bool = False,
-    workers: int | None = None,
-    **settings: Any,
-) -> TrainedTexture:
+    workspace: Workspace, objects: str | Sequence[str], classifiers: Classifier | Sequence[Classifier], *,
+    class_name: str | None = None, recipe: str = "default", size_px: int = 200, keep: Sequence[str] = (),
+    backgrounds: Path | None = None, seed: int = 0, name: str | None = None, out: Path | None = None,
+    restart: bool = False, workers: int | None = None, **settings: Any,
+) -> TrainedTexture:  # fmt: skip
     """Train the whole surface of an object, into `rig/textures/NAME.png`, its record, and a GLB of the object in it.
 
     An interrupted run goes on where it stopped, and one that was finished before comes back as it is.
@@ -125,19 +104,11 @@ def train_texture(
 
 
 def train_wrap(
-    workspace: Workspace,
-    object_name: str,
-    classifiers: Classifier | Sequence[Classifier],
-    *,
-    class_name: str | None = None,
-    recipe: str = "default",
-    backgrounds: Path | None = None,
-    print_profile: Path | None = None,
-    seed: int = 0,
-    restart: bool = False,
-    workers: int | None = None,
+    workspace: Workspace, object_name: str, classifiers: Classifier | Sequence[Classifier], *,
+    class_name: str | None = None, recipe: str = "default", backgrounds: Path | None = None,
+    print_profile: Path | None = None, seed: int = 0, restart: bool = False, workers: int | None = None,
     **settings: Any,
-) -> TrainedWrap:
+) -> TrainedWrap:  # fmt: skip
     """Train what is on the flat pieces of an object's wrap, into `print/wraps/NAME`: a picture of each, and a record.
 
     The object's own plan is used, and one is made by default where it has none. The pieces are met as they will be:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from toolkit.boosters.data import cut_centres
 from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
@@ -15,9 +15,6 @@ from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
 from toolkit.corruptions.batch import corrupt
 from toolkit.rig.views import RenderedView
-
-if TYPE_CHECKING:
-    import torch
 
 # a share of so many has a 95 % interval of about 17 points at most
 DRAWS = 128
@@ -67,16 +64,9 @@ def count_placements(images: int, draws: int = DRAWS) -> int:
 
 
 def validate_patch(
-    patch: "torch.Tensor",
-    images: "torch.Tensor",
-    targets: list[Target],
-    appearance: Appearance,
-    seed: int,
-    *,
-    draws: int = DRAWS,
-    advance: Callable[[int], None] = lambda count: None,
-    corrupted: Corrupted | None = None,
-) -> list[Validation]:
+    patch: torch.Tensor, images: torch.Tensor, targets: list[Target], appearance: Appearance, seed: int, *,
+    draws: int = DRAWS, advance: Callable[[int], None] = lambda count: None, corrupted: Corrupted | None = None,
+) -> list[Validation]:  # fmt: skip
     """Recognise images bare and with the patch in fresh random placements.
 
     Args:
@@ -90,8 +80,6 @@ def validate_patch(
         advance: called with how many placements were just answered.
         corrupted: how the photographs are corrupted, with the patch and bare alike.
     """
-    import torch
-
     count = count_placements(len(images), draws)
     bare, patched = [0] * len(targets), [0] * len(targets)
     # the middle, as the network's own preprocessing cuts it: bare images are judged as in an evaluation
@@ -151,15 +139,13 @@ class WeatherValidation:
 
 def draw_weather(
     views: list[RenderedView], metres_per_unit: Sequence[float], weather: Weathered, rng: np.random.Generator
-) -> "tuple[torch.Tensor, torch.Tensor]":
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Weather over views of objects whose meshes' units are so long at real size, see `ViewBatch.through`."""
     return weather.draw(find_depths([one.view for one in views], [metres_per_unit[one.subject] for one in views]), rng)
 
 
-def measure_known(texture: "torch.Tensor", views: list[RenderedView], targets: list[Target]) -> float:
+def measure_known(texture: torch.Tensor, views: list[RenderedView], targets: list[Target]) -> float:
     """Share of views in which the networks recognise the object in a texture, (3, n, n) in [0, 1], dilated."""
-    import torch
-
     hits = 0
     with torch.inference_mode():
         for start in range(0, len(views), TEXTURE_BATCH):
@@ -184,8 +170,6 @@ def validate_texture(
         weather: which may be drawn for each view.
         metres_per_unit: of each object's mesh, at real size, for weather.
     """
-    import torch
-
     texture = from_picture(pixels, targets[0].classifier.device)
     hits: dict[str, np.ndarray] = {}
     with torch.inference_mode():
@@ -211,11 +195,9 @@ Pair = tuple["torch.Tensor", "torch.Tensor"]
 
 
 def _show_both(
-    texture: "torch.Tensor", views: list[RenderedView], draws: Draws, corrupted: Corrupted | None
+    texture: torch.Tensor, views: list[RenderedView], draws: Draws, corrupted: Corrupted | None
 ) -> Iterator[tuple[str, Pair]]:
     """Views as they are, in fog, and corrupted: both paints alike."""
-    import torch
-
     device = str(texture.device)
     bare = torch.from_numpy(np.stack([one.bare for one in views if one.bare is not None])).to(device)
     clear = bare.permute(0, 3, 1, 2).float() / 255, show_texture(texture, batch_views([v.view for v in views], device))
@@ -232,12 +214,10 @@ def _show_both(
 
 
 def _show_in_weather(
-    texture: "torch.Tensor", views: list[RenderedView], draws: Draws, weather: Weathered,
+    texture: torch.Tensor, views: list[RenderedView], draws: Draws, weather: Weathered,
     metres_per_unit: Sequence[float],
 ) -> Pair:  # fmt: skip
     """Views through weather that is drawn for each, both paints through the same."""
-    import torch
-
     device, always = str(texture.device), weather.with_overrides(probability=1.0)
     # once for both paints: what differs is the paint
     drawn = draw_weather(views, metres_per_unit, always, weather.rng(draws))

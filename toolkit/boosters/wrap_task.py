@@ -1,11 +1,12 @@
 """Train what is on the pieces of a wrap: what `toolkit train-wrap` runs."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import torch
 
 from toolkit.boosters.booster import BoosterFiles, TrainedBooster, train_booster
 from toolkit.boosters.detectors import meet_networks
@@ -43,10 +44,6 @@ from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
 from toolkit.worlds.place import scale_to_world
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-
 BATCH = 12
 """Views that are shown together when pieces are ranked."""
 
@@ -59,7 +56,7 @@ class StuckObject(PaintableObject):
         stick: the mesh with the pieces where the draws of a block let them lie.
     """
 
-    stick: "Callable[[Draws], Mesh]"
+    stick: Callable[[Draws], Mesh]
 
     def for_block(self, draws: Draws) -> PaintableObject:
         """With the pieces where these draws let them lie."""
@@ -222,8 +219,6 @@ def rank_pieces(
 
 def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence[Target]) -> tuple[float, float]:
     """Mean log probability of the class over views and networks, and the share of them that are right."""
-    import torch
-
     texture = from_picture(canvas, targets[0].classifier.device)
     sure, right = [], []
     with torch.inference_mode():
@@ -238,15 +233,9 @@ def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence
 
 
 def train_wrap(
-    config: WrapTrainConfig,
-    networks: Sequence[Network],
-    workspace: Workspace,
-    *,
-    class_name: str | int | None = None,
-    restart: bool = False,
-    workers: int | None = None,
-    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedWrap:
+    config: WrapTrainConfig, networks: Sequence[Network], workspace: Workspace, *, class_name: str | int | None = None,
+    restart: bool = False, workers: int | None = None, checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedWrap:  # fmt: skip
     """Train what is on a wrap, or take it up where an interrupted run of the same settings left it.
 
     Args:

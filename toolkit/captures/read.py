@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import real_path, sha256_file
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import FoundFiles, find_files, read_image, show_path
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from toolkit.imaging.preprocessing import Preprocessing
 
 UNPATCHED = "unpatched"
 POOLED = "all"
@@ -362,14 +360,12 @@ def _some(paths: Sequence[str], limit: int = 5) -> str:
     return listed if len(paths) <= limit else f"{listed} and {len(paths) - limit} more"
 
 
-def read_crop(capture: Capture, how: "Preprocessing") -> "np.ndarray":
+def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
     """(crop_px, crop_px, 3) uint8 sRGB of one image, as a network sees it.
 
     Raises:
         UnreadableImage: the file cannot be read as an image.
     """
-    from toolkit.imaging.preprocessing import resize_and_crop
-
     pixels = read_image(capture.file, how.resize_px)
     # a file that was cut to this size is not resized once more: it would lose some of its corruption
     is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)

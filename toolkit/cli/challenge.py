@@ -8,6 +8,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.core.workspace import open_workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.experiments.challenge.rules import JUDGES, EntryConfig
 
@@ -20,7 +21,6 @@ def init(
     workspace: options.Workspace = None, as_json: options.Json = False,
 ) -> None:  # fmt: skip
     """Make an entry from this workspace's boosters: their files, and an entry.json for you to complete."""
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.entry import ENTRY, init_entry
 
     made = init_entry(open_workspace(workspace).with_patches(patches), entry, config)
@@ -69,7 +69,6 @@ def run(
     """Render an entry and score it: score/score.json, outcomes.csv and a page in its folder."""
     from toolkit.core.console import console
     from toolkit.core.tables import format_points, format_points_interval
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.board import write_board
     from toolkit.experiments.challenge.entry import read_entry
     from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry

@@ -8,7 +8,11 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
+from toolkit.core.files import load_json
+from toolkit.core.severities import SEVERITIES
 from toolkit.core.text import kept_before
+from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.corruptions.catalogue import find_note, parse_corruptions
 from toolkit.engine.config import EngineConfig
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
@@ -17,7 +21,6 @@ from toolkit.experiments.transfer.transfer_config import TransferConfig
 from toolkit.experiments.worlds.world_config import WorldEvalConfig
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace
     from toolkit.evaluation.evaluate import Evaluation
     from toolkit.experiments.corruptions.benchmark_run import BenchmarkRun
     from toolkit.experiments.sweeps.sweep import SweepResult
@@ -55,7 +58,6 @@ def evaluate(
     With --corrupt, also classify each image with ImageNet-C's fog, blur, noise ...: in sources SOURCE-fog-3.
     """
     from toolkit.captures.read import find_captured
-    from toolkit.core.workspace import open_workspace
     from toolkit.models.find import may_be_detector
 
     space = open_workspace(workspace)
@@ -81,7 +83,7 @@ def evaluate(
 
 
 def _detect(
-    captures: Path, space: "Workspace", named: tuple[str, Path | None, str], config: EvalConfig, as_json: bool
+    captures: Path, space: Workspace, named: tuple[str, Path | None, str], config: EvalConfig, as_json: bool
 ) -> None:
     """The same with a detector."""
     from toolkit.evaluation.detect import describe_pairs, evaluate_detector
@@ -140,7 +142,6 @@ def sweep(
     as_json: options.Json = False,
 ) -> None:
     """Vary one thing and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.sweeps.sweep import run_sweep
     from toolkit.models.load import load_classifier
 
@@ -212,8 +213,6 @@ def corrupt(
 
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
-    from toolkit.core.severities import SEVERITIES
-    from toolkit.corruptions.catalogue import find_note, parse_corruptions
     from toolkit.corruptions.folder import corrupt_images
     from toolkit.models.network import choose_device
 
@@ -259,7 +258,6 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
@@ -313,7 +311,6 @@ def transfer(
 ) -> None:
     """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
     from toolkit.boosters.detectors import load_networks
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
@@ -346,7 +343,6 @@ def world_eval(
     Results go to eval/RUN. An answer is computed once, whatever run asks for it.
     """
     from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.worlds.world_run import evaluate_world
     from toolkit.models.load import load_classifier
 
@@ -365,7 +361,6 @@ def world_eval(
 def show_world(done: "WorldRun") -> None:
     """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
     from toolkit.core.console import console
-    from toolkit.core.files import load_json
     from toolkit.experiments.worlds.world_results import build_world_table, judge_world
     from toolkit.worlds.depth_weather import describe_weathers
 

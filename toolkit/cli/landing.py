@@ -9,6 +9,8 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
+from toolkit.core.errors import one_of
+from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.landing.landing_config import RECIPES as TRAINING
 from toolkit.landing.landing_config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
@@ -30,7 +32,6 @@ def collect(
 ) -> None:
     """Shoot what a drone sees of a pad into captures/landing/NAME; an interrupted run goes on where it stopped."""
     from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.landing.collect import collect as run
     from toolkit.landing.collect import describe_collected
 
@@ -82,8 +83,6 @@ def train(
     as_json: options.Json = False,
 ) -> None:
     """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
-    from toolkit.core.errors import one_of
-    from toolkit.core.workspace import open_workspace
     from toolkit.landing.regressor import write_saliency
     from toolkit.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
 
@@ -155,7 +154,6 @@ def fly(
 ) -> None:
     """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.landing.flight_report import describe_success, film_episode, write_report, write_summary
     from toolkit.landing.fly import fly_all
     from toolkit.models.network import choose_device
@@ -171,7 +169,7 @@ def fly(
         made.write(flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4")
         for made, one in zip(films, filmed, strict=True)
     ]
-    files = write_report(config, flown, results, pairs, space, films)
+    page = write_report(config, flown, results, pairs, space, films)
     if as_json:
         rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
         show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
@@ -185,7 +183,7 @@ def fly(
             say(f"{flown.made} episodes flown now, {seconds['whole_s']:.0f} s of work, {share:.1%} physics and control")
         for path in paths:
             say(f"film: {path}")
-        say(f"report: {files.report}")
+        say(f"report: {page}")
     if flown.failed:
         raise typer.Exit(1)
 
@@ -225,7 +223,6 @@ def boost(
 ) -> None:
     """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
     from toolkit.core.tables import build_table, format_percent
-    from toolkit.core.workspace import open_workspace
     from toolkit.landing.boost import boost_pad, describe_boosted
     from toolkit.models.network import choose_device
 
@@ -257,7 +254,6 @@ def demo(
     device: options.Device = "auto",
 ) -> None:
     """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
-    from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
     from toolkit.landing.demo import run_demo
     from toolkit.models.network import choose_device
 

@@ -14,10 +14,10 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
 from toolkit.core.severities import list_spans
+from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.photos.settings import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace
     from toolkit.models.network import Classifier
     from toolkit.photos.gates.check_captures import CheckReport
     from toolkit.photos.importing.import_photos import ImportResult
@@ -51,7 +51,6 @@ def import_(
 
     Object and variant come from the options, from folders OBJECT/VARIANT, or from the shot list that was followed.
     """
-    from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures, make_check
     from toolkit.photos.importing.import_photos import import_photos
     from toolkit.rig.board_file import with_board
@@ -129,7 +128,6 @@ def check(
 
     Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
     """
-    from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures
     from toolkit.rig.board_file import with_board
 
@@ -185,7 +183,6 @@ def retexture(
     and networks are asked whether they answer alike.
     """
     from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
@@ -216,7 +213,7 @@ def retexture(
 
 
 def _check_retexture(
-    space: "Workspace",
+    space: Workspace,
     photos: list[Path],
     config: RetextureConfig,
     networks: tuple[list[str] | None, list[Path] | None, str],
@@ -277,7 +274,6 @@ def studio(
 
     Each photograph that you keep goes into captures/real at once; stop with Ctrl-C and start again at any time.
     """
-    from toolkit.core.workspace import open_workspace
     from toolkit.rig.board_file import with_board
     from toolkit.studio.serve import listen, require_extra
 

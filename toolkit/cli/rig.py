@@ -12,11 +12,12 @@ from toolkit.cli import options
 from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
+from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine.config import EngineConfig
+from toolkit.objects.spec import read_spec
 from toolkit.rig.requests import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace
     from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
 
@@ -50,7 +51,6 @@ def place(
     One sheet is scored by the plan's cameras; with --sheets 2 or more, those that go on together by random ones.
     """
     from toolkit.captures.suggest_places import TITLES, suggest_places
-    from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifiers
 
     space = open_workspace(workspace)
@@ -77,7 +77,6 @@ def wrap(
 ) -> None:
     """Cut an object's surface into few flat pieces that lie on it, by what random cameras see; draw and keep them."""
     from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
-    from toolkit.core.workspace import open_workspace
 
     found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
     if as_json:
@@ -126,7 +125,6 @@ def plan(
     With --shot-list, and without an option about the poses, those that are planned stay as they are.
     """
     from toolkit.captures.render import preview_plan
-    from toolkit.core.workspace import open_workspace
     from toolkit.printing.shot_list.job import write_shot_list
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
@@ -153,8 +151,7 @@ def plan(
         _report_list(write_shot_list(space, made, names, listing, seed), as_json)
 
 
-def _what_follows(space: "Workspace", names: list[str]) -> str:
-    from toolkit.objects.spec import read_spec
+def _what_follows(space: Workspace, names: list[str]) -> str:
     from toolkit.rig.variants import find_patch_file
 
     bare = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
@@ -233,8 +230,6 @@ def capture_sim(
     a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
     expected of the printed patch before it is printed.
     """
-    from toolkit.core.workspace import open_workspace
-
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
     if made.remark:
@@ -259,10 +254,8 @@ def write_boxes(
     """
     from toolkit.captures.read import read_captures
     from toolkit.captures.truth import write_coco
-    from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.tables import list_lines
     from toolkit.models.detector import coco_names
-    from toolkit.objects.spec import read_spec
 
     space = open_workspace(workspace)
     folder = read_captures(captures or space.captures_dir)

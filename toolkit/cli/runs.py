@@ -9,6 +9,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_result, warn
 from toolkit.core.errors import FieldError
+from toolkit.core.workspace import open_workspace
 
 MESHES = "An object's mesh"
 RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
@@ -34,7 +35,6 @@ def list_runs(
 ) -> None:
     """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
     from toolkit.core.console import console, list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.summaries import build_runs_table, find_runs, parse_where, pick_rows
 
     wanted = [parse_where(one) for one in where or ()]
@@ -69,7 +69,6 @@ def compare(
 ) -> None:
     """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
     from toolkit.core.console import console
-    from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.compare import build_comparison_table, compare_runs, compare_tables, write_comparison
     from toolkit.evaluation.summaries import open_run
 
@@ -104,7 +103,6 @@ def report(
 ) -> None:
     """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
     from toolkit.core.console import list_skipped
-    from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.compare import write_index
     from toolkit.evaluation.summaries import Run, find_runs, open_run
 
@@ -171,8 +169,6 @@ def export(
     as_json: options.Json = False,
 ) -> None:
     """Write predictions of runs, by default of all that have any, or the mesh of an object, for other programs."""
-    from toolkit.core.workspace import open_workspace
-
     formats = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
     if objects:
         if names:

@@ -9,6 +9,8 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.objects.spec import ObjectRequest
 
 if TYPE_CHECKING:
@@ -25,8 +27,6 @@ def init(
 
     What is there already stays as it is, so that a workspace of an older version can be marked.
     """
-    from toolkit.core.workspace import make_workspace
-
     space = make_workspace(folder)
     if as_json:
         show_json({"workspace": str(space.root)})
@@ -38,7 +38,6 @@ def init(
 def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
     """Check what the kit needs from this machine; each thing missing comes with the line that fixes it."""
     from toolkit.core.console import console
-    from toolkit.core.workspace import open_workspace
     from toolkit.training.machine import check_machine
 
     checks = check_machine(open_workspace(workspace).root)
@@ -70,7 +69,6 @@ def add(
     stl and off.
     """
     from toolkit.captures.suggest_places import add_and_place
-    from toolkit.core.workspace import open_workspace
 
     show_result(add_and_place(open_workspace(workspace, is_needed=True), mesh, request), as_json)
 
@@ -83,8 +81,6 @@ def list_objects(
     as_json: options.Json = False,
 ) -> None:
     """List the objects that can be photographed, built in and your own; --export writes them as GLB."""
-    from toolkit.core.files import write_bytes
-    from toolkit.core.workspace import open_workspace
     from toolkit.objects.load import load_object
 
     space = open_workspace(workspace)
@@ -130,7 +126,6 @@ def demo(
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.cli.rig import what_pairs_can_show
     from toolkit.core.console import console
-    from toolkit.core.workspace import make_workspace
     from toolkit.evaluation.evaluate import evaluate_captures
     from toolkit.evaluation.tables import print_tables
     from toolkit.models.find import BUNDLED
@@ -177,7 +172,6 @@ def list_models(
     as_json: options.Json = False,
 ) -> None:
     """List the networks whose weights are on this machine: classes, speed here, licence, whether they can train."""
-    from toolkit.core.workspace import open_workspace
     from toolkit.evaluation import survey
 
     folder = open_workspace(workspace).classifiers_dir

@@ -1,6 +1,7 @@
 """Commands that train: patches, textures, wraps, classifiers; and what patches are compared with."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ from pydantic import Field
 
 from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
+from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
@@ -18,8 +20,10 @@ from toolkit.boosters.wrap_config import RECIPES as WRAP_RECIPES
 from toolkit.boosters.wrap_config import make_config as make_wrap_config
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
-from toolkit.cli.output import say, show_json, show_result, warn
+from toolkit.cli.output import show_result, warn
 from toolkit.core.config import Flag
+from toolkit.core.errors import FieldError
+from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.refine_config import RefineConfig
@@ -29,7 +33,6 @@ if TYPE_CHECKING:
     from toolkit.boosters.mounted import MountedViews
     from toolkit.boosters.pixels import Network
     from toolkit.boosters.train import PreparedPatch
-    from toolkit.core.workspace import Workspace
     from toolkit.models.find import HeldOut
     from toolkit.training.classifier import TrainedClassifier
 
@@ -92,7 +95,6 @@ def train_patch(
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.patch import train_patch as run
     from toolkit.boosters.train import prepare_patch
-    from toolkit.core.workspace import open_workspace
 
     space = open_workspace(workspace)
     overrides = _mount(overrides) if found else overrides
@@ -117,11 +119,10 @@ def _mount(overrides: Overrides) -> Overrides:
 
 
 def _view_photos(
-    space: "Workspace", asked: "PreparedPatch", found: list[str], network: "Network"
+    space: Workspace, asked: "PreparedPatch", found: list[str], network: "Network"
 ) -> "MountedViews":  # fmt: skip
     """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
     from toolkit.core.console import list_skipped
-    from toolkit.core.errors import FieldError
     from toolkit.objects.records import printed_size_mm
     from toolkit.photos.prints.fitted_photo import view_photos
 
@@ -169,7 +170,6 @@ def train_texture(
     """Train a texture that makes a network see an object's class; an interrupted run goes on where it stopped."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.texture import train_texture as run
-    from toolkit.core.workspace import open_workspace
 
     config = make_texture_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
@@ -200,9 +200,7 @@ def train_wrap(
 ) -> None:
     """Train what is on the pieces of a wrap, planning them first where there are none; goes on where it stopped."""
     from toolkit.boosters.detectors import load_networks
-    from toolkit.boosters.patch_config import use_printer
     from toolkit.boosters.wrap_task import train_wrap as run
-    from toolkit.core.workspace import open_workspace
 
     if print_profile is not None:
         overrides = use_printer(overrides, print_profile)
@@ -246,7 +244,6 @@ def train_patches(
     """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
     from toolkit.boosters.class_patches import train_class_patches
     from toolkit.core.console import quietly
-    from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.training.images import choose_classes, open_images
 
@@ -281,44 +278,23 @@ def baseline(
 ) -> None:
     """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
     from toolkit.boosters.baselines.make import make_baseline
-    from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
 
     place = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, place.classifiers_dir)
     made = make_baseline(config.with_overrides(seed=seed), classifier, place)
-    _report_baseline(made, config.kind, config.data, as_json)
-    if made.skipped:
-        raise typer.Exit(1)
+    show_result(made, as_json, _describe_baseline(made, config.kind, config.data))
 
 
-def _report_baseline(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
-    from dataclasses import asdict
-
-    from toolkit.core.console import list_skipped
-
-    list_skipped(made.skipped)
-    if as_json:
-        sets = [asdict(one) | {"folder": str(one.folder)} for one in made.sets]
-        skipped = [{"path": path, "reason": reason} for path, reason in made.skipped]
-        show_json({"sets": sets, "skipped": skipped})
-        return
-
-    for one in made.sets:
-        if one.made:
-            before = f", {one.found} made before" if one.found else ""
-            say(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
-        elif one.found:
-            say(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
-        else:
-            say(f"{one.folder}: nothing made")
+def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Iterator[str]:
+    yield from made.lines()
     names = [one.name for one in made.sets if one.made or one.found]
     if names:
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
         where = "FOLDER" if others or data is None else data
         why = ": FOLDER with other images than these were chosen from" if others else ""
-        say(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")
+        yield f"next: toolkit {command} --data {where} --patches {names[0]}{why}"
 
 
 @from_config(config=ClassifierConfig)
@@ -346,7 +322,6 @@ def train_classifier(
     as_json: options.Json = False,
 ) -> None:
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
-    from toolkit.core.workspace import open_workspace
     from toolkit.experiments.corruptions.training_boost import read_training_boost
     from toolkit.training.classifier import train_classifier as run
 
@@ -356,36 +331,15 @@ def train_classifier(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,
         workers=workers or os.cpu_count() or 1, download=download, restart=restart, keep_data=keep_data,
     )  # fmt: skip
-    _report_classifier(trained, out, as_json)
-    if trained.skipped:
-        raise typer.Exit(1)
+    show_result(trained, as_json, _describe_classifier(trained, out))
 
 
-def _report_classifier(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
-    from toolkit.core.console import list_skipped
-
-    list_skipped(trained.skipped)
+def _describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iterator[str]:
     record = trained.record
-    if as_json:
-        result = {
-            "classifier": str(trained.file),
-            "was_finished": trained.was_finished,
-            "resumed_from": trained.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
-            "record": record.model_dump(mode="json"),
-        }
-        show_json(result)
-        return
-
-    if trained.was_finished:
-        say(f"{trained.file} was trained with these inputs before: nothing to do; --restart trains it again")
-    else:
-        size_mb = trained.file.stat().st_size / 1e6
-        say(f"{trained.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB")
-    for line in describe_held_out(record.held_out):
-        say(line)
+    yield from trained.lines()
+    yield from describe_held_out(record.held_out)
     model = f"--model {record.name}" if out is None else f"--weights {trained.file}"
-    say(
+    yield (
         f"next: toolkit eval captures/ {model}, and for patches of its own "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"
     )
@@ -431,7 +385,6 @@ def refine_network(
     as_json: options.Json = False,
 ) -> None:
     """Refine a network by its own answers, so that what is trained on it carries over; goes on where it stopped."""
-    from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.training.refine import refine_network as run
 

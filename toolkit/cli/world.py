@@ -10,6 +10,7 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import kept_before
+from toolkit.core.workspace import open_workspace
 from toolkit.worlds.conditions import ObjectInWorld, PreviewRequest
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ def list_worlds(
 ) -> None:
     """List the worlds, built in and your own in rig/worlds: size, triangles, places, pads, classes."""
     from toolkit.core.console import list_skipped, progress
-    from toolkit.core.workspace import open_workspace
     from toolkit.worlds.own import WORLDS, list_own_worlds, open_world
 
     space = open_workspace(workspace)
@@ -103,7 +103,6 @@ def preview(
 
     The map shows where objects may stand and where the cameras are. What is there already is not made again.
     """  # fmt: skip
-    from toolkit.core.workspace import open_workspace
     from toolkit.worlds.preview import preview_request
 
     space = open_workspace(workspace, is_needed=out is None)
@@ -136,7 +135,6 @@ def export(
     Sky and weather are not written.
     """
     from toolkit.core.files import write_bytes
-    from toolkit.core.workspace import open_workspace
     from toolkit.objects.export_mesh import to_glb
     from toolkit.objects.mesh import merge_meshes
     from toolkit.worlds.own import open_world

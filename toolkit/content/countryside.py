@@ -267,16 +267,8 @@ def build_grass(seed: int = 0) -> World:
     for spot in spots[1:]:
         pieces = [_outside(piece, spot) for piece in pieces]
     mesh, face_class = mesh_of(merge(*pieces), looks)
-    return World(
-        "grass",
-        seed,
-        mesh,
-        face_class,
-        spots=spots,
-        solids=np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]),
-        core=inner,
-        pads=spots[:1],
-    )
+    shed = np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]])
+    return World("grass", seed, mesh, face_class, spots=spots, solids=shed, core=inner, pads=spots[:1])
 
 
 def _outside(piece: Piece, spot: Spot) -> Piece:

@@ -367,17 +367,13 @@ def _label() -> Part:
 
 def _drink(outline: np.ndarray) -> Part:
     """The foamy surface a little below the rim, its chart the view from above."""
-    wall = _inside(outline)
+    # the radius of the mouth at the fill line
+    wall = float(np.interp(FILL_MM, outline[:, 1], outline[:, 0])) - GLASS_MM
     radius = np.linspace(wall, 0, 16)
     ripple = 0.5 * np.cos(radius / wall * 9)
     height = FILL_MM + 2.2 * (1 - (radius / wall) ** 4) + ripple * (1 - (radius / wall) ** 4)
     part = revolve(np.stack([radius, height], axis=1).tolist(), SEGMENTS, paint_foam, "foam")
     return seen_from_above(part)
-
-
-def _inside(outline: np.ndarray) -> float:
-    """Radius of the mouth at the fill line."""
-    return float(np.interp(FILL_MM, outline[:, 1], outline[:, 0])) - GLASS_MM
 
 
 def _cinnamon(outline: np.ndarray) -> list[Part]:

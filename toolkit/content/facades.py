@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name
+from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name, pick
 from toolkit.content.pieces import EMPTY, UNIT, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
 from toolkit.content.surfaces import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
@@ -207,7 +207,7 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
         _tables(canvas, span, floor)
     elif kind in ("clothes", "barber", "shoes"):
         for x in np.arange(span[0] + 0.3, span[1] - 0.2, 0.62):
-            tone = _pick(rng, BRIGHT)
+            tone = pick(rng, BRIGHT)
             if kind == "shoes":
                 _shoes(canvas, float(x), floor, rng)
             else:
@@ -215,13 +215,9 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
     else:
         for x in np.arange(span[0] + 0.05, span[1] - 0.5, 0.72):
             for z in (floor + 0.1, floor + 0.95):
-                canvas.rect(x, z, x + 0.62, z + 0.78, _pick(rng, BRIGHT))
-                canvas.disc(x + 0.31, z + 0.48, 0.18, _pick(rng, BRIGHT))
+                canvas.rect(x, z, x + 0.62, z + 0.78, pick(rng, BRIGHT))
+                canvas.disc(x + 0.31, z + 0.48, 0.18, pick(rng, BRIGHT))
                 canvas.line([(x + 0.08, z + 0.14), (x + 0.54, z + 0.14)], 0.05, (250, 250, 250))
-
-
-def _pick(rng: np.random.Generator, colours: tuple[Colour, ...]) -> Colour:
-    return colours[int(rng.integers(len(colours)))]
 
 
 def _shelves(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: np.random.Generator) -> None:
@@ -242,7 +238,7 @@ def _crates(
     for z in (floor, floor + 0.45, floor + 0.9):
         for x in np.arange(span[0], span[1] - 0.3, 0.44):
             canvas.rect(x, z, x + 0.4, z + 0.16, (146, 106, 64))
-            tone = _pick(rng, palette)
+            tone = pick(rng, palette)
             for fx, fz in rng.uniform((x + 0.05, z + 0.14), (x + 0.36, z + 0.32), (14, 2)):
                 canvas.disc(fx, fz, 0.055, tuple(int(c * rng.uniform(0.75, 1.1)) for c in tone))
 
@@ -260,7 +256,7 @@ def _shoes(canvas: Canvas, x: float, floor: float, rng: np.random.Generator) -> 
     outline = [(-0.2, 0.03), (0.2, 0.03), (0.18, 0.1), (0.0, 0.13), (-0.08, 0.2), (-0.2, 0.2)]
     for z in np.arange(floor, 2.0, 0.36):
         canvas.rect(x - 0.28, z, x + 0.28, z + 0.03, (226, 222, 214))
-        canvas.fill([(x + dx, z + dz) for dx, dz in outline], _pick(rng, (*BRIGHT[:4], (40, 34, 30), (96, 58, 34))))
+        canvas.fill([(x + dx, z + dz) for dx, dz in outline], pick(rng, (*BRIGHT[:4], (40, 34, 30), (96, 58, 34))))
 
 
 def _mannequin(canvas: Canvas, x: float, floor: float, tone: Colour) -> None:
@@ -275,13 +271,13 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
     if kind in ("books", "boxes", "papers"):
         w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
         h = float(rng.uniform(0.6, 0.92)) * (shelf_m - 0.06)
-        tone = tuple(int(c * rng.uniform(0.5, 1.0)) for c in _pick(rng, BRIGHT))
+        tone = tuple(int(c * rng.uniform(0.5, 1.0)) for c in pick(rng, BRIGHT))
         canvas.rect(x, z, x + w, z + h, tone)
         if kind != "books":
             canvas.rect(x + 0.02, z + h * 0.5, x + w - 0.02, z + h * 0.75, WHITE)
         return w + 0.012
     if kind == "bottles":
-        tone = _pick(rng, ((30, 70, 40), (90, 50, 20), (150, 30, 30), (220, 200, 140), (40, 60, 90)))
+        tone = pick(rng, ((30, 70, 40), (90, 50, 20), (150, 30, 30), (220, 200, 140), (40, 60, 90)))
         canvas.rect(x, z, x + 0.08, z + 0.24, tone)
         canvas.rect(x + 0.025, z + 0.24, x + 0.055, z + 0.36, tone)
         canvas.rect(x, z + 0.06, x + 0.08, z + 0.16, CREAM)
@@ -294,8 +290,8 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
         return w + 0.03
     canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
     for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):
-        canvas.disc(fx, fz, 0.026, _pick(rng, BRIGHT))
-    canvas.rect(x + 0.01, z + 0.2, x + 0.12, z + 0.24, _pick(rng, BRIGHT))
+        canvas.disc(fx, fz, 0.026, pick(rng, BRIGHT))
+    canvas.rect(x + 0.01, z + 0.2, x + 0.12, z + 0.24, pick(rng, BRIGHT))
     return 0.16
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
+import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -161,8 +162,6 @@ def _overlay(
     colours: np.ndarray, decals: np.ndarray, right_mm: np.ndarray, down_mm: np.ndarray, weight: np.ndarray
 ) -> None:
     """Lay premultiplied decals over colours at positions counted from the sheet's upper left corner."""
-    import cv2
-
     column, row = ((mm * DECAL_PX_PER_MM - 0.5).astype(np.float32) for mm in (right_mm, down_mm))
     found = cv2.remap(decals, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
     found = found * weight[..., None]

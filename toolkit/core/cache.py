@@ -3,8 +3,10 @@
 A folder of the cache that others could have filled is never used.
 """
 
+import grp
 import hashlib
 import os
+import pwd
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -114,11 +116,8 @@ def explain_distrust(folder: Path) -> str:
     """Why somebody else could have put a file into a folder, or the folder into its place; empty where nobody could.
 
     All that lies in it must be this user's, no link, and closed to the writing of others. The folders above may be the
-    administrator's too, or shared if they are sticky as /tmp is. On Windows nothing is looked at: a user's profile is
-    closed to others there.
+    administrator's too, or shared if they are sticky as /tmp is.
     """
-    if not hasattr(os, "geteuid"):
-        return ""
     mine = os.geteuid()
     trusted = (mine, Path("/").stat().st_uid)  # the administrator, whatever number a container gives him
     folder = folder.absolute()
@@ -157,9 +156,6 @@ def _is_open(facts: os.stat_result) -> bool:
 
 
 def _is_own_group(facts: os.stat_result) -> bool:
-    import grp
-    import pwd
-
     try:
         owner, group = pwd.getpwuid(facts.st_uid), grp.getgrgid(facts.st_gid)
     except KeyError:

@@ -8,6 +8,7 @@ where this process looks.
 import gc
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -126,11 +127,7 @@ def limit_cores(count: int) -> None:
 
 
 def limit_time(seconds: float) -> None:
-    """From now on this process ends when its cores have worked so long for it, where the system can tell."""
-    try:
-        import resource
-    except ImportError:  # not on Linux
-        return
+    """From now on this process ends when its cores have worked so long for it."""
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), resource.RLIM_INFINITY))
 
 
@@ -142,11 +139,9 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
     """
     global _before
     try:
-        import resource
-
         facts = Path("/proc/self/status").read_text()
         used = int(facts.partition("VmData:")[2].split()[0]) << 10
-    except (ImportError, OSError, ValueError, IndexError):  # not on Linux: nothing is bounded
+    except (OSError, ValueError, IndexError):  # not on Linux: nothing is bounded
         yield
         return
     mine = used + most_bytes

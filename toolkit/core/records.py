@@ -3,6 +3,7 @@
 A folder is held by one run at a time: a second one waits, so that no work is done and no line is written twice.
 """
 
+import fcntl
 import json
 import os
 import sys
@@ -24,11 +25,6 @@ from toolkit.core.files import (
     open_plain,
     real_path,
 )
-
-try:
-    import fcntl
-except ImportError:  # Windows: runs there do not wait for each other
-    fcntl = None  # type: ignore[assignment]
 
 LOCK = ".lock"
 _held = threading.local()
@@ -52,7 +48,7 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     """
     file = real_path(Path(folder)) / name
     mine: set[Path] = _held.__dict__.setdefault("files", set())
-    if fcntl is None or file in mine:
+    if file in mine:
         yield
         return
     is_new = not file.parent.exists()

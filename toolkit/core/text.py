@@ -70,3 +70,13 @@ def _is_shown(sign: str) -> bool:
 def kept_before(count: int) -> str:
     """`, 3 kept from before`, or nothing."""
     return f", {count} kept from before" if count else ""
+
+
+def name_letter(number: int) -> str:
+    """A … Z, AA, AB …, as columns are named in a spreadsheet; `number` counts from 0."""
+    name = ""
+    number += 1
+    while number:
+        number, rest = divmod(number - 1, 26)
+        name = chr(ord("A") + rest) + name
+    return name

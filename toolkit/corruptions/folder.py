@@ -1,7 +1,6 @@
 """Corrupt the images of a folder, or one image, into files; the folder holds its settings and a log of what is done."""
 
 import hashlib
-import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.console import progress
@@ -21,7 +19,7 @@ from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
 from toolkit.corruptions.catalogue import IMAGENET, choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, find_files, read_image
+from toolkit.imaging.read import UnreadableImage, encode_image, find_files, read_image
 
 SETTINGS_FILE = "corruption.json"
 LOG_FILE = "corrupted.jsonl"
@@ -197,12 +195,9 @@ def render(
 
 def encode_picture(pixels: np.ndarray, image_format: str) -> bytes:
     """(h, w, 3) uint8 as the bytes of a `png`, or of a `jpg` of the quality of ImageNet-C's files."""
-    stream = io.BytesIO()
     if image_format == "png":
-        Image.fromarray(pixels).save(stream, "PNG", compress_level=3)
-    else:
-        Image.fromarray(pixels).save(stream, "JPEG", quality=JPEG_QUALITY, optimize=True)
-    return stream.getvalue()
+        return encode_image(pixels, "PNG", compress_level=3)
+    return encode_image(pixels, "JPEG", quality=JPEG_QUALITY, optimize=True)
 
 
 CHUNK_FILES = 8
@@ -256,15 +251,9 @@ def corrupt_images(
 
 
 def corrupt_folder(
-    source: Path,
-    out: Path,
-    corruptions: Sequence[tuple[str, int]],
-    *,
-    seed: int = 0,
-    size_px: int | None = None,
-    image_format: str = "png",
-    device: str = "cpu",
-) -> CorruptResult:
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
+    image_format: str = "png", device: str = "cpu",
+) -> CorruptResult:  # fmt: skip
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
     One corruption at one severity lies in `out` itself, several in `out`/NAME/SEVERITY. An image's seed is its path

@@ -232,11 +232,7 @@ Done = tuple[list[Any], str, bool]
 @lru_cache(maxsize=1)
 def list_versions() -> dict[str, str]:
     """Versions of the libraries here that results depend on."""
-    return {name: version(name) if _is_installed(name) else "none" for name in LIBRARIES}
-
-
-def _is_installed(name: str) -> bool:
-    return next(iter(distributions(name=name)), None) is not None
+    return {name: version(name) if any(distributions(name=name)) else "none" for name in LIBRARIES}
 
 
 def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:

@@ -9,9 +9,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED, Capture
@@ -44,10 +45,6 @@ from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
 from toolkit.evaluation.summaries import SUMMARY, Run, describe_condition
 from toolkit.evaluation.verdict import describe_unsure
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
 
 MAX_FLIPS = 60
 HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
@@ -251,7 +248,7 @@ def _count_rows(pairs: Iterable[Pair]) -> list[Comparison]:
     return [Comparison(POOLED, name, variant, variant, tuple(members[variant, name])) for variant, name in order]
 
 
-def build_comparison_table(found: RunComparison) -> "Table":
+def build_comparison_table(found: RunComparison) -> Table:
     """A line for each variant and object; A is the first run, B the second."""
     rows = []
     for row in found.rows:

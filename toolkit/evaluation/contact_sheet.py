@@ -1,6 +1,5 @@
 """Which images stand side by side in the report, as small copies."""
 
-import io
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -15,7 +14,7 @@ from toolkit.captures.read import Capture
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
 from toolkit.evaluation.predict import CPU_BATCH, Prediction, decode_ahead, find_pending
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
 Seen = list[tuple[tuple[float, float], Prediction]]
@@ -181,9 +180,7 @@ def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
     content = b""
     # the best quality that fits
     for quality in QUALITIES:
-        buffer = io.BytesIO()
-        image.save(buffer, "JPEG", quality=quality, optimize=True)
-        content = buffer.getvalue()
+        content = encode_image(image, "JPEG", quality=quality, optimize=True)
         if len(content) <= MAX_BYTES:
             break
     return embed_picture(content, "jpeg")

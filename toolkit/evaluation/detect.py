@@ -244,8 +244,6 @@ def evaluate_detector(
         ToolkitError: no image with a known box, no object whose class the detector knows, or `eval/` cannot be
             written.
     """
-    from toolkit.evaluation.detect import write_detection_report
-
     folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [one for one in folder.captures if one.object in classes]
@@ -432,8 +430,6 @@ def _find_flipped(images: Sequence[DetectedImage]) -> set[str]:
 
 def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
-    from toolkit.evaluation.predict import corrupt_images, find_pending
-
     if one.seen is None:
         return None
     try:

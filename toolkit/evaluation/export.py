@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit import __version__
 from toolkit.captures.truth import as_bbox, write_instances
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
+from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import Box, Detection, Prediction
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 VERSION_KEY = b"toolkit_schema_version"
-MOST_PARQUET_BYTES = 1 << 30
 HEADS: dict[str, type] = {"run": str, "network": str, "condition": str, "severity": int}
 FORMS = {"parquet": "predictions.parquet", "csv": "predictions.csv", "fiftyone": "fiftyone", "coco": "coco"}
 """Name of what is written below `eval/`."""
@@ -161,31 +160,6 @@ def _as_cell(value: object) -> object:
     return format_box(value) if isinstance(value, tuple) else int(value) if isinstance(value, bool) else value
 
 
-def read_parquet(path: Path) -> "pyarrow.Table":
-    """The table that `write_parquet` wrote.
-
-    Raises:
-        ToolkitError: pyarrow is not installed, or the file is damaged, of a newer toolkit or of another program.
-    """
-    arrow = _import_arrow()
-    from pyarrow import parquet
-
-    content = read_bytes(path, MOST_PARQUET_BYTES)
-    try:
-        table = parquet.read_table(io.BytesIO(content))
-    except (arrow.ArrowException, OSError) as error:
-        raise ToolkitError(f"{path} is not a Parquet file, or is damaged: {str(error).splitlines()[0]}") from None
-    version = (table.schema.metadata or {}).get(VERSION_KEY, b"")
-    if not version.isdigit():
-        raise ToolkitError(f"{path} holds no predictions of toolkit: write it with 'toolkit export --to parquet'")
-    if int(version) > SCHEMA_VERSION:
-        raise ToolkitError(
-            f"{path} was written by a newer toolkit (schema version {int(version)}, this one reads up to "
-            f"{SCHEMA_VERSION}): update toolkit"
-        )
-    return table
-
-
 def _import_arrow() -> "pyarrow":  # type: ignore[valid-type]
     try:
         import pyarrow
@@ -203,7 +177,8 @@ def _list_rows(
     columns, rows = dict(HEADS), []
     for run in runs:
         # older runs lack that column, and it is of photographs alone
-        own = {name: kind for name, kind in _columns_of(run).items() if name != "failed_gates"}
+        known = DETECTION_COLUMNS if run.kind == "detection" else COLUMNS
+        own = {name: kind for name, kind in known.items() if name != "failed_gates"}
         columns |= own
         conditions: dict[str, tuple[str, str | None, int | None]] = {
             row.source: (row.network, row.condition, row.severity) for row in run.rows
@@ -216,10 +191,6 @@ def _list_rows(
             row |= {name: _look_up(one, name) for name in own}
             rows.append(row)
     return columns, rows
-
-
-def _columns_of(run: Run) -> dict[str, type]:
-    return DETECTION_COLUMNS if run.kind == "detection" else COLUMNS
 
 
 def _look_up(one: Prediction, column: str) -> object:

@@ -13,6 +13,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.tables import format_test
 from toolkit.core.workspace import Workspace
+from toolkit.corruptions.catalogue import find_note
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.metrics import Comparison
 from toolkit.models.network import Classifier
@@ -107,8 +108,6 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     """
     if not corruptions:
         return folder
-    from toolkit.corruptions.catalogue import find_note
-
     clean = [one for one in folder.captures if one.corruption is None]
     taken = {one.source for one in folder.captures}
     corrupted = sorted(taken - {one.source for one in clean})
@@ -217,15 +216,10 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
 
 
 def load_captures(
-    workspace: Workspace,
-    classifier: Classifier,
-    captures_dir: Path | str | None = None,
-    *,
-    sources: Sequence[str] = (),
-    objects: Sequence[str] = (),
-    variants: Sequence[str] = (),
+    workspace: Workspace, classifier: Classifier, captures_dir: Path | str | None = None, *,
+    sources: Sequence[str] = (), objects: Sequence[str] = (), variants: Sequence[str] = (),
     transform: "Callable[[torch.Tensor], torch.Tensor] | None" = None,
-) -> "CaptureDataset":
+) -> "CaptureDataset":  # fmt: skip
     """Captures as a `torch.utils.data.Dataset` of `(image, target, info)`, for a `DataLoader` with any workers.
 
     `image` is (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the classifier wants it, not normalised;

@@ -151,7 +151,9 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         raise ToolkitError(
             f"{run.name} holds no {file.name}: a run of kind '{run.kind}' cannot be taken apart by image"
         )
-    sources = {row.source: _find_uncorrupted(row.source, row.condition, row.severity) for row in run.rows}
+    # `sim` of `sim-fog-3`
+    ends = {row.source: name_source("", (row.condition, row.severity or 0)) for row in run.rows}
+    sources = {source: source.removesuffix(end) for source, end in ends.items()}
     try:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
@@ -168,11 +170,6 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
             return [_read_line(dict(zip(names, line, strict=False)), find, sources) for line in cells]
     except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
         raise ToolkitError(f"{file} is damaged ({error}): run 'toolkit eval' again") from None
-
-
-def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
-    """`sim` of `sim-fog-3`."""
-    return source.removesuffix(name_source("", (condition, severity or 0)))
 
 
 Find = Callable[[str], tuple[Path, bool]]

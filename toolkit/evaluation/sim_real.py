@@ -177,6 +177,8 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
     for one in predictions:
         by_source[one.capture.source].append(one)
     rendered = [name for name, members in by_source.items() if _is_rendered(name, members)]
+    if len(rendered) in (0, len(by_source)):  # one kind alone: there is nothing to index
+        return []
     rank = {name: at for at, name in enumerate(rendered)}
     # by pose, and by the photographs that the cameras are of: what shares no pose is never looked at
     showing: dict[tuple[str | None, object, Key], list[str]] = defaultdict(list)

@@ -4,9 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from rich.table import Table
 
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError, one_of
@@ -15,9 +16,6 @@ from toolkit.core.statistics import Interval
 from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent
 from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 SUMMARY = "summary.json"
 SCHEMA_VERSION = 1
@@ -406,7 +404,7 @@ def describe_condition(row: ResultRow) -> str:
     return f"{row.condition} {row.severity}" if row.severity else row.condition
 
 
-def build_runs_table(rows: Sequence[ResultRow]) -> "Table":
+def build_runs_table(rows: Sequence[ResultRow]) -> Table:
     """A line for each row; columns that say nothing, or what the run's name says, are left out."""
     columns = {
         "run": [row.run for row in rows],

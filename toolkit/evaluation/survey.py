@@ -6,6 +6,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+import torch
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
@@ -148,8 +149,6 @@ def _find_licence(classifier: Classifier) -> str:
 
 def measure_speed(classifier: Classifier, backward: bool = False) -> float:
     """Images per second on this machine, preprocessing left out; with `backward` also the gradient by the image."""
-    import torch
-
     side = classifier.preprocessing.crop_px
     batch = torch.rand(BATCH, 3, side, side, device=classifier.device, requires_grad=backward)
 
@@ -173,8 +172,6 @@ def measure_speed(classifier: Classifier, backward: bool = False) -> float:
 
 def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     """Images of the folder, and how many of them the classifier gets right."""
-    import torch
-
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:

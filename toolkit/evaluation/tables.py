@@ -3,7 +3,10 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
+
+from rich.console import Console
+from rich.table import Table
 
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.tables import (
@@ -21,10 +24,6 @@ from toolkit.evaluation.metrics import OTHER_PLAN, Comparison, Group, Pair
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
 MAX_ROWS, MAX_WRONG, MAX_LINES = 60, 12, 20
 WHO = ("object", "variant")
 
@@ -40,7 +39,7 @@ class HasObject(Protocol):
 Row = TypeVar("Row", bound=HasObject)
 
 
-def print_tables(console: "Console", findings: Findings, network: str = "the network") -> None:
+def print_tables(console: Console, findings: Findings, network: str = "the network") -> None:
     """Print the tables of an evaluation, then each result in words."""
     for table in build_tables(findings.groups, findings.pairs, count_gated(findings), findings.training):
         console.print(table)
@@ -82,7 +81,7 @@ def rows_by_source(
 def build_tables(
     groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None,
     training: Sequence[Training] = (),
-) -> "list[Table]":  # fmt: skip
+) -> list[Table]:  # fmt: skip
     """One table per source: object × variant, then the pooled rows where there are several objects.
 
     A source with more than 60 rows shows the pooled ones alone. `gated` counts photographs that failed a gate, by
@@ -119,7 +118,7 @@ def _format_change(pair: Comparison | None) -> list[str]:
     return [str(pair.outcomes.only_second), str(pair.outcomes.only_first), format_p(pair.outcomes.mcnemar_p)]
 
 
-def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
+def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
     """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
     for one in comparisons:
         title = (

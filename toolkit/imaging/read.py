@@ -320,17 +320,10 @@ def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
     return image
 
 
-BY_DESIGN = frozenset(
-    (
-        "manifest.jsonl",
-        "transforms.json",
-        "retake.txt",
-        "gates.jsonl",
-        "corruption.json",
-        "corrupted.jsonl",
-        "instances.json",
-    )
-)
+BY_DESIGN = frozenset((
+    "manifest.jsonl", "transforms.json", "retake.txt", "gates.jsonl", "corruption.json", "corrupted.jsonl",
+    "instances.json",
+))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -387,6 +380,13 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
             else:
                 images.append((*parts, name))
     return FoundFiles(tuple(sorted(images)), tuple(refused), tuple(others))
+
+
+def encode_image(picture: np.ndarray | Image.Image, kind: str, **how: Any) -> bytes:
+    """A picture, (h, w), (h, w, 3) or (h, w, 4) uint8, as the bytes of a file of that kind; `how` is Pillow's."""
+    buffer = io.BytesIO()
+    (picture if isinstance(picture, Image.Image) else Image.fromarray(picture)).save(buffer, kind, **how)
+    return buffer.getvalue()
 
 
 def show_path(parts: tuple[str, ...]) -> str:

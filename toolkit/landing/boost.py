@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
+import torch
 
 from toolkit import __version__
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
@@ -32,9 +33,6 @@ from toolkit.rig.raycast import map_frames
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 from toolkit.worlds.particles import DepthView
-
-if TYPE_CHECKING:
-    import torch
 
 CLASS_NAME = "landing pad"
 FALLOFF = 0.12
@@ -78,8 +76,6 @@ class PadTask(TrainingTask[Patch]):
             folder, name: where the pad is written.
             inputs: hash of all that decides it.
         """
-        import torch
-
         self.config, self.regressor, self.views, self.seed = config, regressor, tuple(views), seed
         self.folder, self.name, self.inputs = folder, name, inputs
         self.title = f"Boosting {name}"
@@ -101,7 +97,7 @@ class PadTask(TrainingTask[Patch]):
                 bar.advance()
         return made
 
-    def parameters(self) -> "dict[str, torch.Tensor]":
+    def parameters(self) -> dict[str, torch.Tensor]:
         """The pixels, (3, n, n) sRGB-encoded in [0, 1]."""
         return {"pad": self.theta}
 
@@ -121,10 +117,8 @@ class PadTask(TrainingTask[Patch]):
         """The weather in the loop."""
         return Weathered(weathers=self.config.weathers).lines() if self.config.weathers else []
 
-    def photograph(self, chosen: np.ndarray, draws: Draws) -> "torch.Tensor":
+    def photograph(self, chosen: np.ndarray, draws: Draws) -> torch.Tensor:
         """(b, 3, h, w) views of the pad through drawn weather, light and noise; differentiable."""
-        import torch
-
         some = [self._rendered[int(k)] for k in chosen]
         views = batch_views([view for view, _ in some], "cpu")
         batch = through_air(views, [depth for _, depth in some], self.config, draws)
@@ -133,10 +127,8 @@ class PadTask(TrainingTask[Patch]):
         generator = torch.Generator().manual_seed(int(draws.of("noise").integers(1 << 62)))
         return (photos + self.config.noise * torch.randn(photos.shape, generator=generator)).clamp(0, 1)
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Mean square error as a share of the height, and its mean in cm."""
-        import torch
-
         draws = Draws(self.seed, step, self.kind)
         chosen = draws.of("views").choice(len(self.views), min(self.config.batch, len(self.views)), replace=False)
         out = self.regressor.outputs(self.photograph(chosen, draws))[:, :2].cpu()
@@ -169,8 +161,6 @@ def start_picture(config: BoostConfig, seed: int) -> np.ndarray:
 
 def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConfig, draws: Draws) -> ViewBatch:
     """Views through drawn weather and the lens's falloff."""
-    import torch
-
     height, width = depths[0].depth_m.shape
     factor, offset = torch.ones(len(depths), height, width, 3), torch.zeros(len(depths), height, width, 3)
     if config.weathers and config.weather_probability:

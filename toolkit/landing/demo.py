@@ -6,7 +6,7 @@ from pathlib import Path
 from toolkit.core.console import notice
 from toolkit.core.workspace import Workspace
 from toolkit.landing.boost import Boosted, boost_pad
-from toolkit.landing.collect import Collected, collect
+from toolkit.landing.collect import collect
 from toolkit.landing.flight_report import CellResult, PairResult, film_episode, write_report, write_summary
 from toolkit.landing.fly import fly_all
 from toolkit.landing.landing_config import (
@@ -29,7 +29,6 @@ BOOSTED_IN = ("snow:1-4", "fog:4-5")
 class Demonstrated:
     """What the demonstration made."""
 
-    collected: Collected
     trained: TrainedRegressor
     boosted: Boosted
     results: list[CellResult]
@@ -46,7 +45,7 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
     """
     optics = CameraConfig(image_px=config.image_px)
     notice("1 of 4: collect")
-    collected = collect(space, CollectConfig(name=NAME, frames=config.frames, optics=optics), seed)
+    collect(space, CollectConfig(name=NAME, frames=config.frames, optics=optics), seed)
     notice("2 of 4: train")
     training = LandingTrainConfig(name=NAME, epochs=config.epochs, batch=32)
     trained = train_regressor(space, NAME, training, seed=seed, device=device)
@@ -62,5 +61,5 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
     flown = fly_all(space, flying, seed=seed, device=device)
     results, pairs = write_summary(flown.folder, flying, flown, seed)
     film = film_episode(space, flying, flown, results[-1].records[0], seed)
-    report = write_report(flying, flown, results, pairs, space, [film]).report
-    return Demonstrated(collected, trained, boosted, results, pairs, report, film.write(flown.folder / "episode.mp4"))
+    report = write_report(flying, flown, results, pairs, space, [film])
+    return Demonstrated(trained, boosted, results, pairs, report, film.write(flown.folder / "episode.mp4"))

@@ -70,12 +70,6 @@ class Multirotor:
         """Share of full thrust that carries its weight."""
         return self.mass_kg * GRAVITY / (4 * self.thrust_n)
 
-    @property
-    def terminal_m_s(self) -> float:
-        """Speed at which it falls level with its rotors stopped."""
-        # where the drag carries the weight
-        return sqrt(self.mass_kg * GRAVITY / float(self.drag[2]))
-
 
 SIMPLE_FLIGHT = Multirotor()
 

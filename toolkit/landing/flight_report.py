@@ -383,20 +383,11 @@ def _compose(
     return np.vstack([bar, both])
 
 
-@dataclass(frozen=True)
-class ReportFiles:
-    """Where the files are."""
-
-    report: Path
-    success: Path
-    tracks: Path
-
-
 def write_report(
     config: FlyConfig, flown: Flown, results: Sequence[CellResult], pairs: Sequence[PairResult], space: Workspace,
     films: Sequence[Film] = (),
-) -> ReportFiles:  # fmt: skip
-    """Write `report.html`, with the films in it, `success.png` and `tracks.png`."""
+) -> Path:  # fmt: skip
+    """Write `report.html`, with the films in it, `success.png` and `tracks.png`; the path of the first."""
     folder, success, tracks = flown.folder, draw_success(results), draw_tracks(results, config.episode.radius_m)
     own = list_regressors(space)
     errors = [
@@ -410,8 +401,9 @@ def write_report(
         "settings": [row for row in config.rows() if row[0] != "weathers"], "records": errors, "places": flown.places,
         "success": success, "tracks": tracks, "films": [(film.title, film.encode_webp()) for film in films],
     }  # fmt: skip
-    page = write_page(folder / "report.html", "toolkit.landing", "flights.html.j2", context)
-    return ReportFiles(page, write_bytes(folder / "success.png", success), write_bytes(folder / "tracks.png", tracks))
+    write_bytes(folder / "success.png", success)
+    write_bytes(folder / "tracks.png", tracks)
+    return write_page(folder / "report.html", "toolkit.landing", "flights.html.j2", context)
 
 
 def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:

@@ -214,16 +214,10 @@ class LandingTrainConfig(Config):
 RECIPES = {
     "quick": LandingTrainConfig(),
     "paper": LandingTrainConfig(
-        epochs=10,
-        batch=512,
-        lr=1e-3,
-        optimiser="sgd",
-        schedule="constant",
-        weight_decay=1e-4,
-        loss="mse",
+        epochs=10, batch=512, lr=1e-3, optimiser="sgd", schedule="constant", weight_decay=1e-4, loss="mse",
         augment=False,
     ),
-}
+}  # fmt: skip
 """`paper`: appendix B.3 of Salman et al. 2021; it names no momentum: 0.9, as for their patches."""
 
 

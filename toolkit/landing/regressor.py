@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import torch
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
@@ -19,9 +20,6 @@ from toolkit.landing.landing_config import CameraConfig, Pool
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_task import load_tensors
-
-if TYPE_CHECKING:
-    import torch
 
 SUFFIX = ".safetensors"
 CHUNK = 16
@@ -107,7 +105,7 @@ class Regressor:
     """
 
     record: RegressorRecord
-    module: "torch.nn.Module"
+    module: torch.nn.Module
     device: str = "cpu"
 
     @property
@@ -115,7 +113,7 @@ class Regressor:
         """Of its file."""
         return self.record.name
 
-    def outputs(self, batch: "torch.Tensor") -> "torch.Tensor":
+    def outputs(self, batch: torch.Tensor) -> torch.Tensor:
         """(b, 2 or 3) from (b, 3, h, w) sRGB-encoded in [0, 1]; normalises inside, differentiable."""
         return run_network(self.module, batch.to(self.device), self.record.mean, self.record.std)
 
@@ -128,8 +126,6 @@ class Regressor:
 
     def answer(self, images: np.ndarray) -> np.ndarray:
         """(n, 3) float64 x, y and standard deviation of each, metres; NaN for a network without uncertainty."""
-        import torch
-
         if images.shape[1:3] != (self.record.image_px, self.record.image_px):
             raise ToolkitError(
                 f"{self.name} takes pictures of {self.record.image_px} px, found {images.shape[2]} × {images.shape[1]}"
@@ -157,7 +153,7 @@ class Regressor:
             )
 
 
-def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> "torch.nn.Module":
+def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> torch.nn.Module:
     """A network with random weights whose last layer has some outputs.
 
     Args:
@@ -170,8 +166,6 @@ def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> "torch.n
     Raises:
         FieldError: a grid of a network that is no ResNet.
     """
-    import torch
-
     module = build_network(arch, outputs)
     if pool == "grid":
         if not arch.startswith(("resnet", "wide_resnet", "resnext")):
@@ -184,19 +178,15 @@ def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> "torch.n
     return module
 
 
-def as_batch(images: np.ndarray) -> "torch.Tensor":
+def as_batch(images: np.ndarray) -> torch.Tensor:
     """(n, 3, h, w) float32 in [0, 1] of (n, h, w, 3) uint8."""
-    import torch
-
     return torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).float().div_(255)
 
 
 def run_network(
-    module: "torch.nn.Module", batch: "torch.Tensor", mean: tuple[float, ...], std: tuple[float, ...]
-) -> "torch.Tensor":
+    module: torch.nn.Module, batch: torch.Tensor, mean: tuple[float, ...], std: tuple[float, ...]
+) -> torch.Tensor:
     """Outputs for (b, 3, h, w) in [0, 1]."""
-    import torch
-
     middle, spread = (batch.new_tensor(values).view(1, 3, 1, 1) for values in (mean, std))
     return module(((batch - middle) / spread).contiguous(memory_format=torch.channels_last))
 
@@ -217,8 +207,6 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
     Raises:
         ToolkitError: there is none, or its weights are not those of its record, or of another network or outputs.
     """
-    import torch
-
     own = list_regressors(space)
     file = own.get(name) or Path(name)
     if not (file.is_file() and file.suffix == SUFFIX):
@@ -250,10 +238,8 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
     return Regressor(record, freeze(module, device), device)
 
 
-def freeze(module: "torch.nn.Module", device: str) -> "torch.nn.Module":
+def freeze(module: torch.nn.Module, device: str) -> torch.nn.Module:
     """In eval mode, without gradients, channels last."""
-    import torch
-
     return module.eval().requires_grad_(False).to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
@@ -300,8 +286,6 @@ def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
 
     Metres per unit of sRGB-encoded light.
     """
-    import torch
-
     batch = as_batch(images).requires_grad_(True)
     answers = regressor.outputs(batch)
     # pictures of a batch do not meet: the gradient of a sum over them holds each one's own

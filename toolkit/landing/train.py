@@ -4,9 +4,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+import torch
+from torch import nn
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
@@ -35,10 +38,6 @@ from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
 from toolkit.training.loop import History, TrainingTask, fit
 
-if TYPE_CHECKING:
-    import torch
-    from torch import nn
-
 RIDGE = 0.05
 """Of the ridge regression, per frame, on standardised features."""
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -59,14 +58,12 @@ def find_start(arch: str, init: Path | None) -> WeightsFile:
     return find_weights(arch)
 
 
-def start_module(arch: str, outputs: int, pool: Pool, *, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
+def start_module(arch: str, outputs: int, pool: Pool, *, image_px: int, init: WeightsFile, seed: int) -> nn.Module:
     """A network with weights, all but the last layer's, which is drawn by the seed.
 
     Raises:
         ToolkitError: the weights are of another network.
     """
-    import torch
-
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         module = build_module(arch, outputs, pool, image_px)
@@ -172,8 +169,6 @@ class RegressorTask(TrainingTask[Regressor]):
         self, config: LandingTrainConfig, sets: Sequence[LoadedSet], init: WeightsFile, *, seed: int, file: Path,
         device: str, inputs: str,
     ) -> None:  # fmt: skip
-        import torch
-
         self.config, self.sets, self.init = config, sets, init
         self.train = train = join_samples([one.train for one in sets])
         self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
@@ -183,21 +178,15 @@ class RegressorTask(TrainingTask[Regressor]):
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
-        module = start_module(
-            config.arch,
-            3 if config.uncertainty else 2,
-            config.pool,
-            image_px=train.images.shape[1],
-            init=init,
-            seed=seed,
-        )
+        outputs, image_px = 3 if config.uncertainty else 2, train.images.shape[1]
+        module = start_module(config.arch, outputs, config.pool, image_px=image_px, init=init, seed=seed)
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def parameters(self) -> "dict[str, torch.Tensor]":
+    def parameters(self) -> dict[str, torch.Tensor]:
         """Weights and biases."""
         return dict(self.module.named_parameters())
 
-    def buffers(self) -> "dict[str, torch.Tensor]":
+    def buffers(self) -> dict[str, torch.Tensor]:
         """Statistics of batch normalisation."""
         return dict(self.module.named_buffers())
 
@@ -221,8 +210,6 @@ class RegressorTask(TrainingTask[Regressor]):
             self._probe()
 
     def _probe(self) -> None:
-        import torch
-
         last = self.module.get_submodule("fc")
         if not isinstance(last, torch.nn.Linear):
             raise FieldError(f"{self.config.arch} has no last layer called fc: leave it out", {"probe": True})
@@ -240,8 +227,6 @@ class RegressorTask(TrainingTask[Regressor]):
 
     def _find_features(self, turns: int) -> np.ndarray:
         """(turns · n, d) float32 what the last layer sees of the frames, turned by each quarter."""
-        import torch
-
         seen: list[np.ndarray] = []
         self.module.eval()
         last = self.module.get_submodule("fc")
@@ -262,10 +247,8 @@ class RegressorTask(TrainingTask[Regressor]):
         self.module.train(not self.config.probe)
         yield
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Mean square error of a batch, or its likelihood; and the mean error in cm."""
-        import torch
-
         batch, wanted, heights = self._draw_batch(step)
         self.module.train(not self.config.probe)
         out = run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
@@ -280,9 +263,7 @@ class RegressorTask(TrainingTask[Regressor]):
             loss = squares.mean()
         return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
 
-    def _draw_batch(self, step: int) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor]":
-        import torch
-
+    def _draw_batch(self, step: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         per_epoch = max(len(self.chosen) // self.config.batch, 1)
         epoch, k = divmod(step, per_epoch)
         order = np.random.default_rng([self.seed, epoch, 64]).permutation(self.chosen)
@@ -381,9 +362,6 @@ def export_onnx(regressor: Regressor, file: Path) -> Path:
     Raises:
         ToolkitError: onnx is not installed.
     """
-    from tempfile import TemporaryDirectory
-
-    import torch
 
     class Whole(torch.nn.Module):
         def __init__(self) -> None:

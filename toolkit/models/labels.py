@@ -312,3 +312,8 @@ def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
     if not LEAST_PX <= (side := size or described or 0) <= MOST_PX:
         raise ToolkitError(f"{path}: takes images of {side} px: from {LEAST_PX} to {MOST_PX} are supported")
     return side
+
+
+def plain_name(name: str) -> str:
+    """A class's name as it is compared: in lower case, with spaces for - and _."""
+    return name.lower().replace("_", " ").replace("-", " ").strip()

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import torch
 import torchvision
 from torch import nn
+from torchvision.models import WeightsEnum
 from torchvision.ops import batched_nms, box_iou, generalized_box_iou_loss
 
 from toolkit.core.errors import FieldError, ToolkitError
@@ -28,9 +28,6 @@ from toolkit.models.weights import (
     open_weights,
     read_state_dict,
 )
-
-if TYPE_CHECKING:
-    from torchvision.models import WeightsEnum
 
 Dense = tuple[torch.Tensor, torch.Tensor]
 """(b, n, 4) boxes x1, y1, x2, y2 in the network's pixels, and (b, n, classes) scores in [0, 1]."""

@@ -19,6 +19,7 @@ from toolkit.models.labels import (
     index_of_label,
     index_of_wnid,
     join_labels_files,
+    plain_name,
     read_labels_file,
 )
 from toolkit.models.weights import WeightsFile, read_checkpoint
@@ -236,10 +237,10 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
     """
     by_name: dict[str, list[int]] = {}
     for index, label in enumerate(classifier.labels):
-        by_name.setdefault(_plain(label), []).append(index)
+        by_name.setdefault(plain_name(label), []).append(index)
     if classifier.is_imagenet:
         by_name |= {wnid: [index] for index, wnid in enumerate(imagenet_wnids())}
-    unknown = [name for name in names if _plain(name) not in by_name]
+    unknown = [name for name in names if plain_name(name) not in by_name]
     if unknown:
         more = f" ({len(unknown)} of {len(names)} folders)" if len(unknown) > 1 else ""
         raise FieldError(
@@ -249,7 +250,7 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
         )
     index_of = {}
     for name in names:
-        indices = by_name[_plain(name)]
+        indices = by_name[plain_name(name)]
         exact = [index for index in indices if classifier.labels[index] == name]
         indices = exact if len(exact) == 1 else indices  # ImageNet has a dog 'Cardigan' and a jacket 'cardigan'
         if len(indices) > 1:
@@ -263,10 +264,6 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
         if len(same) > 1:
             raise ToolkitError(f"{root}: {' and '.join(same)} are one class: join the folders")
     return index_of
-
-
-def _plain(name: str) -> str:
-    return name.lower().replace("_", " ").replace("-", " ").strip()
 
 
 def read_network_file(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":

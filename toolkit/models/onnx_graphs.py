@@ -51,7 +51,6 @@ class OnnxGraph:
         size: side of the images; None where any will do.
         batch: how many images it takes at once; None: any number.
         is_half: whether it wants numbers of 16 bits.
-        output_names: in order.
         is_quantised: whether it computes in integers.
     """
 
@@ -62,7 +61,6 @@ class OnnxGraph:
     size: int | None
     batch: int | None
     is_half: bool
-    output_names: tuple[str, ...]
     is_quantised: bool
 
 
@@ -121,7 +119,7 @@ def read_onnx(path: Path) -> OnnxGraph:
     operations = {one.op_type for one in graph.node}
     return OnnxGraph(
         file=_hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
-        batch=sides[0], is_half=kind.elem_type == FLOAT16, output_names=tuple(one.name for one in graph.output),
+        batch=sides[0], is_half=kind.elem_type == FLOAT16,
         is_quantised=not operations.isdisjoint(QUANTISED),
     )  # fmt: skip
 

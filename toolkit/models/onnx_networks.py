@@ -3,6 +3,7 @@
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from torch import nn
 
@@ -21,7 +22,6 @@ from toolkit.models.onnx_graphs import (
 from toolkit.models.weights import TRYING_BYTES
 
 if TYPE_CHECKING:
-    import numpy as np
     from onnx import ModelProto
 
 warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"(onnx2torch|toolkit\.models)\..*")
@@ -60,7 +60,7 @@ class OnnxNetwork(nn.Module):
             self._session = start_session(graph.model, graph.file.path, torch.get_num_threads())
             self.untrainable = self._read_into_torch(graph.model, torch.from_numpy(draw_sample(size)[:1]))
 
-    def _ask(self, batch: torch.Tensor) -> "tuple[np.ndarray, ...]":
+    def _ask(self, batch: torch.Tensor) -> tuple[np.ndarray, ...]:
         return run_session(self._session, self.graph, batch.detach().cpu().float().contiguous().numpy())
 
     def _read_into_torch(self, model: "ModelProto", image: torch.Tensor) -> str:

@@ -2,17 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch.nn import functional
 from torch.overrides import TorchFunctionMode
 
 from toolkit.models.architectures import build_network
-
-if TYPE_CHECKING:
-    import torch
-
 
 Sides = tuple[int, int]
 SMALL_KERNEL = 3
@@ -89,8 +85,6 @@ def mixed_precision(device: str) -> AbstractContextManager[object]:
     bfloat16, not float16: its range keeps the small gradients that float16 turns to zero. Only for training: evaluation
     stays in float32. Processors that merely emulate it would be slower than in float32.
     """
-    import torch
-
     if device == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
         return torch.autocast("cuda", torch.bfloat16)
     if device == "cpu" and has_native_bfloat16():
@@ -100,20 +94,13 @@ def mixed_precision(device: str) -> AbstractContextManager[object]:
 
 @contextmanager
 def _bfloat16_on_cpu() -> Iterator[None]:
-    import torch
-
-    from toolkit.models.precision import FastDepthwise
-
     with torch.autocast("cpu", torch.bfloat16), FastDepthwise():
         yield
 
 
 def has_native_bfloat16() -> bool:
     """Whether this processor has instructions for products of bfloat16 (AVX-512 BF16 or AMX)."""
-    import torch
-
-    find = getattr(torch.cpu, "get_capabilities", None)  # torch 2.9 and later
-    found = find() if find else {}
+    found = torch.cpu.get_capabilities()
     return any(found.get(name, False) for name in ("avx512_bf16", "amx_bf16", "amx_tile"))
 
 
@@ -136,11 +123,9 @@ def has_unseen_taps(arch: str, image_px: int) -> bool:
     Measured over 1095 shapes: wrong only where the picture's side is below the stride, or, for kernels above 3,
     below half the kernel. A gradient that is taken by the image, as patches are trained, is right everywhere.
     """
-    import torch
-
     found = []
 
-    def look(layer: "torch.nn.Conv2d", inputs: "tuple[torch.Tensor]", _: object) -> None:
+    def look(layer: torch.nn.Conv2d, inputs: tuple[torch.Tensor], _: object) -> None:
         for side, kernel, stride in zip(inputs[0].shape[-2:], layer.kernel_size, layer.stride, strict=True):
             least = max(stride, kernel // 2 + 1 if kernel > SMALL_KERNEL else 1)
             found.append(side < least)

@@ -283,8 +283,6 @@ def load_exported_classifier(path: Path, device: str) -> Classifier:
     Raises:
         ToolkitError: it is none, or holds more than standard operations on tensors.
     """
-    from toolkit.models.programs import read_exported
-
     network, size = read_exported(path)
     own, file = _read_description(path), open_weights(path)
     return _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)

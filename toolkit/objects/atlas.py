@@ -270,7 +270,9 @@ def make_atlas(
     else:
         _check_own_uv(mesh, trained)
     uv = mesh.uv[mesh.faces[trained]]
-    covered = cover_texels(uv[_visible(mesh, trained) | (_uv_area(uv) > 0)], n)
+    # faces that a camera could see, by their area
+    visible = _surface(mesh, trained) > 1e-12 * float(mesh.size_mm.max()) ** 2
+    covered = cover_texels(uv[visible | (_uv_area(uv) > 0)], n)
     sheet = np.full((n, n, 3), GROUND, np.uint8)
     return Atlas(_share_sheet(mesh, trained, sheet), trained, covered, nearest_covered(covered), bool(unwrapped))
 
@@ -398,11 +400,6 @@ def _uv_area(corner_uv: np.ndarray) -> np.ndarray:
 def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
     """Area of each chosen face in mm²."""
     return np.linalg.norm(cross_products(mesh.vertices[mesh.faces[chosen]]), axis=1) / 2
-
-
-def _visible(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
-    """Which of the chosen faces have an area that a camera could see."""
-    return _surface(mesh, chosen) > 1e-12 * float(mesh.size_mm.max()) ** 2
 
 
 def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:

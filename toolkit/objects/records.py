@@ -9,13 +9,12 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from zlib import error as ZlibError
 
 import numpy as np
-from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.text import FileName
-from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
+from toolkit.imaging.read import UnreadableImage, encode_image, explain_damage, open_image
 from toolkit.objects.spec import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
@@ -67,9 +66,7 @@ Record = TypeVar("Record", bound=BoosterRecord)
 
 def encode_png(pixels: np.ndarray) -> bytes:
     """PNG bytes of (h, w, 3) uint8 sRGB pixels, or of (h, w) uint8 grey ones."""
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
+    return encode_image(pixels, "PNG", optimize=True)
 
 
 def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:

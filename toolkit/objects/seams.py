@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from toolkit.core.text import name_letter
 from toolkit.objects.flatten import Surface
 from toolkit.objects.wrap import FlatPiece, Point, SeamRecord
 
@@ -92,16 +93,6 @@ def find_joined(surface: Surface, owner: np.ndarray, flat: np.ndarray) -> np.nda
     joined = np.zeros(surface.neighbour.shape, bool)
     joined[face, edge] = (owner[face] == owner[other]) & (gap <= SAME_MM)
     return joined
-
-
-def name_letter(number: int) -> str:
-    """A … Z, then AA … ZZ and so on."""
-    name = ""
-    number += 1
-    while number:
-        number, rest = divmod(number - 1, 26)
-        name = chr(ord("A") + rest) + name
-    return name
 
 
 Edge = tuple[int, int]

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import open_image
 from toolkit.photos.photo import Photo
 from toolkit.rig.camera import NO_DISTORTION, Camera, Distortion
 
@@ -199,8 +200,6 @@ def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
 
 def turns_upright(path: Path) -> int:
     """Quarter turns clockwise that EXIF asks for to bring stored pixels upright; 0 where it is silent."""
-    from toolkit.imaging.read import open_image
-
     try:
         with open_image(path) as image:
             # pillow-heif obeys the orientation itself and keeps here what it was

@@ -232,7 +232,7 @@ class _Fit:
     Attributes:
         views: that were fitted.
         lens: of their pictures.
-        rotations, translations: of the board as each view's camera sees it.
+        rotations: of the board as each view's camera sees it.
         residuals: (n, 2) of each view, pixels.
         bend: (3,) mm, see `_bend_shapes`.
         flat_px: root mean square of the residuals with the board taken as flat, as OpenCV's own calibration has it.
@@ -242,7 +242,6 @@ class _Fit:
     views: list[BoardSighting]
     lens: Camera
     rotations: Sequence[np.ndarray]
-    translations: Sequence[np.ndarray]
     residuals: list[np.ndarray]
     bend: np.ndarray
     flat_px: float
@@ -364,7 +363,7 @@ def _fit(views: list[BoardSighting], flags: int) -> _Fit:
     fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     lens = Camera(size[0], size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
     return _Fit(
-        views, lens, rotations, translations, residuals, bend=bend, flat_px=float(flat_px or 0),
+        views, lens, rotations, residuals, bend=bend, flat_px=float(flat_px or 0),
         normal=np.array(normal), gradient=np.array(gradient),
     )  # fmt: skip
 

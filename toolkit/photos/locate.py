@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.photos.board_pose import BoardSighting, explain_absence, find_board, measure_ink, solve_pose
+from toolkit.photos.lens import LensRecord, choose_lens, read_lenses
 from toolkit.photos.photo import Photo
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.rig.board_file import read_board
 from toolkit.rig.camera import look_at
 from toolkit.rig.plan import Pose
-
-if TYPE_CHECKING:
-    from toolkit.photos.board_pose import BoardSighting
-    from toolkit.photos.lens import LensRecord
 
 Locate = Callable[[Photo, np.ndarray], PosedCamera | str]
 """(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
@@ -27,10 +25,6 @@ def locate_by_board(workspace: Workspace) -> Locate:
     Raises:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
-    from toolkit.photos.board_pose import explain_absence, find_board, measure_ink
-    from toolkit.photos.lens import read_lenses
-    from toolkit.rig.board_file import read_board
-
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
@@ -50,11 +44,8 @@ def locate_by_board(workspace: Workspace) -> Locate:
     return locate
 
 
-def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> PosedCamera | str:
+def locate_sighting(photo: Photo, sighting: BoardSighting | None, lenses: list[LensRecord]) -> PosedCamera | str:
     """Where a photograph's camera stood, from the board that was found in it; in words why that is not known."""
-    from toolkit.photos.board_pose import solve_pose
-    from toolkit.photos.lens import choose_lens
-
     if sighting is None:
         return "no board is seen"
     choice = choose_lens(photo, lenses)

@@ -3,7 +3,6 @@
 What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval` reads as any capture folder.
 """
 
-import io
 import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -12,7 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import Image, JpegImagePlugin
+from PIL import JpegImagePlugin
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
@@ -23,7 +22,7 @@ from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
-from toolkit.imaging.read import decode_image, open_image
+from toolkit.imaging.read import decode_image, encode_image, open_image
 from toolkit.models.network import Classifier
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.photos.prints.find import rectify_patch
@@ -152,12 +151,9 @@ def _retexture(
     return number, photo.name, facts
 
 
-def _suffix(photo: Photo) -> str:
-    return SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
-
-
 def _path(name: str, variant: str, number: int, photo: Photo) -> str:
-    return f"{name}/{variant}/pose_{number:02d}{_suffix(photo)}"
+    suffix = SUFFIXES[photo.kind] if photo.kind in ("jpeg", "png") else ".jpg"
+    return f"{name}/{variant}/pose_{number:02d}{suffix}"
 
 
 def _write(
@@ -181,10 +177,8 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         return photo.path.read_bytes()
     if picture is None:
         picture = load_pixels(photo)
-    buffer = io.BytesIO()
     if photo.kind == "png":
-        Image.fromarray(picture).save(buffer, "PNG")
-        return buffer.getvalue()
+        return encode_image(picture, "PNG")
     how: dict[str, Any] = {"quality": JPEG_QUALITY}
     if photo.kind == "jpeg":
         with open_image(photo.path) as original:
@@ -198,8 +192,7 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         # -1: Pillow could not tell the sampling, and then chooses its own
         if how.get("subsampling") == -1:
             del how["subsampling"]
-    Image.fromarray(picture).save(buffer, "JPEG", **how)
-    return buffer.getvalue()
+    return encode_image(picture, "JPEG", **how)
 
 
 RECTIFIED_PX = 400

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.text import name_letter
 
 if TYPE_CHECKING:
     from toolkit.printing.marks import StripPlace
@@ -160,7 +161,7 @@ class SheetTile:
     @property
     def name(self) -> str:
         """`A1` at the top left, letters downwards, numbers to the right."""
-        return f"{_letters(self.row)}{self.column + 1}"
+        return f"{name_letter(self.row)}{self.column + 1}"
 
     @property
     def joins(self) -> dict[str, bool]:
@@ -169,16 +170,6 @@ class SheetTile:
             "left": self.column > 0, "right": self.column < self.columns - 1, "top": self.row > 0,
             "bottom": self.row < self.rows - 1,
         }  # fmt: skip
-
-
-def _letters(row: int) -> str:
-    """A … Z, AA, AB …, as columns are named in a spreadsheet."""
-    letters = ""  # base 26 without a zero: Z is followed by AA
-    row += 1
-    while row:
-        row, digit = divmod(row - 1, 26)
-        letters = chr(ord("A") + digit) + letters
-    return letters
 
 
 def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_MM) -> list[tuple[float, float]]:

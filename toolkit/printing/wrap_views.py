@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from PIL import Image
 
 from toolkit.objects.mesh import Mesh, cross_products, load_open3d, make_ray_scene
 from toolkit.objects.wrap import Wrap
@@ -70,7 +71,6 @@ def _look(
 ) -> tuple[SideView, dict[int, tuple[float, float]], dict[int, int]]:
     """A side without its marks; the marks of all pieces that it shows, and of how many fine pixels."""
     o3d = load_open3d()
-    from PIL import Image
     from scipy.ndimage import distance_transform_edt
 
     right, up = (np.array(axis, float) for axis in SIX[side])

@@ -28,7 +28,7 @@ from toolkit.printing.marks import (
 from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
-from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
+from toolkit.printing.settings import PrintSettings, WrapSettings
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ def print_wrap(
     cut_files = []
     for page, sheet in _list_cuts(printed, sheets) if wanted.cut else ():
         file = pdf_file.with_name(f"{pdf_file.stem}-{page}.{wanted.cut}")
-        write_bytes(file, _write_cut(sheet, wanted.cut or "svg"))
+        write_bytes(file, write_dxf(sheet, CUT) if wanted.cut == "dxf" else write_svg(sheet, CUT))
         cut_files.append(str(file))
     return replace(printed, file=str(pdf_file), cut_files=tuple(cut_files))
 
@@ -684,7 +684,3 @@ def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tup
         ends = np.concatenate([ring for one in rings.values() for ring in one]).max(axis=0)
         sheets.append((page, CutSheet(max(width, float(ends[0])), max(height, float(ends[1])), rings)))
     return sheets
-
-
-def _write_cut(sheet: CutSheet, kind: CutFormat) -> bytes:
-    return write_svg(sheet, CUT) if kind == "svg" else write_dxf(sheet, CUT)

@@ -5,6 +5,9 @@ A sheet that is larger than its place becomes a tent: it floats over what is bel
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +17,11 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
 from toolkit.objects.spec import PatchMount, Side, printed_size_mm
-from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet, mount_sheets
+from toolkit.rig.mount import SAMPLES, LaidSheet, cast_heights, lay_sheet, mount_sheets
 from toolkit.rig.variants import find_patch_file
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 FLOATING_OFF = 0.1
 """A point of the sheet floats where the surface is further below it than this share of the patch's side."""
@@ -32,6 +38,8 @@ NEW_PATCH_MM = printed_size_mm(100)
 ACROSS = 41
 MOST_PLACES = 4_000_000
 """Places of the grid that are looked at together."""
+MANY_FACES = 200_000
+"""From here on rays find heights sooner than a look at every face does, once their tree is built."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +73,20 @@ class SheetFit:
         return is_held and self.overhang <= MOST_OVERHANG and self.bend_deg <= MOST_BEND_DEG
 
 
-def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = None) -> SheetFit:
+def measure_fit(
+    item: TableObject, size_mm: float, mount: PatchMount | None = None, scene: "RaycastingScene | None" = None
+) -> SheetFit:
     """Measure how a patch of that side, with its white margin, lies where `mount` (by default the spec's first) says.
+
+    The heights below it come from the mesh's triangles, or for more than `MANY_FACES` from rays into `scene`, if given.
 
     Raises:
         ToolkitError: it cannot be mounted there at all, as `lay_sheet` says.
     """
     mount = mount or item.spec.mounts[0]
-    laid = lay_sheet(item.mesh, size_mm, mount, item.name, lambda T, side: survey_heights(item.mesh, T, side))
+    by_rays = scene is not None and len(item.mesh.faces) > MANY_FACES
+    find_heights = partial(cast_heights, scene) if by_rays else partial(survey_heights, item.mesh)
+    laid = lay_sheet(item.mesh, size_mm, mount, item.name, find_heights)
     points, slope = _spread(laid)
     # the nearest place of the grid of heights
     steps = (points[:, :2] / (size_mm + 2 * TAPE_MARGIN_MM) + 0.5) * (SAMPLES - 1)
@@ -97,7 +111,12 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     Every triangle is spread over the places of the grid within its bounds; of all that cover one the highest counts.
     """
     local = (mesh.vertices - T_object_sheet[:3, 3]) @ T_object_sheet[:3, :3]
-    corners = local[mesh.faces].astype(float)  # (m, 3, 3)
+    # a bit for each side of the sheet that a vertex is beyond: a triangle with all three beyond one is not below it
+    beyond = np.zeros(len(local), np.uint8)
+    for bit, (axis, sign) in enumerate(product((0, 1), (1, -1))):
+        beyond |= (sign * local[:, axis] > 0.51 * side).astype(np.uint8) << bit
+    a, b, c = mesh.faces.T
+    corners = local[mesh.faces[(beyond[a] & beyond[b] & beyond[c]) == 0]].astype(float)  # (m, 3, 3)
     grid = (corners[..., :2] / side + 0.5) * (SAMPLES - 1)
     # places of the grid within the bounds of each triangle
     low = np.ceil(grid.min(axis=1) - 1e-6).clip(0, SAMPLES).astype(int)

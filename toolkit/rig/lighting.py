@@ -273,13 +273,9 @@ def bake_studio_light(shape: Shape, albedo: np.ndarray, scene: Scene, detail: Ba
 
 
 def bake_lighting(
-    shape: Shape,
-    albedo: np.ndarray,
-    scene: Scene,
-    detail: BakeDetail = FULL_DETAIL,
-    stand: Stand = AT_ORIGIN,
+    shape: Shape, albedo: np.ndarray, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN,
     around: Shape | None = None,
-) -> Lighting:
+) -> Lighting:  # fmt: skip
     """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:

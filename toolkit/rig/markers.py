@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
+from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
     import cv2
@@ -151,8 +152,6 @@ def ink_to_picture(ink: np.ndarray, percent: float = 100.0) -> np.ndarray:
 
     Half-covered pixels are encoded from linear light, as a camera or a scaled print would show them.
     """
-    from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
-
     # ink and paper mix as light within a pixel
     grey = float(srgb_to_linear(np.array(1 - percent / 100)))
     return np.round(255 * linear_to_srgb(1 - np.clip(ink, 0, 1) * (1 - grey))).astype(np.uint8)

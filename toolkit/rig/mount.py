@@ -69,7 +69,7 @@ def mount_patch(
         ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
     """
     scene = make_ray_scene(mesh)
-    laid = lay_sheet(mesh, size_mm, mount, name, lambda T_object_sheet, side: _heights(scene, T_object_sheet, side))
+    laid = lay_sheet(mesh, size_mm, mount, name, lambda T_object_sheet, side: cast_heights(scene, T_object_sheet, side))
     sheet = _sheet_mesh(laid.points, laid.along_right, laid.T_object_sheet, pixels, size_mm)
     return MountedSheet(sheet, size_mm, laid.T_object_sheet)
 
@@ -221,7 +221,7 @@ def _start(mesh: Mesh, mount: PatchMount) -> np.ndarray:
     return _frame(turned_right, turned_up, normal, centre)
 
 
-def _heights(scene: "RaycastingScene", T_object_sheet: np.ndarray, side: float) -> np.ndarray:
+def cast_heights(scene: "RaycastingScene", T_object_sheet: np.ndarray, side: float) -> np.ndarray:
     """(rows along up, columns along right) height of the surface over the sheet's plane, -inf where there is none."""
     right, up, normal, centre = T_object_sheet[:3].T
     steps = np.linspace(-side / 2, side / 2, SAMPLES)

@@ -169,7 +169,7 @@ def judge_place(
     """What the poses see of a sheet there; None where it cannot be mounted at all."""
     assert mount.size_mm is not None
     try:
-        fit = measure_fit(item, mount.size_mm, mount)
+        fit = measure_fit(item, mount.size_mm, mount, scene)
     except ToolkitError:
         return None
     points, normals = _grid(fit, mount.at)

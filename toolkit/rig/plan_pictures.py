@@ -2,12 +2,12 @@
 
 from colorsys import hsv_to_rgb
 from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.read import encode_image
 from toolkit.objects.flatten import edge_changes
 from toolkit.objects.load import TableObject
 from toolkit.objects.wrap import Wrap, dress_mesh
@@ -75,9 +75,7 @@ def draw_contact_sheet(
         box = draw.textbbox((left + 6, top + 4), label, font=font)
         draw.rectangle((box[0] - 3, box[1] - 2, box[2] + 3, box[3] + 2), fill="white")
         draw.text((left + 6, top + 4), label, font=font, fill="black")
-    buffer = BytesIO()
-    sheet.save(buffer, "PNG")
-    return buffer.getvalue()
+    return encode_image(sheet, "PNG")
 
 
 def _frame_corners(camera: Camera, pose: Pose) -> np.ndarray:
@@ -118,9 +116,7 @@ def draw_stretch(item: TableObject, wrap: Wrap) -> bytes:
         for place, level, far in zip(places[piece.faces], fade.tolist(), change > 1, strict=True):
             draw.polygon([tuple(point) for point in place], (120, 0, 90) if far else (255, level, level))
         _write_number(draw, wrap, number, "black")
-    buffer = BytesIO()
-    canvas.save(buffer, "PNG")
-    return buffer.getvalue()
+    return encode_image(canvas, "PNG")
 
 
 def _colour_pieces(wrap: Wrap) -> np.ndarray:

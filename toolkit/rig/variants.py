@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.objects.atlas import Atlas, apply_texture, make_atlas
 from toolkit.objects.export_mesh import Soundness, examine_solid, to_3mf, to_glb, to_obj
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
@@ -29,9 +30,6 @@ from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
 from toolkit.rig.requests import Misfit
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
-
-if TYPE_CHECKING:
-    from toolkit.objects.atlas import Atlas
 
 
 def find_texture(workspace: Workspace, item: TableObject) -> Texture:
@@ -76,14 +74,12 @@ def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
     return entry
 
 
-def fit_texture(item: TableObject, texture: Texture) -> "Atlas":
+def fit_texture(item: TableObject, texture: Texture) -> Atlas:
     """The atlas that a texture was trained on, rebuilt from the object's mesh and what is stored beside the texture.
 
     Raises:
         ToolkitError: as `check_fit`.
     """
-    from toolkit.objects.atlas import make_atlas
-
     entry = check_fit(item, texture)
     return make_atlas(
         item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name),
@@ -93,8 +89,6 @@ def fit_texture(item: TableObject, texture: Texture) -> "Atlas":
 
 def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mesh:
     """The object with pixels (n, n, 3) uint8 sRGB where a texture of it has its own; raises as `check_fit`."""
-    from toolkit.objects.atlas import apply_texture
-
     return apply_texture(fit_texture(item, texture), pixels)
 
 

@@ -305,16 +305,9 @@ class ViewStream:
     """
 
     def __init__(
-        self,
-        subjects: list[PaintableObject],
-        settings: ViewSettings,
-        seed: int,
-        groups: int,
-        workers: int | None = None,
-        *,
-        setting: Setting = IN_STUDIO,
-        with_depth: bool = False,
-    ) -> None:
+        self, subjects: list[PaintableObject], settings: ViewSettings, seed: int, groups: int,
+        workers: int | None = None, *, setting: Setting = IN_STUDIO, with_depth: bool = False,
+    ) -> None:  # fmt: skip
         """Prepare `groups` groups of training views.
 
         Args:
@@ -346,11 +339,6 @@ class ViewStream:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = None
         self._waiting.clear()
-
-    @property
-    def views_per_group(self) -> int:
-        """How many views a group has."""
-        return self.settings.studios * self.settings.per_studio
 
     def group(self, number: int) -> list[RenderedView]:
         """The views of a group, and a beginning made with the next."""

@@ -1,7 +1,7 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,24 +53,24 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     if (count := len(item.mesh.faces)) > MOST_TRIANGLES:
         raise ToolkitError(f"{item.name}: {count:,} triangles, more than a wrap's {MOST_TRIANGLES:,}: {SIMPLER}")
-    sight = look_at_faces(item, config.views, seed)
-    if not sight.seen.any():
+    seen, reached = look_at_faces(item, config.views, seed)
+    if not seen.any():
         raise ToolkitError(
             f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
         )
     surface = weld_surface(item.mesh)
-    worth = np.where(sight.reached | config.net, sight.seen, 0)
+    worth = np.where(reached | config.net, seen, 0)
     sheet_mm = _fit_sheet(item, surface, worth, config.sheet_mm, TAB_MM if config.net else 0.0)
     if config.net:
         pieces = unfold(surface, sheet_mm)
     else:
-        pieces = find_pieces(item.mesh, sight.seen, sight.reached, Limits(stretch, sheet_mm), config.pieces)
+        pieces = find_pieces(item.mesh, seen, reached, Limits(stretch, sheet_mm), config.pieces)
     if not pieces:
         raise ToolkitError(
             f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
             "allow more stretch, or take a softer material"
         )
-    wrap = Wrap(_record_plan(item, surface, pieces, sight.seen, config, stretch), tuple(pieces))
+    wrap = Wrap(_record_plan(item, surface, pieces, seen, config, stretch), tuple(pieces))
     return replace(wrap, pixels=draw_paint(wrap, item.mesh))
 
 
@@ -146,19 +146,6 @@ def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
     return take_paint(atlas, part)
 
 
-@dataclass(frozen=True)
-class Sight:
-    """What is seen and reached of an object's faces.
-
-    Attributes:
-        seen: (m,) square pixels that random cameras see of each, mean over the views.
-        reached: (m,) bool, whether a hand can stick something there.
-    """
-
-    seen: np.ndarray
-    reached: np.ndarray
-
-
 SAMPLES = 20_000
 """Points on the surface that are looked at, beside one in each face."""
 DIRECTIONS = 24
@@ -168,8 +155,8 @@ LEAST_ROOM, LEAST_WAY_OUT = 0.4, 0.1
 """Shares of the directions above a place in which there must be room for a finger, and that must lead outside."""
 
 
-def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
-    """What random cameras see of an object, and where a hand gets to."""
+def look_at_faces(item: TableObject, views: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(m,) square pixels that random cameras see of each face, mean over the views; (m,) bool, if a hand gets there."""
     corners = item.mesh.vertices[item.mesh.faces].astype(np.float64)
     weighted = cross_products(corners) / 2
     area = np.linalg.norm(weighted, axis=1)
@@ -199,7 +186,7 @@ def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
         room += way > FINGER_MM
         out += np.isinf(way)
     reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
-    return Sight(np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count)
+    return np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count
 
 
 def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
@@ -249,10 +236,10 @@ _SEEN: dict[str, np.ndarray] = {}
 
 
 def _see_faces(item: TableObject) -> np.ndarray:
-    """(m,) `Sight.seen` by the default number of random cameras."""
+    """(m,) what the default number of random cameras sees of each face."""
     if item.shape_sha256 not in _SEEN:
         _SEEN.clear()
-        _SEEN[item.shape_sha256] = look_at_faces(item, WrapConfig().views, 0).seen
+        _SEEN[item.shape_sha256] = look_at_faces(item, WrapConfig().views, 0)[0]
     return _SEEN[item.shape_sha256]
 
 

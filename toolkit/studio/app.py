@@ -1,6 +1,5 @@
 """The web application: addresses, and what each of them calls."""
 
-import io
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
@@ -13,13 +12,12 @@ from fastapi import FastAPI, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
-from PIL import Image
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_write_error
-from toolkit.imaging.read import read_image
+from toolkit.imaging.read import encode_image, read_image
 from toolkit.studio.describe import describe_inspection, describe_place, describe_session
 from toolkit.studio.ghost import GhostRenderer
 from toolkit.studio.predictor import Predictor
@@ -53,9 +51,7 @@ def _encode(file: Path, key: tuple[int, int], longer_px: int) -> bytes:
     if share < 1:
         size = (max(1, round(pixels.shape[1] * share)), max(1, round(pixels.shape[0] * share)))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=QUALITY)
-    return buffer.getvalue()
+    return encode_image(pixels, "JPEG", quality=QUALITY)
 
 
 PAGE_FILES = {

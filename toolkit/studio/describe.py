@@ -28,7 +28,8 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
     return {
         "shots": [describe_shot(shot) for shot in shots],
         "next": find_next(shots),
-        "first": find_first(shots),
+        # the page opens at the first that is not there, waits, or is to be taken again
+        "first": next((one.step.number for one in shots if one.status in ("waiting", "open") or one.retake), None),
         "done": sum(1 for shot in shots if shot.path),
         "lens": {"focal_mm": round(focal_mm), "zoom": round(focal_mm / PHONE_MM, 1)},
         "limit_mb": MOST_BYTES >> 20,
@@ -47,11 +48,6 @@ def find_next(shots: Sequence[Shot]) -> int | None:
             if shot.status == wanted:
                 return shot.step.number
     return None
-
-
-def find_first(shots: Sequence[Shot]) -> int | None:
-    """The shot that the page opens at: the first of the list that is not there, waits, or is to be taken again."""
-    return next((one.step.number for one in shots if one.status in ("waiting", "open") or one.retake), None)
 
 
 def describe_shot(shot: Shot) -> dict[str, Any]:

@@ -1,16 +1,15 @@
 """The ghost of a pose: a line drawing of what the camera should see, to be laid over what it does see."""
 
-import io
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import encode_image
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, load_open3d, make_ray_scene
 from toolkit.rig.camera import Camera, pixel_rays
@@ -108,9 +107,7 @@ class GhostRenderer:
         if pose is None:
             raise ToolkitError(f"the plan has no pose {pose_id} of '{name}': run 'toolkit plan --shot-list' again")
         seen = self._stage(name, variant).look(square_camera(self._plan.camera), pose.matrix())
-        buffer = io.BytesIO()
-        Image.fromarray(paint_lines(seen), "RGBA").save(buffer, "PNG", compress_level=6)
-        return buffer.getvalue()
+        return encode_image(paint_lines(seen), "PNG", compress_level=6)
 
     def _make_stage(self, name: str, variant: str) -> _Stage:
         item = load_object(self._workspace.object_spec(name))

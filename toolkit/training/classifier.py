@@ -1,8 +1,10 @@
 """Train a classifier from its settings to files: what `toolkit train-classifier` runs."""
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
@@ -51,20 +53,28 @@ class TrainedClassifier:
     resumed_from: int
     was_finished: bool
 
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "classifier": str(self.file), "was_finished": self.was_finished, "resumed_from": self.resumed_from,
+            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
+            "record": self.record.model_dump(mode="json"),
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What it is, or that it was there."""
+        if self.was_finished:
+            yield f"{self.file} was trained with these inputs before: nothing to do; --restart trains it again"
+        else:
+            size_mb, record = self.file.stat().st_size / 1e6, self.record
+            yield f"{self.file}: {record.arch}, {len(record.labels)} classes, {size_mb:.1f} MB"
+
 
 def train_classifier(
-    config: ClassifierConfig,
-    workspace: Workspace,
-    pictures: ClassPictures | None = None,
-    *,
-    out: Path | None = None,
-    device: str = "auto",
-    workers: int = 1,
-    download: bool = False,
-    restart: bool = False,
-    keep_data: bool = False,
+    config: ClassifierConfig, workspace: Workspace, pictures: ClassPictures | None = None, *, out: Path | None = None,
+    device: str = "auto", workers: int = 1, download: bool = False, restart: bool = False, keep_data: bool = False,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> TrainedClassifier:
+) -> TrainedClassifier:  # fmt: skip
     """Train a classifier, or take it up where an interrupted run of the same settings left it.
 
     Args:

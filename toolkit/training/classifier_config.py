@@ -322,12 +322,9 @@ class ClassifierConfig(Config):
 
 
 def hash_inputs(
-    config: ClassifierConfig,
-    pictures: ClassPictures | None,
-    labels: tuple[str, ...],
-    data_sha256: str,
+    config: ClassifierConfig, pictures: ClassPictures | None, labels: tuple[str, ...], data_sha256: str,
     init_sha256: str,
-) -> str:
+) -> str:  # fmt: skip
     """Hash of all that decides the weights, so that a checkpoint is never continued under other settings."""
     settings = config.settings(pictures)
     inputs = [METHOD_VERSION, config.name, config.arch, settings, labels, data_sha256, init_sha256]

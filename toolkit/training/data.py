@@ -18,7 +18,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, load_json, open_whole, real_path, sha256_bytes, sha256_file, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage
+from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.spec import read_spec
 from toolkit.training.images import (
@@ -26,10 +26,10 @@ from toolkit.training.images import (
     CifarImage,
     FolderClasses,
     LabelledFile,
+    cut_square,
     find_classes,
     find_photographs,
     list_cifar,
-    load_square,
 )
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
@@ -378,7 +378,7 @@ def _read_item(shards: Path, how: Preprocessing, item: Item) -> np.ndarray | str
     if isinstance(item, CifarImage):
         return resize_and_crop(item.pixels, how)[None]
     try:
-        return load_square(item.path, how)[None]
+        return cut_square(read_image(item.path, how.resize_px), item.path, how)[None]
     except UnreadableImage as error:
         return error.reason
 

@@ -203,15 +203,6 @@ def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share:
     return FolderClasses(tuple(train), tuple(held_out), tuple(skipped), f"{share:.0%} of each class, by the seed")
 
 
-def load_square(path: Path, how: Preprocessing) -> np.ndarray:
-    """(crop_px, crop_px, 3) uint8 sRGB: the middle of a photograph.
-
-    Raises:
-        UnreadableImage: it cannot be decoded, or is too small to show anything.
-    """
-    return cut_square(read_image(path, how.resize_px), path, how)
-
-
 def cut_square(pixels: np.ndarray, path: Path, how: Preprocessing) -> np.ndarray:
     """(crop_px, crop_px, 3) uint8 sRGB: the middle of (h, w, 3) pixels; `path` is named where they are too few.
 

@@ -374,14 +374,9 @@ def _compare(before: Answers, after: Answers) -> str:
 
 
 def refine_network(
-    config: RefineConfig,
-    workspace: Workspace,
-    teacher: Classifier,
-    *,
-    out: Path | None = None,
-    restart: bool = False,
+    config: RefineConfig, workspace: Workspace, teacher: Classifier, *, out: Path | None = None, restart: bool = False,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-) -> RefinedNetworks:
+) -> RefinedNetworks:  # fmt: skip
     """Refine a network by its own answers, or take it up where an interrupted run of the same settings left it.
 
     What binds a booster to one network is in its sharp and brittle features; refined surrogates have fewer of them:

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, write_bytes
-
-if TYPE_CHECKING:
-    from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Mesh
 
 EVERYDAY, RIG = "everyday", "rig"
 RENDERS_VERSION = 2
@@ -58,7 +55,7 @@ def render_unit(unit: RenderUnit) -> np.ndarray:
     return np.stack(list(taken))
 
 
-def _make_mesh(unit: RenderUnit) -> "Mesh":
+def _make_mesh(unit: RenderUnit) -> Mesh:
     if unit.source != EVERYDAY:
         return _load_mesh(unit.source)
     from toolkit.content.everyday import make_everyday
@@ -71,7 +68,7 @@ def _make_mesh(unit: RenderUnit) -> "Mesh":
 
 # units of one object follow each other, and share its mesh
 @lru_cache(maxsize=8)
-def _load_mesh(spec_file: str) -> "Mesh":
+def _load_mesh(spec_file: str) -> Mesh:
     from toolkit.objects.load import load_object
 
     return load_object(Path(spec_file)).mesh

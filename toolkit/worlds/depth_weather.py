@@ -231,7 +231,8 @@ class Clear:
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """Leaves all light as it is."""
-        return AffineLight.of_nothing(*view.depth_m.shape)
+        shape = view.depth_m.shape
+        return AffineLight(np.ones((*shape, 1), np.float32), np.zeros((*shape, 3), np.float32))
 
 
 WEATHERS: dict[str, type[DepthFog] | type[Dust] | type[Rain] | type[Snow]] = {

@@ -119,11 +119,6 @@ class AffineLight:
         """Both, one after the other; what is `later` is nearer to the camera."""
         return AffineLight(self.factor * later.factor, self.offset * later.factor + later.offset)
 
-    @classmethod
-    def of_nothing(cls, height: int, width: int) -> "AffineLight":
-        """Clear air."""
-        return cls(np.ones((height, width, 1), np.float32), np.zeros((height, width, 3), np.float32))
-
 
 class InWind(Config):
     """Settings of whatever is carried by the wind past a camera."""

@@ -49,13 +49,9 @@ def make_renderer(placed: Placed) -> RaycastRenderer:
 
 
 def see_through(
-    renderer: RaycastRenderer,
-    world: World,
-    sky: Sky,
-    view: tuple[Camera, np.ndarray],
-    weathers: Sequence[tuple[str, int]],
-    seed: tuple[int, int] = (0, 0),
-) -> list[np.ndarray]:
+    renderer: RaycastRenderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray],
+    weathers: Sequence[tuple[str, int]], seed: tuple[int, int] = (0, 0),
+) -> list[np.ndarray]:  # fmt: skip
     """(h, w, 3) uint8 sRGB pictures of one view, one for each weather, from one render.
 
     Args:

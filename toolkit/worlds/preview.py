@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
-from io import BytesIO
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +18,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.plots import read_font
-from toolkit.imaging.read import read_image
+from toolkit.imaging.read import encode_image, read_image
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, look_at, orbit_pose, project
 from toolkit.rig.raycast import RaycastRenderer
@@ -301,16 +300,8 @@ class _Show:
     def hash_inputs(self, job: _Job) -> str:
         """Hash of all that decides what a file shows."""
         sky, settings = self.skies[job.sky], self.settings
-        parts: list[object] = [
-            MADE_AS,
-            job.kind,
-            sky.name,
-            sky.exposure,
-            sky.sun,
-            sky.lamps,
-            crc32(sky.panorama.tobytes()),
-            self.facts,
-        ]
+        painted = crc32(sky.panorama.tobytes())
+        parts: list[object] = [MADE_AS, job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, painted, self.facts]
         if job.kind == "picture":
             parts += [settings.resolution, job.weather, settings.seed, job.item]
             parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]
@@ -441,9 +432,7 @@ def _make(
         above = tone_map(renderer.render(sheet.camera, sheet.T_world_camera), (show.settings.seed,), falloff=0.0)
         path = show.flight.points if show.settings.frames else None
         drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
-        buffer = BytesIO()
-        Image.fromarray(drawn).save(buffer, "PNG")
-        yield first, buffer.getvalue()
+        yield first, encode_image(drawn, "PNG")
     else:
         _make_film(show, renderer, advance, show.hash_inputs(first))
         yield first, None
@@ -476,9 +465,7 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
 
 def encode_jpeg(picture: np.ndarray, quality: int = QUALITY) -> bytes:
     """(h, w, 3) uint8 as JPEG, colour at full resolution."""
-    buffer = BytesIO()
-    Image.fromarray(picture).save(buffer, "JPEG", quality=quality, subsampling=0)
-    return buffer.getvalue()
+    return encode_image(picture, "JPEG", quality=quality, subsampling=0)
 
 
 def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool:

@@ -104,11 +104,6 @@ LEAST_MODULE_PX = 2
 BLACK, WHITE = 0, 255
 
 
-def smallest_side(modules: int, border: int) -> int:
-    """Least side in pixels of a code of so many modules and so many white ones at each side."""
-    return LEAST_MODULE_PX * (modules + 2 * border)
-
-
 def fit_module(size_px: int, modules: int, border: int) -> int:
     """Side of a module in pixels."""
     return size_px // (modules + 2 * border)
@@ -120,7 +115,7 @@ def draw_modules(black: np.ndarray, border: int, size_px: int) -> np.ndarray:
     Args:
         black: (m, m) bool.
         border: white modules at each side, at least.
-        size_px: side of the square, `smallest_side` or more.
+        size_px: side of the square, `LEAST_MODULE_PX` for each module or more.
 
     Returns:
         (size_px, size_px, 3) uint8 sRGB.
@@ -160,7 +155,7 @@ class _Codes(Baseline):
             raise FieldError("expected 1 or more white modules, without which no reader finds it", {"border": border})
         self.modules, self.border = modules, border
         self.networks = []
-        self.least_px = smallest_side(modules, border)
+        self.least_px = LEAST_MODULE_PX * (modules + 2 * border)
         self.least_because = (
             f"{modules} modules and {border} white at each side, {LEAST_MODULE_PX} px for each at the least"
         )

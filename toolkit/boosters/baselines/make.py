@@ -5,12 +5,13 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
 from toolkit import __version__
@@ -190,8 +191,6 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
     Raises:
         ToolkitError: the network's output is not finite.
     """
-    import torch
-
     batch = torch.from_numpy(pixels).to(classifier.device).permute(0, 3, 1, 2).float().div_(255)
     with torch.inference_mode():
         # double precision: the best of many images may differ from the next by little
@@ -226,6 +225,22 @@ class MadeBaseline:
 
     sets: tuple[MadeSet, ...]
     skipped: tuple[tuple[str, str], ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        sets = [asdict(one) | {"folder": str(one.folder)} for one in self.sets]
+        return {"sets": sets, "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped]}
+
+    def lines(self) -> Iterator[str]:
+        """What each set got."""
+        for one in self.sets:
+            if one.made:
+                pictures = f"{one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px"
+                yield f"{one.folder}: {pictures}{f', {one.found} made before' if one.found else ''}"
+            elif one.found:
+                yield f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do"
+            else:
+                yield f"{one.folder}: nothing made"
 
 
 @dataclass(frozen=True)

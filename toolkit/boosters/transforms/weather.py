@@ -7,7 +7,9 @@ from pydantic import field_validator
 
 from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
+from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError
+from toolkit.corruptions.catalogue import find_corruption, name_corruptions, parse_corruptions
 from toolkit.worlds.conditions import read_weathers
 
 if TYPE_CHECKING:
@@ -47,7 +49,6 @@ class Fog(ImageTransform):
         """Lay clouds over each, within [0, 1]."""
         import torch
 
-        from toolkit.core.draws import RandomStreams
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
@@ -144,8 +145,6 @@ class Weathered(Transform):
 def read_corruptions(given: object) -> object:
     """The transform from words such as `fog:3`; anything else as it is."""
     if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.catalogue import parse_corruptions
-
         return Corrupted(corruptions=tuple(parse_corruptions(given)))
     return given
 
@@ -174,8 +173,6 @@ class Corrupted(ImageTransform):
     @field_validator("corruptions")
     @classmethod
     def _check_corruptions(cls, corruptions: Named) -> Named:
-        from toolkit.corruptions.catalogue import find_corruption
-
         if not corruptions:
             raise ToolkitError("expected at least one corruption, such as fog:3")
         for corruption in corruptions:
@@ -184,8 +181,6 @@ class Corrupted(ImageTransform):
 
     def describe(self) -> str:
         """`fog:3, snow:1, probability 0.5`."""
-        from toolkit.corruptions.catalogue import name_corruptions
-
         return f"{name_corruptions(self.corruptions)}, probability {self.probability:g}"
 
     def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
@@ -223,7 +218,6 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     Returns:
         As `images`, what `corrupt` returns; differentiable.
     """
-    from toolkit.core.draws import RandomStreams
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
     from toolkit.corruptions.digital import pixelate_unrounded

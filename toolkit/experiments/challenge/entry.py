@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import numpy as np
@@ -244,8 +245,6 @@ def check_entry(folder: Path) -> list[str]:
 
 
 def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
-    from tempfile import TemporaryDirectory
-
     record = entry.record
     if record.challenge_version != VERSION:
         yield f"{ENTRY}: challenge_version {record.challenge_version}: expected {VERSION}, which this toolkit judges"

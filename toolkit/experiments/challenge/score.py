@@ -6,10 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from rich.table import Table
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED, UNPATCHED, Capture, read_captures
@@ -47,10 +48,6 @@ from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import CONTROLS_OF
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
 
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
@@ -304,7 +301,7 @@ def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
     return round(gain, 9), None
 
 
-def build_score_table(score: Score) -> "Table":
+def build_score_table(score: Score) -> Table:
     """A line for each condition and variant, of all judges that the entry never saw and of all that it saw."""
     shown = [row for row in score.rows if row.judge in (UNSEEN, SEEN) and row.object == POOLED]
     cells = [
@@ -472,12 +469,9 @@ def choose_corruptions(pictures: Iterable[tuple[str, int]]) -> dict[tuple[str, i
 
 
 def _ask(
-    entry: ChallengeEntry,
-    judge: Classifier,
-    captures: Sequence[Capture],
-    home: Path,
+    entry: ChallengeEntry, judge: Classifier, captures: Sequence[Capture], home: Path,
     looks: Mapping[tuple[str, int], float],
-) -> Iterator[JudgedPicture]:
+) -> Iterator[JudgedPicture]:  # fmt: skip
     space = Workspace(home / entry.record.name)
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)

@@ -299,15 +299,8 @@ def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
         panel.barh(y, end, height=OVERVIEW_BAR, color=_colour_of_row(row), alpha=0.85, zorder=2)
         if is_reader(row):
             end = 100 * (share + (wrong or 0.0))
-            panel.barh(
-                y,
-                100 * (wrong or 0.0),
-                left=100 * share,
-                height=OVERVIEW_BAR,
-                color=WRONG_HATCHED,
-                hatch="////",
-                ec="w",
-            )
+            misread = 100 * (wrong or 0.0)
+            panel.barh(y, misread, left=100 * share, height=OVERVIEW_BAR, color=WRONG_HATCHED, hatch="////", ec="w")
             panel.barh(y, 100 - end, left=end, height=OVERVIEW_BAR, color=NOT_DECODED_COLOUR, zorder=1)
         if has_mean and row.top1_ci95:
             panel.hlines(y, 100 * row.top1_ci95[0], 100 * row.top1_ci95[1], color="#111111", lw=1.6, zorder=4)

@@ -27,22 +27,11 @@ from toolkit.experiments.corruptions.grid import Benchmark
 from toolkit.experiments.corruptions.recognisers import NOT_DECODED, READER, RIGHT, WRONG
 
 ALEXNET_ERRORS = {
-    "gaussian_noise": 0.886428,
-    "shot_noise": 0.894468,
-    "impulse_noise": 0.922640,
-    "defocus_blur": 0.819880,
-    "glass_blur": 0.826268,
-    "motion_blur": 0.785948,
-    "zoom_blur": 0.798360,
-    "snow": 0.866816,
-    "frost": 0.826572,
-    "fog": 0.819324,
-    "brightness": 0.564592,
-    "contrast": 0.853204,
-    "elastic_transform": 0.646056,
-    "pixelate": 0.717840,
-    "jpeg_compression": 0.606500,
-}
+    "gaussian_noise": 0.886428, "shot_noise": 0.894468, "impulse_noise": 0.922640, "defocus_blur": 0.819880,
+    "glass_blur": 0.826268, "motion_blur": 0.785948, "zoom_blur": 0.798360, "snow": 0.866816,
+    "frost": 0.826572, "fog": 0.819324, "brightness": 0.564592, "contrast": 0.853204,
+    "elastic_transform": 0.646056, "pixelate": 0.717840, "jpeg_compression": 0.606500,
+}  # fmt: skip
 """Top-1 error, mean of the five severities on the 50 000 images of ImageNet-C.
 
 Hendrycks and Dietterich, ICLR 2019, Table 1 (there in whole per cent), to the digits of their code in

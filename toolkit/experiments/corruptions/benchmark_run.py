@@ -253,13 +253,9 @@ class BenchmarkRun:
 
 
 def evaluate_benchmark(
-    workspace: Workspace,
-    data: ImageSet | Path | str,
-    classifier: Classifier,
-    config: CorruptEvalConfig,
-    load: Callable[[str], Classifier] = load_classifier,
-    engine: EngineConfig | None = None,
-) -> BenchmarkRun:
+    workspace: Workspace, data: ImageSet | Path | str, classifier: Classifier, config: CorruptEvalConfig,
+    load: Callable[[str], Classifier] = load_classifier, engine: EngineConfig | None = None,
+) -> BenchmarkRun:  # fmt: skip
     """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
 
     Results go to `eval/corruptions/RUN`. A cell is computed once, whatever run asks for it.

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
+from rich.table import Table
 
 from toolkit import __version__
 from toolkit.captures.read import UNPATCHED
@@ -15,9 +16,6 @@ from toolkit.core.tables import build_table, format_interval, format_percent, fo
 from toolkit.corruptions.catalogue import COMMON
 from toolkit.evaluation.verdict import Verdict, find_tone
 from toolkit.experiments.corruptions.recognisers import READER
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 Against = Literal["unpatched", "clean unpatched", "best of its size"]
 FEW_NAMES = 4
@@ -299,7 +297,7 @@ def _own_network(summary: "Summary") -> str:
     return name or next((row.answerer for row in summary.variants if row.kind != READER), "")
 
 
-def build_summary_table(summary: "Summary") -> "Table":
+def build_summary_table(summary: "Summary") -> Table:
     """A line for each variant and answerer: clean, and the mean that its title names."""
     has_mce = any(row.mce_alexnet is not None for row in summary.variants)
     mce = ["mCE %"] if has_mce else []

@@ -4,9 +4,9 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.apply import boost_images
@@ -31,9 +31,6 @@ from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier
 from toolkit.training.images import ImageSet, LabelledImage
-
-if TYPE_CHECKING:
-    import torch
 
 METHOD_VERSION = 1
 """Raised when the same inputs give other ranks, as after a change to a corruption."""
@@ -214,7 +211,7 @@ class ShardImages:
         usable: (n,) bool, which of the shard's images these are.
     """
 
-    pixels: "torch.Tensor"
+    pixels: torch.Tensor
     classes: np.ndarray
     seeds: list[int]
     ids: list[str]
@@ -253,8 +250,6 @@ def apply_variant(
         variant: whose patches are put on.
         config: placement and seed.
     """
-    import torch
-
     used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
     ids = [one.id for one in used]
     # by the seed and the image's name alone, so that all variants lie alike on an image
@@ -280,7 +275,7 @@ def apply_variant(
     return ShardImages(boosted, classes, seeds, ids, texts, usable)
 
 
-def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> "torch.Tensor":
+def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> torch.Tensor:
     """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
     batch = images.pixels[part].to(device).float().div_(255)
     if condition == NOT_CORRUPTED:
@@ -296,8 +291,6 @@ def rank_images(
     Raises:
         ToolkitError: a network's output is not finite.
     """
-    import torch
-
     ranks = [np.zeros(len(images.classes), np.int32) for _ in recognisers]
     parts = _cut(len(images.classes), CPU_PART if device == "cpu" else CUDA_PART)
 
@@ -319,7 +312,7 @@ def rank_images(
     return ranks
 
 
-def _round(images: "torch.Tensor") -> "torch.Tensor":
+def _round(images: torch.Tensor) -> torch.Tensor:
     """Values in [0, 1] to whole levels 0 … 255, still float."""
     return images.mul(255).round_()
 

@@ -4,18 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import torch
 
 from toolkit.boosters.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
 from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
 from toolkit.models.network import Classifier, check_finite
-
-if TYPE_CHECKING:
-    import torch
 
 NETWORK, READER = "network", "reader"
 RIGHT, WRONG, NOT_DECODED = 1, 2, 0
@@ -55,18 +52,16 @@ def recognise_by_reader(reader: "Reader") -> Recogniser:
     return Recogniser(reader.name, READER, identity, partial(_rank_codes, reader))
 
 
-def _rank_codes(reader: "Reader", images: "torch.Tensor", _: np.ndarray, texts: Sequence[str]) -> np.ndarray:
+def _rank_codes(reader: "Reader", images: torch.Tensor, _: np.ndarray, texts: Sequence[str]) -> np.ndarray:
     return read_codes(reader, images, texts)
 
 
-def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarray, _: Sequence[str] = ()) -> np.ndarray:
+def rank_classes(network: Classifier, images: torch.Tensor, classes: np.ndarray, _: Sequence[str] = ()) -> np.ndarray:
     """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
 
     Raises:
         BadAnswer: the network's output is not finite.
     """
-    import torch
-
     logits = network.logits(images).float()
     check_finite(logits, network.arch, network.weights)
     true = torch.from_numpy(classes).to(logits.device)[:, None]
@@ -141,7 +136,7 @@ def judge_texts(texts: Sequence[str], truth: str) -> int:
     return WRONG if texts else NOT_DECODED
 
 
-def read_codes(reader: Reader, images: "torch.Tensor", truths: Sequence[str]) -> np.ndarray:
+def read_codes(reader: Reader, images: torch.Tensor, truths: Sequence[str]) -> np.ndarray:
     """What a reader makes of images.
 
     The images are rounded to 8 bits. The paper's release casts them as `255 * uint8(x)`, which blackens every pixel

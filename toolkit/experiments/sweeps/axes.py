@@ -194,15 +194,9 @@ class SweepPoint:
 
 
 def plan_units(
-    workspace: Workspace,
-    axis: Axis,
-    values: Sequence[Value],
-    base: ShootSetup,
-    *,
-    objects: Sequence[str],
-    variants: Sequence[str],
-    trained: bool = False,
-) -> list[SweepPoint]:
+    workspace: Workspace, axis: Axis, values: Sequence[Value], base: ShootSetup, *, objects: Sequence[str],
+    variants: Sequence[str], trained: bool = False,
+) -> list[SweepPoint]:  # fmt: skip
     """Every unit of a sweep, value by value.
 
     An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is

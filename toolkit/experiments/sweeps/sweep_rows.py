@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings
+from toolkit.core.console import console
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import NONE, build_table, encode_csv, format_interval, format_p, format_percent
 from toolkit.evaluation.metrics import PATCHED, Comparison, Group
@@ -174,8 +175,6 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     A printed size is followed by its share of the longest side, where the objects agree on it; a coverage by what was
     reached, where that is another.
     """
-    from toolkit.core.console import console
-
     one = len(sweep.objects) == 1
     name = next(iter(sweep.objects)) if one else POOLED
     others = [] if one else list(sweep.objects)

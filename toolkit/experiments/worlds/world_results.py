@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.statistics import SIGNIFICANT
@@ -31,9 +32,6 @@ from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_weather import make_weather
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 SOURCE = "sim"
 SEEN = ("azimuth_deg", "elevation_deg", "distance_m", "visible_share", "picture_share")
@@ -241,7 +239,7 @@ def format_times(row: Row, key: str) -> str:
     return f"{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
 
 
-def build_world_table(summary: Summary) -> "Table":
+def build_world_table(summary: Summary) -> Table:
     """A line for each variant and weather, over all places."""
     pairs, cells = pooled(summary, "pairs"), []
     for key, row in pooled(summary).items():

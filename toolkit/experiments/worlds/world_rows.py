@@ -120,7 +120,8 @@ def measure_half(
         bare: the same of `unpatched`; None for itself, or without it.
     """
     own = find_level(extinctions, shares, HALF * shares[:, 0])
-    visible = _as_visibility(own)
+    # 0 where a level is not reached, infinite where nothing needs to be lost
+    visible = np.array([0.0 if np.isinf(one) else find_visibility(float(one)) for one in own])
     half = HalfLost(
         variant, kind, float(shares[0, 0]), _finite(visible[0]), _visible_interval(visible[1:]),
         find_visibility(float(extinctions.max())),
@@ -152,11 +153,6 @@ def _compare(name: str, own: np.ndarray, reference: np.ndarray, densest: float) 
         f"{key}_ci95": None if interval is None else (_finite(interval[0]), _finite(interval[1])),
         f"{name}_is_bound": is_bound,
     }
-
-
-def _as_visibility(extinctions: np.ndarray) -> np.ndarray:
-    """Metres; 0 where a level is not reached, infinite where nothing needs to be lost."""
-    return np.array([0.0 if np.isinf(one) else find_visibility(float(one)) for one in extinctions])
 
 
 def _visible_interval(visible: np.ndarray) -> tuple[float | None, float | None] | None:

@@ -154,9 +154,10 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     missing = {frame: rest for frame, task in wanted.items() if (rest := find_rest(task)).weathers}
 
     def keep(frame: str, task: PictureTask, answered: AnsweredFrame) -> None:
-        if answered.files and kept is not None:
-            kept.write(task, answered.files)
-        cache.add(FrameAnswers(frame=frame, answers=answered.answers))
+        answers, files = answered
+        if files and kept is not None:
+            kept.write(task, files)
+        cache.add(FrameAnswers(frame=frame, answers=answers))
 
     units = list_units(asked, missing, engine)
     ran = run_resumable("evaluating (pictures)", wanted, missing, units, keep, engine, lambda task: len(task.weathers))
@@ -203,6 +204,10 @@ class Rendered(NamedTuple):
         return render_frames(self.stage, tasks)
 
 
+AnsweredFrame = tuple[dict[str, Answer], dict[str, bytes]]
+"""What was said of a frame, by what `name_weather` calls the weather; of a kept frame its files, see `encode_frame`."""
+
+
 class Setup(NamedTuple):
     """What all units of a run need.
 
@@ -215,18 +220,6 @@ class Setup(NamedTuple):
     classifier: Classifier
     true_index: int
     batch_size: int | None
-
-
-class AnsweredFrame(NamedTuple):
-    """What was said of a frame.
-
-    Attributes:
-        answers: by what `name_weather` calls the weather.
-        files: of a kept frame, see `encode_frame`; else nothing.
-    """
-
-    answers: dict[str, Answer]
-    files: dict[str, bytes]
 
 
 def list_units(asked: Asked, tasks: Mapping[str, PictureTask], engine: Engine) -> Iterator[Unit[AnsweredFrame]]:
@@ -257,7 +250,7 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
         answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
         # the last of its weathers makes a frame whole
         if weather == tasks[at].weathers[-1]:
-            yield AnsweredFrame(answers, files)
+            yield answers, files
             answers = {}
 
 

@@ -23,6 +23,7 @@ from toolkit.objects.wrap import RECORD_FILE
 from toolkit.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
 from toolkit.photos.gates.result import Check, Gate, GateResult
+from toolkit.photos.locate import locate_by_board
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
@@ -300,8 +301,6 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
 
 
 def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
-    from toolkit.photos.locate import locate_by_board
-
     captures = read_captures(source_dir).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)

@@ -109,7 +109,8 @@ def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
         who = [photo for photo in photos if photo.shows[cell]]
         if len(who) >= LEAST_PHOTOS:
             directions = np.array([photo.directions[cell] for photo in who])
-            if _spread_deg(directions) >= LEAST_ANGLE_DEG:
+            # the widest angle between two of them has the smallest cosine
+            if np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))) >= LEAST_ANGLE_DEG:
                 points[cell] = meet(np.array([photo.origin_mm for photo in who]), directions)
     return points
 
@@ -151,12 +152,6 @@ def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
 def _miss(point: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(n,) distances of a point from lines."""
     return np.linalg.norm(np.cross(point - origins, directions), axis=1)
-
-
-def _spread_deg(directions: np.ndarray) -> float:
-    """The widest angle between two of them."""
-    # the widest angle has the smallest cosine
-    return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
 
 
 PARTNER = Gate("missing partner", 0.0, "photos missing", "take the same pose in the other variant")

@@ -289,11 +289,6 @@ def find_images(index: SourceIndex, key: CaptureKey) -> list[Path]:
     return found
 
 
-def list_poses(index: SourceIndex, name: str, variant: str, pose_ids: Iterable[int]) -> set[int]:
-    """Which of an object's poses have an image in a variant."""
-    return {pose_id for pose_id in pose_ids if find_images(index, CaptureKey(name, variant, pose_id))}
-
-
 def describe_imported(index: SourceIndex, photo: Photo) -> str | None:
     """Where a photograph was imported to before; None where it was not."""
     if record := index.current.get(photo.identity):

@@ -25,13 +25,14 @@ from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.align import Clues, place_with_gaps
 from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import (
+    CaptureKey,
     Gathered,
     SourceIndex,
     describe_imported,
+    find_images,
     gather_photos,
     index_source,
     is_whole,
-    list_poses,
 )
 from toolkit.photos.importing.match import MatchRender, RenderMatcher
 from toolkit.photos.importing.resolve import Ask, Resolved, match_pairs, read_pairs, resolve_occupied, resolve_photos
@@ -121,7 +122,7 @@ def measure_coverage(
         ids = [pose.id for pose in plan.objects[object_name]]
         # the pair is always listed, so that a half that was never shot shows as missing
         for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
-            there = list_poses(index, object_name, variant, ids)
+            there = {one for one in ids if find_images(index, CaptureKey(object_name, variant, one))}
             own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
             now = [record for record in imported if (record.object, record.variant) == (object_name, variant)]
             rows.append(

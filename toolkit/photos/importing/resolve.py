@@ -111,12 +111,9 @@ def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], a
 
 
 def resolve_occupied(
-    resolved: list[Resolved],
-    refused: list[tuple[str, str]],
-    index: SourceIndex,
-    settings: ImportSettings,
+    resolved: list[Resolved], refused: list[tuple[str, str]], index: SourceIndex, settings: ImportSettings,
     ask: Ask | None,
-) -> list[Resolved]:
+) -> list[Resolved]:  # fmt: skip
     """Photographs for poses that have an image replace it only when they are later, and when that was asked for."""
     kept = []
     for one, decision in resolved:

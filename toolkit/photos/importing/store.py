@@ -1,16 +1,14 @@
 """Put a photograph into a capture folder."""
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
 from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
-from toolkit.imaging.read import show_path
+from toolkit.imaging.read import encode_image, show_path
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
@@ -60,8 +58,8 @@ def store_photo(
     old = [one for one in find_images(index, key) if not (one == file and sha256_file(one) == record.image_sha256)]
     for one in old:
         _keep_aside(index, one, key)
-    # a link is refused across disks, and then the bytes are copied
-    linked = link and content_is_file(photo) and link_file(photo.path, file, root)
+    # only an original whose bytes are kept as they are; a link is refused across disks, and then they are copied
+    linked = link and photo.kind not in HOW and link_file(photo.path, file, root)
     if not linked:
         write_bytes(file, content, root)
     for one in old:
@@ -78,16 +76,8 @@ def encode_photo(photo: Photo) -> bytes:
         return read_preview(photo.path)
     if photo.kind != "video":
         return photo.path.read_bytes()
-    buffer = io.BytesIO()
     facts = ExifFacts(photo.taken, photo.camera, photo.focal_mm, photo.focal_35mm_mm)
-    picture = Image.fromarray(load_pixels(photo))
-    picture.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
-    return buffer.getvalue()
-
-
-def content_is_file(photo: Photo) -> bool:
-    """Whether the original's bytes go into the capture folder as they are."""
-    return photo.kind not in HOW
+    return encode_image(load_pixels(photo), "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
 
 
 def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None, image_sha256: str) -> CaptureRecord:

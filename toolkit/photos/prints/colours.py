@@ -128,15 +128,9 @@ def read_colours(
                 "photograph the page with its colour strip"
             )
         white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
-    return PrintedColours(
-        warp,
-        small.shape[:2],
-        rows + drawn.top,
-        columns + drawn.left,
-        uv,
-        seen=light / (_slope(uv) @ white),
-        white_from=white_from,
-    )
+    seen = light / (_slope(uv) @ white)
+    rows, columns = rows + drawn.top, columns + drawn.left
+    return PrintedColours(warp, small.shape[:2], rows, columns, uv, seen=seen, white_from=white_from)
 
 
 def compare_colours(colours: PrintedColours, patch_pixels: np.ndarray) -> ColourComparison:

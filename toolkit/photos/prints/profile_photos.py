@@ -94,13 +94,9 @@ def choose_printed(workspace: Workspace, class_name: str, size_mm: float | None)
 
 
 def profile_photos(
-    paths: Sequence[Path],
-    patch: Patch,
-    paper: Paper,
-    size_mm: float | None = None,
-    name: str | None = None,
+    paths: Sequence[Path], patch: Patch, paper: Paper, size_mm: float | None = None, name: str | None = None,
     by: str | None = None,
-) -> ProfileRun:
+) -> ProfileRun:  # fmt: skip
     """Fit a print profile to photographs of one printed patch.
 
     Args:

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import BytesIO
 from itertools import pairwise
 
 import numpy as np
 from PIL import Image
 
 from toolkit.core.console import Ticker
+from toolkit.imaging.read import encode_image
 from toolkit.objects.load import TableObject
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
@@ -69,9 +69,7 @@ def draw_views(
 
 def encode_jpeg(pixels: np.ndarray, quality: int = JPEG_QUALITY) -> bytes:
     """JPEG bytes of (h, w, 3) uint8 sRGB pixels."""
-    buffer = BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=quality, optimize=True)
-    return buffer.getvalue()
+    return encode_image(pixels, "JPEG", quality=quality, optimize=True)
 
 
 LONG_SIDE_PX = 840

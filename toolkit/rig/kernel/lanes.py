@@ -14,7 +14,6 @@ from toolkit.rig.kernel.compiled import inlined
 # four doubles: one AVX register
 FOUR = ir.VectorType(ir.DoubleType(), 4)
 INDEX = ir.IntType(32)
-UNDEFINED = ir.Constant(FOUR, ir.Undefined)
 FIRST = ir.Constant(ir.VectorType(INDEX, 4), [0, 0, 0, 0])
 
 
