@@ -177,6 +177,17 @@ def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
         assert int(wrap) - int(bare) == int(gained) - int(lost)
 
 
+def test_the_wraps_page_says_what_the_challenge_and_other_objects_showed() -> None:
+    page = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8")
+    gain = {row["entry"]: f"{100 * float(row['rank_gain']):.0f}" for row in read_table("challenge")}
+    wrap, patch, texture = (gain[f"{budget}-four-networks"] for budget in ("wrap", "patch", "texture"))
+    assert f"gain {wrap} points on EfficientNet-Lite2 and MobileNetV1, patches of the same networks {patch}" in page
+    assert f", textures {texture}." in page
+    bench = {row["booster"]: row for row in read_table("objects") if row["object"] == "bench"}
+    assert f"best sheet is right in {bench['patch']['boosted']} of {bench['patch']['n']} poses" in page
+    assert f"[{bench['wrap']['boosted']} of {bench['wrap']['n']}]" in page
+
+
 def test_the_wraps_page_says_what_was_planned() -> None:
     names = {"carton_kenney": "carton", "car_taxi": "cab", "car_stationwagon": "station wagon", "bench": "park bench"}
     page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wrap-plans")
