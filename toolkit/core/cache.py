@@ -62,7 +62,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
             return found
     made = make()
     stream = BytesIO()
-    np.savez(stream, allow_pickle=False, **made)
+    np.savez(stream, **made)  # type: ignore[arg-type]  # its stubs take any name for `allow_pickle`
     with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this one nothing
         write_bytes(file, hashlib.sha256(stream.getvalue()).digest() + stream.getvalue())
         _trim(folder)
