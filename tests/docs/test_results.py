@@ -189,6 +189,10 @@ def test_the_wraps_page_says_what_the_challenge_and_other_objects_showed() -> No
             assert row["n"] == "18"
             right[row["booster"]] += int(row["boosted"])
     assert f"best sheets are right in {right['patch']} of 36 poses, [{right['wrap']} of 36]" in page
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    assert (
+        f"known in {right['patch']} of 36 poses with any sheet, and in {right['wrap']} of 36 in their wraps" in readme
+    )
 
 
 def test_the_wraps_page_says_what_was_planned() -> None:
