@@ -116,8 +116,7 @@ ALLOWED = {
     ("core/workspace.py", "mkdir"),  # a new workspace's folders, where the user says
     ("core/locks.py", "open"),  # follows no link either
     ("engine/local.py", "open"),  # below a folder that was just made, which nobody else knows
-    ("rig/kernel/compiled.py", "mkdir"),  # where compiled code is kept
-    ("rig/kernel/compiled.py", "touch"),
+    ("core/cache.py", "mkdir"),  # the cache of the user
     ("models/weights.py", "mkdir"),  # torch's cache
 }
 
