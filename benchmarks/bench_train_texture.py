@@ -36,6 +36,8 @@ from toolkit.rig.views import DETAIL, FOV_DEG, random_pose
 from toolkit.training.loop import make_steps
 
 TEXELS, LENGTH_MM = 200, 270.0
+RECIPE = {"objects": ("warplane",), "size_px": TEXELS}
+"""What of the default recipe is set here."""
 TRIANGLES = (1_000, 10_000, 100_000, 300_000)
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 GOAL, GOAL_GB = 0.85, 1.5
@@ -127,11 +129,11 @@ def time_training(
 def measure_memory() -> float:
     """Peak of a training at the default batch, GB."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_train_and_weigh).result()
+        return pool.submit(_train_and_weigh, RECIPE).result()
 
 
-def _train_and_weigh() -> float:
-    config = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
+def _train_and_weigh(recipe: dict[str, object]) -> float:
+    config = make_config("default", recipe)
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
     for _ in step_through(atlas, make_target("cpu"), config, 2):
         pass
@@ -142,7 +144,7 @@ def run(device: str = "auto") -> dict[str, float | str]:
     """Images per second against the limits, the time of a step as the mesh grows, and peak memory."""
     device = choose_device(device)
     target = make_target(device)
-    default = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
+    default = make_config("default", RECIPE)
     plain = default.with_overrides(reuse=1, clouds=False, camera=False)
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
     render = time_rendering(atlas, plain.per_studio)

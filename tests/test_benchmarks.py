@@ -12,7 +12,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(file.stem for file in (ROOT / "benchmarks").glob("bench_*.py"))
-SMALL = {"ROUNDS": 1, "MEMORY_COUNTS": (32, 64), "SECONDS": 1, "TRIANGLES": (1000,), "SIZES": ((224, 224),)}
+SMALL = {
+    "ROUNDS": 1, "MEMORY_COUNTS": (32, 64), "SECONDS": 1, "TRIANGLES": (1000,), "SIZES": ((224, 224),),
+    "RECIPE": {"objects": ("warplane",), "size_px": 200, "studios": 1, "per_studio": 4, "batch": 4},
+}  # fmt: skip
 LOOKED_FOR = {"rotorpy", "ray"}
 """Peers that are timed only where they are installed."""
 DISTRIBUTIONS = {"pyrender": "pyrender", "skimage": "scikit-image", "art": "adversarial-robustness-toolbox"}
