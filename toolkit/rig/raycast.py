@@ -86,7 +86,7 @@ class RaycastRenderer:
             around = self._others.shape
             # light bounces off both, and how much off which depends on the place: the mean does
             albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
-        if keep_light:
+        if keep_light and around is None and stand == AT_ORIGIN:
             lighting = bake_studio_light(shape, albedo, scene, detail)
         else:
             lighting = bake_lighting(shape, albedo, scene, detail, stand, around)

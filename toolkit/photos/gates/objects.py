@@ -3,7 +3,7 @@
 Convention: pixel (0, 0)'s centre lies at (0.5, 0.5); world millimetres; `T_world_camera` as everywhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -145,11 +145,12 @@ class KnownObjects:
 
     def check(self, image: np.ndarray, name: str) -> GateResult:
         """By how much a photograph (h, w, 3) uint8 sRGB, upright, looks more like an object other than `name`."""
-        if self._plan and list(self._plan.objects) == [name]:  # before anything is rendered
-            return OBJECT.skip("the plan has no other object to compare with")
-        if name not in self._templates:
+        known: Collection[str] = self._plan.objects if self._plan else ()
+        if len(known) > 1:  # else nothing need be rendered to know the answer
+            known = self._templates
+        if name not in known:
             return OBJECT.skip("the plan has no poses of the object to compare with")
-        if len(self._templates) < 2:
+        if len(known) < 2:
             return OBJECT.skip("the plan has no other object to compare with")
         scores = self._compare(image)
         # an object of the same class is no wrong one, and may look the same
