@@ -129,8 +129,8 @@ def simulate_captures(
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
     from toolkit.captures.like import MAX_PX, board_shown, shoot_like
     from toolkit.captures.shoot import ShootSettings, make_rehearsal
+    from toolkit.rig import PAIR
     from toolkit.rig.board_file import read_board, with_board
-    from toolkit.rig.requests import PAIR
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:

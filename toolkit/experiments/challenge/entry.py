@@ -29,9 +29,9 @@ from toolkit.experiments.challenge import (
 from toolkit.objects.load import load_object
 from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, read_patch, read_texture
 from toolkit.objects.wrap import Wrap, check_wrap, hash_wrap, read_wrap
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
-from toolkit.rig.requests import Pattern
 from toolkit.rig.variants import check_fit, find_booster
 
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"

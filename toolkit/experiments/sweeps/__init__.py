@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.evaluation import RunName
-from toolkit.rig.requests import PAIR
+from toolkit.rig import PAIR
 
 if TYPE_CHECKING:
     from toolkit.experiments.sweeps.axes import Axis, Value
