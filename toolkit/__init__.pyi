@@ -39,9 +39,9 @@ from toolkit.photos.retexture import retexture as retexture
 from toolkit.photos.settings import RetextureConfig as RetextureConfig
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
-from toolkit.evaluation.eval_config import EvalConfig as EvalConfig
+from toolkit.evaluation import EvalConfig as EvalConfig
 from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark as evaluate_benchmark
-from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig as CorruptEvalConfig
+from toolkit.experiments.corruptions import CorruptEvalConfig as CorruptEvalConfig
 from toolkit.evaluation.predictions_csv import predictions_table as predictions_table
 from toolkit.evaluation.ground_truth import load_captures as load_captures
 from toolkit.core.statistics import wilson_interval as wilson_interval

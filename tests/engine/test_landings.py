@@ -5,7 +5,7 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import make_workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.landing import collect as collecting
 from toolkit.landing import fly as flying
 from toolkit.landing.collect import Collector, collect

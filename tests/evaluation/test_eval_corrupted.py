@@ -16,7 +16,7 @@ from toolkit.captures.read import read_captures
 from toolkit.core.draws import image_seed
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt_picture
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import decode_ahead, predict_captures

@@ -11,7 +11,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupted_copy import CorruptedSource, Corruption

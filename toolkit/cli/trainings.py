@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import Field
 
-from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
+from toolkit.boosters.baselines import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
 from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
@@ -24,7 +24,7 @@ from toolkit.cli.output import show_result, warn
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.refine_config import RefineConfig
 

@@ -15,7 +15,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
 from toolkit.landing.dataset import (
     DATASET,

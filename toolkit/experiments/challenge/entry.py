@@ -15,7 +15,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, real_path, write_bytes, write_json
 from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.experiments.challenge.rules import (
+from toolkit.experiments.challenge import (
     CLOSED_OBJECTS,
     DRAWN_SEED,
     LARGEST_PATCH,
