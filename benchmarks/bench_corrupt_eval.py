@@ -27,7 +27,7 @@ def make_grid(folder: Path, count: int, corruptions):
     import numpy as np
 
     from toolkit.core.workspace import make_workspace
-    from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
+    from toolkit.experiments.corruptions import CorruptEvalConfig
     from toolkit.experiments.corruptions.cells import open_variants
     from toolkit.experiments.corruptions.grid import Grid
     from toolkit.objects.records import write_patch

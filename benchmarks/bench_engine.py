@@ -12,12 +12,12 @@ import torch
 
 from benchmarks.bench_world_eval import make_classifier
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Unit
 from toolkit.experiments.corruptions.cells import ShardImages
 from toolkit.experiments.corruptions.grid import rank_cells
 from toolkit.experiments.corruptions.recognisers import recognise_by_network
-from toolkit.experiments.worlds.world_config import WorldEvalConfig
+from toolkit.experiments.worlds import WorldEvalConfig
 from toolkit.experiments.worlds.world_run import Rendered, Setup, answer_unit, plan_run
 from toolkit.rig.bake_cache import light_surroundings
 

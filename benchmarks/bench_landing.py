@@ -32,9 +32,9 @@ def run() -> dict[str, float | str]:
 
 def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
+    from toolkit.landing import CollectConfig
     from toolkit.landing.collect import Collector
     from toolkit.landing.dataset import EncodedSample, encode_sample, write_shard
-    from toolkit.landing.landing_config import CollectConfig
     from toolkit.landing.site import draw_pad, find_world
     from toolkit.rig.raycast import map_frames
     from toolkit.rig.shading import tone_map
@@ -66,8 +66,8 @@ def _collect() -> dict[str, float | str]:
 
 def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
+    from toolkit.landing import CameraConfig, FlyConfig
     from toolkit.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
-    from toolkit.landing.landing_config import CameraConfig, FlyConfig
     from toolkit.landing.site import Sites, draw_pad, find_world, plan_places
     from toolkit.worlds.conditions import CLEAR
 

@@ -33,8 +33,8 @@ def run() -> dict[str, float]:
 
     from toolkit.core.workspace import Workspace
     from toolkit.evaluation.predict import classify_stream
+    from toolkit.experiments.worlds import WorldEvalConfig
     from toolkit.experiments.worlds.frames import render_frame
-    from toolkit.experiments.worlds.world_config import WorldEvalConfig
     from toolkit.experiments.worlds.world_run import plan_run
     from toolkit.worlds.picture import make_renderer
 

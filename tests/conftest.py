@@ -77,9 +77,9 @@ def make_crate_space(make_box):
     from toolkit.core.workspace import make_workspace
     from toolkit.objects.load import load_object
     from toolkit.objects.records import write_patch
+    from toolkit.rig import Pattern
     from toolkit.rig.camera import Camera
     from toolkit.rig.plan import make_plan, write_plan
-    from toolkit.rig.requests import Pattern
 
     def make(folder):
         space = make_workspace(folder)

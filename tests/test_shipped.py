@@ -22,7 +22,7 @@ from toolkit.core.workspace import PACKAGE_DATA, Workspace, make_workspace, open
 from toolkit.models.load import bundled_file, read_bundled
 from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
-from toolkit.rig.requests import PAIR
+from toolkit.rig import PAIR
 
 ROOT = Path(__file__).parents[1]
 SETS = (None, "rig18")

@@ -12,13 +12,13 @@ import numpy as np
 from tables import DOCS
 
 from toolkit import __version__
-from toolkit.boosters.baselines.baseline_config import BaselineConfig
+from toolkit.boosters.baselines import BaselineConfig
 from toolkit.boosters.baselines.make import make_baseline
 from toolkit.core.draws import Draws
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.experiments.challenge import CLOSED_OBJECTS, EntryConfig
 from toolkit.experiments.challenge.entry import ENTRY, EntryRecord, init_entry
-from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, EntryConfig
 from toolkit.models.load import load_classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.records import write_patch

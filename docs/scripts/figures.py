@@ -19,9 +19,9 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.evaluation.metrics import TEXTURED
 from toolkit.objects.load import BUILTIN, load_object
 from toolkit.objects.records import read_patch, read_texture
+from toolkit.rig import PAIR, Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import plan_poses
-from toolkit.rig.requests import PAIR, Pattern
 
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from toolkit.core.workspace import open_workspace
+from toolkit.landing import CameraConfig
 from toolkit.landing.episodes import place_cameras
-from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.site import Pad, PadSite, SiteView, find_pad, find_sky, find_world, plan_places
 
 SIDE_PX, SEED = 192, 7

@@ -10,7 +10,7 @@ from toolkit.core.files import read_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.experiments.challenge.score import Score, describe_rank
-from toolkit.experiments.corruptions.benchmark_config import CLEAN
+from toolkit.experiments.corruptions import CLEAN
 from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
 from toolkit.experiments.sweeps.axes import AXES
 from toolkit.models.load import read_bundled

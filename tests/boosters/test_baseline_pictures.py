@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.boosters.baselines.baseline_config import BaselineConfig
+from toolkit.boosters.baselines import BaselineConfig
 from toolkit.boosters.baselines.make import make_baseline
 from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.core.errors import ToolkitError

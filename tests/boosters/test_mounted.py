@@ -19,7 +19,7 @@ from toolkit.boosters.mounted import (
     validate_mounted,
 )
 from toolkit.boosters.pixels import Target, draw_first_pixels
-from toolkit.boosters.transforms.base import Transform
+from toolkit.boosters.transforms import Transform
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws

@@ -10,7 +10,7 @@ from watched_patch import WatchedPatch, patch_gradient, train_watched
 
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, draw_first_pixels, smooth_gradient
-from toolkit.boosters.transforms.base import Transform
+from toolkit.boosters.transforms import Transform
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.printing import LightRanges
 from toolkit.boosters.transforms.show import Appearance, show_patch

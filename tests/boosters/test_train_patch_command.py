@@ -300,8 +300,8 @@ def test_a_spec_without_a_size_leaves_it_to_the_pixels(type_command, tmp_path, m
 def test_the_size_that_is_typed_is_mounted_recorded_and_printed(type_command, tmp_path, make_crate_space):
     """Over the spec's, of which the user is told; and the rig's squares are as large as the record says."""
     from toolkit.objects.records import read_patch
+    from toolkit.printing import PrintSettings
     from toolkit.printing.document import build_pdf
-    from toolkit.printing.settings import PrintSettings
 
     space = make_crate_space(tmp_path / "w")
     spec = space.objects_dir / "crate.toml"

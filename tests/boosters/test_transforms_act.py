@@ -12,7 +12,7 @@ from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, judge_ensemble
 from toolkit.boosters.texture import take_photos
 from toolkit.boosters.texture_config import TextureConfig
-from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Probability, as_factors
+from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure, Jitter, JpegFile, SensorNoise
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, TapeGlare
 from toolkit.boosters.transforms.show import show_patch

@@ -10,7 +10,7 @@ import torch
 from killed_runs import read_folder, train_killed
 from tiny_network import tiny_classifier
 
-from toolkit.boosters.wrap_config import RECIPES, make_config
+from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
 from toolkit.boosters.wrap_task import paint_pieces, rank_pieces, train_wrap, wrap_object
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
@@ -18,7 +18,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import find_wrap, read_wrap, write_wrap
-from toolkit.rig.requests import Misfit, WrapConfig
+from toolkit.rig import Misfit, WrapConfig
 from toolkit.rig.views import ViewSettings, ViewStream
 from toolkit.rig.wrap_plan import draw_paint, plan_wrap
 from toolkit.rig.wrapped import find_canvas
@@ -33,14 +33,14 @@ from dying import die, die_at_checkpoint
 import toolkit.objects.wrap as wraps
 from tiny_network import tiny_classifier
 from toolkit.boosters.wrap_task import train_wrap
-from toolkit.boosters.wrap_config import make_config
+from toolkit.boosters.texture_config import make_wrap_config
 from toolkit.core.workspace import Workspace
 
 if sys.argv[1] == "checkpoint":
     die_at_checkpoint(3)
 else:
     wraps.write_json = die  # the pieces' pictures are there, and not the record
-train_wrap(make_config("default", {QUICK}), [tiny_classifier()], Workspace(Path(sys.argv[2])), class_name="jet",
+train_wrap(make_wrap_config("default", {QUICK}), [tiny_classifier()], Workspace(Path(sys.argv[2])), class_name="jet",
            workers=0, checkpoint_every_s=0)
 """
 
@@ -72,7 +72,7 @@ def split(planned, tmp_path):
 
 def run(space, quiet=True, restart=False, **changes):
     with quietly(quiet):
-        config = make_config("default", QUICK | changes)
+        config = make_wrap_config("default", QUICK | changes)
         return train_wrap(config, [tiny_classifier()], space, class_name="jet", workers=0, restart=restart)
 
 
@@ -215,7 +215,7 @@ def test_a_shipped_wrap_is_the_plan_and_stays_as_it_is(split, tmp_path, monkeypa
 def test_settings_that_the_plan_decides_are_refused():
     for change in ({"size_px": 40, "keep": ("glass",)}, {"unwrap": True}, {"start": "x.png"}):
         with pytest.raises(ToolkitError):
-            make_config("default", {"objects": ("crate",)} | change)
+            make_wrap_config("default", {"objects": ("crate",)} | change)
     with pytest.raises(ToolkitError, match="one object"):
-        make_config("default", {"objects": ("crate", "box")})
-    assert set(RECIPES) == {"default"}
+        make_wrap_config("default", {"objects": ("crate", "box")})
+    assert set(WRAP_RECIPES) == {"default"}

@@ -18,7 +18,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.folder import read_picture
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier

@@ -8,9 +8,9 @@ from toolkit.captures.render import render
 from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
+from toolkit.rig import Pattern
 from toolkit.rig.camera import project
 from toolkit.rig.plan import open_plan, plan_objects, read_plan
-from toolkit.rig.requests import Pattern
 
 
 @pytest.fixture

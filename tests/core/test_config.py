@@ -171,7 +171,7 @@ def test_bounds_in_words():
 def test_help_says_what_each_field_means_and_nothing_of_pydantic():
     import pydoc
 
-    from toolkit.evaluation.eval_config import EvalConfig
+    from toolkit.evaluation import EvalConfig
 
     said = pydoc.render_doc(EvalConfig, renderer=pydoc.plaintext)
     assert len(said) < 4000 and "model_dump" not in said and "validator" not in said.lower()

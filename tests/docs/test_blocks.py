@@ -214,9 +214,9 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from toolkit.captures.shoot import shoot_plan
     from toolkit.core.workspace import make_workspace
     from toolkit.objects.load import load_object
+    from toolkit.rig import Pattern
     from toolkit.rig.camera import Camera
     from toolkit.rig.plan import make_plan, write_plan
-    from toolkit.rig.requests import Pattern
 
     space = make_workspace(tmp_path_factory.mktemp("docs") / "lab")
     put_light_objects(space.root)

@@ -36,7 +36,7 @@ def ask(tmp_path):
     from hue_network import make_hue_classifier, write_photos, write_set
 
     from toolkit.core.workspace import make_workspace
-    from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
+    from toolkit.experiments.corruptions import CorruptEvalConfig
     from toolkit.experiments.corruptions.cells import open_variants, share_classes
     from toolkit.experiments.corruptions.grid import Grid, run_grid
     from toolkit.training.images import open_images

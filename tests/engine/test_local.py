@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.local import InProcess, LocalPool
 from toolkit.engine.units import Unit, explain_failure
 

@@ -8,7 +8,7 @@ from hue_network import BlindToGreen, make_hue_classifier, write_photos
 from toolkit.boosters import class_patches
 from toolkit.boosters.patch import PatchTask
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.training.processes import Processes
 
 POOL = EngineConfig(workers=2)

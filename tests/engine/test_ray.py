@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.engine import on_ray
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig, on_ray
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Unit
 

@@ -12,7 +12,7 @@ import pytest
 import walled_field
 
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.experiments.worlds import world_run
 from toolkit.rig import bake_cache
 
@@ -98,7 +98,7 @@ import sys
 from pathlib import Path
 from walled_field import make_config, make_field, make_onlooker
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.experiments.worlds import world_run
 from toolkit.worlds.sky import make_sky
 

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.compare import compare_runs, write_comparison
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.summaries import open_run
 

@@ -254,8 +254,8 @@ def test_the_coco_file_is_read_by_pycocotools(shot, tmp_path):
 def test_found_and_not_found_are_paired(shot):
     from toolkit.captures.read import read_captures
     from toolkit.captures.truth import outline_captures
+    from toolkit.evaluation import EvalConfig
     from toolkit.evaluation.detect import evaluate_detector
-    from toolkit.evaluation.eval_config import EvalConfig
 
     captures = read_captures(shot.captures_dir).captures
     masks, _ = outline_captures(captures, shot)

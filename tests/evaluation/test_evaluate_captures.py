@@ -12,8 +12,7 @@ from PIL import Image
 
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation import predict
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig, predict
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import predict_captures

@@ -10,7 +10,7 @@ from toolkit.captures.read import Capture
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import write_csv, write_fiftyone, write_parquet
 from toolkit.evaluation.predict import Detection

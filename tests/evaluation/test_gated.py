@@ -11,8 +11,8 @@ from toolkit.core.statistics import PairedOutcomes
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.tables import print_tables
 from toolkit.evaluation.verdict import judge_change
+from toolkit.photos.gates import Gate
 from toolkit.photos.gates.check_captures import CheckLine, open_gates_log
-from toolkit.photos.gates.result import Gate
 
 CLIPPED = Gate("over-exposure", 5.0, "% of the object clipped", "take it darker")
 

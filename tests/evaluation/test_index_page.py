@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 
 SHOWN = "return [...document.querySelectorAll('#rows tr')].filter(one => !one.hidden).map(one => ({...one.dataset}))"

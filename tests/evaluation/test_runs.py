@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.compare import compare_runs
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS
 from toolkit.evaluation.summaries import CLEAR, MEAN, find_runs, open_run, parse_where, pick_rows

@@ -11,9 +11,8 @@ import torch
 from PIL import Image
 from torch import nn
 
-from toolkit.evaluation import saliency
+from toolkit.evaluation import EvalConfig, saliency
 from toolkit.evaluation.contact_sheet import MAX_BYTES
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import FlipList
 from toolkit.evaluation.saliency import HEAT_COLOURS, draw_saliency, overlay_heat

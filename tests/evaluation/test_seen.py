@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from toolkit.captures.manifest import CaptureRecord, append_record
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.tables import build_tables, print_tables
 from toolkit.objects.records import write_patch, write_texture

@@ -41,9 +41,9 @@ def furnish(space: Workspace) -> None:
     from toolkit.captures.shoot import shoot_plan
     from toolkit.core.files import sha256_bytes
     from toolkit.corruptions.folder import corrupt_folder
+    from toolkit.photos.gates import GateResult
     from toolkit.photos.gates.check_captures import append_check
     from toolkit.photos.gates.check_photo import PhotoCheck
-    from toolkit.photos.gates.result import GateResult
     from toolkit.rig.board import DEFAULT_BOARD
     from toolkit.rig.board_file import BoardSpec, boards_dir, write_board, write_spec
     from toolkit.rig.plan import read_plan

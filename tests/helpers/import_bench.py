@@ -10,12 +10,12 @@ from PIL import Image
 
 from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.photos.settings import ImportSettings
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rig.requests import Pattern
 
 register_heif()
 START = datetime(2024, 5, 1, 10)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.experiments.corruptions.benchmark_config import CLEAN
+from toolkit.experiments.corruptions import CLEAN
 from toolkit.experiments.corruptions.grid import Benchmark, CellRanks
 from toolkit.experiments.corruptions.recognisers import NETWORK, READER
 

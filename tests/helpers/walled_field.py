@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from toolkit.experiments.worlds.world_config import WorldEvalConfig
+from toolkit.experiments.worlds import WorldEvalConfig
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile

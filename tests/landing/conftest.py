@@ -2,7 +2,7 @@
 
 import pytest
 
-from toolkit.landing.landing_config import CameraConfig
+from toolkit.landing import CameraConfig
 from toolkit.landing.site import PadSite, draw_pad, find_sky, find_world, plan_places
 from toolkit.worlds.world import World
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from toolkit.core.files import sha256_file, write_json
+from toolkit.landing import CameraConfig
 from toolkit.landing.dataset import DatasetFile, Sample, ShardFile, Split, Truth, encode_sample, write_shard
-from toolkit.landing.landing_config import CameraConfig
 from toolkit.models.architectures import build_network
 
 OPTICS = CameraConfig(image_px=48)

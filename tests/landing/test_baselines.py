@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from toolkit.landing import CameraConfig
 from toolkit.landing.baselines import ClassicalFinder, make_apriltag, make_features
 from toolkit.landing.episodes import place_cameras
-from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.site import PadSite, SiteView, draw_pad
 
 

@@ -10,8 +10,8 @@ import torch
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing import BoostConfig, PadPrintConfig
 from toolkit.landing.boost import PadTask, boost_pad, plan_views, start_picture
-from toolkit.landing.landing_config import BoostConfig, PadPrintConfig
 from toolkit.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
 from toolkit.landing.site import Pad, SiteView
 from toolkit.models.architectures import build_network

@@ -16,9 +16,9 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing import CameraConfig, CollectConfig
 from toolkit.landing.collect import Collected, Collector, collect, plan_shards
 from toolkit.landing.dataset import Sample, encode_sample, open_dataset, read_shard, read_split, write_shard
-from toolkit.landing.landing_config import CameraConfig, CollectConfig
 from toolkit.landing.site import draw_pad
 from toolkit.worlds.world import World
 

@@ -6,8 +6,8 @@ import pytest
 pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 from gymnasium.utils.env_checker import check_env
 
+from toolkit.landing import CameraConfig, EpisodeConfig
 from toolkit.landing.env import LandingEnv
-from toolkit.landing.landing_config import CameraConfig, EpisodeConfig
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.landing import GAINS, DescentConfig, EpisodeConfig, parse_gains
 from toolkit.landing.episodes import Episode, EpisodeDraws, FlatGround, Flights, Look, place_cameras
 from toolkit.landing.fly import fly
-from toolkit.landing.landing_config import GAINS, DescentConfig, EpisodeConfig, parse_gains
 
 PAD = np.array([3.0, -2.0, 1.0])
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_fly import record
 
+from toolkit.landing import FlyConfig
 from toolkit.landing.flight_report import CellResult, draw_map, pick_cells
 from toolkit.landing.fly import EpisodeRecord, FlightCell
-from toolkit.landing.landing_config import FlyConfig
 
 GREEN, ORANGE = (0, 122, 90), (194, 65, 12)
 HEIGHTS_M = (4.0, 2.0, 0.9, 0.7, -0.01)

@@ -13,9 +13,9 @@ from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing import EpisodeConfig, FlyConfig
 from toolkit.landing.flight_report import film_episode, group_cells, pair_cells, write_report, write_summary
 from toolkit.landing.fly import EpisodeRecord, FlightCell, Flown, fly_all
-from toolkit.landing.landing_config import EpisodeConfig, FlyConfig
 
 QUICK = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",

@@ -11,8 +11,8 @@ from PIL import Image
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import make_workspace
+from toolkit.landing import CameraConfig
 from toolkit.landing.episodes import place_cameras
-from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.site import (
     KINDS,
     Pad,

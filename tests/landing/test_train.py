@@ -11,8 +11,8 @@ from drawn import OPTICS, draw, write_drawn, write_start
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.dataset import SampleSet, read_split
-from toolkit.landing.landing_config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.regressor import (
     Regressor,
     RegressorRecord,

@@ -15,7 +15,7 @@ from toolkit.objects.mesh import place_on_table
 from toolkit.objects.records import pack_arrays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.objects.wrap import Wrap, find_wrap, lay_out, read_wrap, texel_box, write_wrap
-from toolkit.rig.requests import WrapConfig
+from toolkit.rig import WrapConfig
 from toolkit.rig.wrap_plan import plan_wrap
 
 

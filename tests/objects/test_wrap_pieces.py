@@ -107,6 +107,23 @@ def test_a_box_is_one_piece_folded_along_its_edges() -> None:
     assert all(min(abs(length - side) for side in (60, 40, 30)) < 1e-3 for length in lengths)
 
 
+def test_what_no_camera_sees_is_left_off() -> None:
+    mesh = box(60, 40, 30)
+    value = np.where((mesh.vertices[mesh.faces][..., 2] == mesh.vertices[:, 2].min()).all(axis=1), 0, areas(mesh))
+    [piece] = find_pieces(mesh, value, np.ones(12, bool), Limits(0.01, A4), 12)
+    check(mesh, [piece], 0.01)
+    assert sorted(piece.faces) == np.flatnonzero(value).tolist()  # the ground is not printed
+
+
+def test_what_holds_a_piece_together_stays_though_nobody_sees_it() -> None:
+    mesh = pipe(20, 60, 48)  # its front and back are seen, its sides are not
+    side = np.abs(mesh.vertices[mesh.faces].mean(axis=1)[:, 1]) > 14
+    value = np.where(side, 0, areas(mesh))
+    [piece] = find_pieces(mesh, value, np.ones(len(mesh.faces), bool), Limits(0.001, A4), 12)
+    check(mesh, [piece], 0.001)
+    assert np.isin(np.flatnonzero(~side), piece.faces).all() and side[piece.faces].any()
+
+
 def test_a_cylinder_unrolls_to_a_rectangle_with_one_seam() -> None:
     mesh, width = pipe(20, 60, 48), 2 * 48 * 20 * np.sin(np.pi / 48)
     [piece] = find(mesh, 0.001, 12)

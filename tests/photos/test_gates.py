@@ -18,6 +18,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
 from toolkit.objects.spec import PatchMount
 from toolkit.photos.board_pose import find_board
+from toolkit.photos.gates import Gate
 from toolkit.photos.gates import check_captures as folder_check
 from toolkit.photos.gates.check_captures import (
     GATES_FILE,
@@ -41,7 +42,6 @@ from toolkit.photos.gates.framing import (
     middle_of,
 )
 from toolkit.photos.gates.objects import Solid, draw_silhouette, silhouette_px
-from toolkit.photos.gates.result import Gate
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board

@@ -21,11 +21,11 @@ from toolkit.photos.importing.gather import Candidate, CaptureKey
 from toolkit.photos.importing.match import RenderMatcher
 from toolkit.photos.photo import read_photo
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.rig import Pattern, WrapConfig
 from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan
-from toolkit.rig.requests import Pattern, WrapConfig
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.rig.wrap_plan import plan_wrap
 

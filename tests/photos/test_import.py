@@ -12,10 +12,10 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import CaptureKey
 from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.match import Decision, Doubt
-from toolkit.photos.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots

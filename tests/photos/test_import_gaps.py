@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.align import EXTRA, LIKE, NO_SHOT, WRONG, align_shots, rate_corners
-from toolkit.photos.settings import ImportSettings
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rig.requests import Pattern
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
 FAR = 6.0

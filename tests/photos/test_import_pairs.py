@@ -13,10 +13,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
+from toolkit.photos import ImportSettings
 from toolkit.photos.gates.check_captures import check_captures
 from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.photos.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 
 VARIANTS = ("unpatched", "bear1", "bearcontrol")

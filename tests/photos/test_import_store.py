@@ -12,10 +12,10 @@ from PIL import Image
 from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
+from toolkit.photos import ImportSettings
+from toolkit.photos.gates import Gate
 from toolkit.photos.gates.check_photo import ExpectationBuilder
-from toolkit.photos.gates.result import Gate
 from toolkit.photos.importing.gather import REPLACED
-from toolkit.photos.settings import ImportSettings
 
 space, folder = import_bench.space, import_bench.folder
 run = partial(import_bench.run, by_render=no_render)  # names say the pose, and nothing here depends on the render

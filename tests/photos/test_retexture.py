@@ -16,11 +16,11 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.photos import RetextureConfig
 from toolkit.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.photos.prints.look import _smooth_noise, draw_texels
 from toolkit.photos.retexture import retexture
-from toolkit.photos.settings import RetextureConfig
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 N, SIDE = 24, 240

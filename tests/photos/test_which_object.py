@@ -7,9 +7,9 @@ import pytest
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.objects import KnownObjects, judge_likeness
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, write_plan
-from toolkit.rig.requests import Pattern
 
 CAMERA = Camera.from_fov(640, 480, 40.0)
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from printed_pages import make_patch, render
 
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.printing.marks import FIDUCIALS, STRIP
 from toolkit.printing.page import parse_paper
 from toolkit.printing.print_boards import build_strip_pdf
-from toolkit.printing.settings import PrintSettings
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from printed_pages import make_patch, make_pixels
 from pypdf import PdfReader
 
 from toolkit.objects.records import Patch
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import parse_paper
-from toolkit.printing.settings import PrintSettings
 
 
 @pytest.fixture(scope="module")

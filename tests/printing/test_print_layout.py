@@ -5,9 +5,9 @@ import itertools
 import pytest
 
 from toolkit.core.errors import ToolkitError
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import effective_percent, measure_side_mm, plan_pages
 from toolkit.printing.page import BARS_MM, CAPTION_MM, MARK_MM, PAPERS_MM, CopiesPage, PageFrame, TilePage, parse_paper
-from toolkit.printing.settings import PrintSettings
 
 PAPERS = ["135x135mm", "a5", "a4", "letter", "tabloid", "a3", "1000x140mm"]
 

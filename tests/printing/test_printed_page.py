@@ -5,10 +5,10 @@ import pytest
 from printed_pages import longest_run, make_patch, render
 
 from toolkit.objects.records import Patch
+from toolkit.printing import PrintSettings
 from toolkit.printing import document as artwork
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import parse_paper
-from toolkit.printing.settings import PrintSettings
 
 TOLERANCE_MM = 0.1
 """PDFium moves an edge by up to a device pixel outwards: at 600 dpi two edges make 0.085 mm, at 300 dpi twice that."""

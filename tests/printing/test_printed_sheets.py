@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.cli.rig import plan
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, read_page
-from toolkit.printing.settings import PrintSettings
 
 TWO_TABLES = '[[patch]]\nat = "top"\nsize_mm = 40\n\n[[patch]]\nat = "left"\nsize_mm = 25\nrotation_deg = 90\n'
 

@@ -22,10 +22,10 @@ from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.printing.shot_list.mounting import draw_mountings, draw_views, make_light_studio
 from toolkit.printing.shot_list.session import equivalent_focal_mm
 from toolkit.printing.shot_list.tour import trace_outline
+from toolkit.rig import Pattern, ShotListConfig
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
-from toolkit.rig.requests import Pattern, ShotListConfig
 
 COUNT = 8
 

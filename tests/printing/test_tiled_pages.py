@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from printed_pages import Raster, make_patch, render
 
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import MapPage, TilePage, parse_paper, split_length, tile_sheet
-from toolkit.printing.settings import PrintSettings
 
 DPI = 300
 

@@ -18,9 +18,9 @@ from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.check_captures import printed_sides
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.print_patches import choose_wearer
-from toolkit.printing.settings import PrintSettings
 from toolkit.rig.variants import find_booster
 
 

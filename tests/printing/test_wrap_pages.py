@@ -21,9 +21,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import BLEED_MM, read_wrap, write_wrap
-from toolkit.printing.settings import PrintSettings, WrapSettings
+from toolkit.printing import PrintSettings, WrapSettings
 from toolkit.printing.wraps import CUT, order_pieces, print_wrap
-from toolkit.rig.requests import WrapConfig
+from toolkit.rig import WrapConfig
 from toolkit.rig.wrap_plan import plan_wrap
 
 MM_PER_INCH = 25.4

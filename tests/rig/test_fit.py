@@ -13,10 +13,10 @@ from toolkit.cli.rig import capture_sim, plan
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import PatchMount
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, measure_fit, sheet_points
 from toolkit.rig.plan import list_misfits, make_plan, plan_poses, seen_share, write_plan
-from toolkit.rig.requests import Pattern
 
 
 def test_on_a_flat_top_all_of_it_lies(make_box):

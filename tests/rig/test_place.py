@@ -14,10 +14,10 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import make_ray_scene, merge_meshes
 from toolkit.objects.spec import PatchMount, read_spec, write_mounts
+from toolkit.rig import PlaceConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import find_places, judge_place
 from toolkit.rig.plan import Pose
-from toolkit.rig.requests import PlaceConfig
 
 CAMERA = Camera.from_fov(640, 480, 40)
 

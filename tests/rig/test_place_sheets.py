@@ -10,10 +10,10 @@ from toolkit.cli.app import make_single
 from toolkit.cli.rig import place
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
+from toolkit.rig import Pattern, PlaceConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses, find_sheets, share_seen
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rig.requests import Pattern, PlaceConfig
 
 CAMERA = Camera.from_fov(640, 480, 40)
 

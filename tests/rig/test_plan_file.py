@@ -9,9 +9,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import check_poses, keep_others, make_plan, open_plan, read_plan, write_plan
-from toolkit.rig.requests import Pattern
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from toolkit.core.errors import ToolkitError
+from toolkit.rig import Pattern
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.plan import PATTERNS, spread_poses
-from toolkit.rig.requests import Pattern
 
 NAMES = list(PATTERNS)
 

@@ -9,9 +9,9 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.objects.spec import ObjectSpec
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import make_plan
-from toolkit.rig.requests import Pattern
 from toolkit.rig.shot_order import (  # fmt: skip
     ORDERS,
     ShotStep,

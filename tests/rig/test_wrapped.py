@@ -6,7 +6,7 @@ from wrap_parts import FRONT_AND_TOP, N_PX, SIDE, TEXEL_MM, make_box_wrap
 
 from toolkit.core.draws import Draws
 from toolkit.objects.mesh import cross_products
-from toolkit.rig.requests import Misfit
+from toolkit.rig import Misfit
 from toolkit.rig.wrapped import EDGE_MM, IN_PLACE, LAYER_MM, SHEET_MM, draw_places, lay_piece, wear_wrap
 
 CANVAS = np.full((N_PX, N_PX, 3), 90, np.uint8)

@@ -19,8 +19,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.records import NetworkRecord
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.printing.shot_list.job import write_shot_list
+from toolkit.rig import Misfit, ShotListConfig, WrapConfig
 from toolkit.rig.plan import read_plan
-from toolkit.rig.requests import Misfit, ShotListConfig, WrapConfig
 from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 

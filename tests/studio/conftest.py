@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.photos.gates.result import Gate
+from toolkit.photos.gates import Gate
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 

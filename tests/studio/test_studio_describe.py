@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from toolkit.photos.gates.result import Gate
+from toolkit.photos.gates import Gate
 from toolkit.photos.locate import match_pose
 from toolkit.rig.camera import orbit_pose
 from toolkit.rig.plan import Pose

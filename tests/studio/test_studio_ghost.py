@@ -7,7 +7,7 @@ from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates import GateResult
 from toolkit.photos.photo import read_photo
 from toolkit.rig.camera import project
 from toolkit.rig.plan import read_plan

@@ -5,9 +5,9 @@ import pytest
 from toolkit.captures.manifest import read_manifest
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import REPLACED
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.settings import ImportSettings
 from toolkit.studio.session import open_session
 
 

@@ -1,8 +1,13 @@
 """The list that the empty city is measured against."""
 
+import sys
+from pathlib import Path
+
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.labels import imagenet_wnids
-from toolkit.worlds.urban import URBAN_CLASSES, urban_indices
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "scripts"))
+from empty_city import URBAN_CLASSES, urban_indices
 
 
 def test_every_class_is_one_of_imagenets() -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.transforms.base import Placer
+from toolkit.boosters.transforms import Placer
 from toolkit.boosters.transforms.placement import AffineRanges, Placement
 from toolkit.boosters.transforms.show import warp_patch
 from toolkit.core.errors import ToolkitError

@@ -19,7 +19,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Shared, Unit, give, run_resumable
 from toolkit.imaging.preprocessing import Preprocessing

@@ -9,7 +9,7 @@ import torch
 
 from toolkit.boosters.pixel_config import Settings
 from toolkit.boosters.pixels import Network, Target, resize_photos, resolve_targets
-from toolkit.boosters.transforms.base import OF_NETWORKS
+from toolkit.boosters.transforms import OF_NETWORKS
 from toolkit.boosters.transforms.transfer import find_layers
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing

@@ -22,7 +22,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_transforms,
 )
-from toolkit.boosters.transforms.base import OF_NETWORKS, Placer
+from toolkit.boosters.transforms import OF_NETWORKS, Placer
 from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, ProfiledPrint, TapeGlare, use_profile
 from toolkit.boosters.transforms.show import Appearance

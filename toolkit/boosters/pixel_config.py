@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from toolkit.boosters.transforms.base import OF_NETWORKS, STAGES, Transform
+from toolkit.boosters.transforms import OF_NETWORKS, STAGES, Transform
 from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
 from toolkit.boosters.transforms.transfer import BlockShuffle, FeatureMixup
 from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words

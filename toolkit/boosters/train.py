@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from toolkit.boosters import patch, patch_config, texture, texture_config, wrap_config, wrap_task
+from toolkit.boosters import patch, patch_config, texture, texture_config, wrap_task
 from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Network
@@ -127,7 +127,7 @@ def train_wrap(
         restart: forget what an earlier run left.
         workers: threads that render ahead; 0: none; by default one for each core.
         settings: instead of the recipe's: steps, batch, lr and so on, by the names of
-            `toolkit.boosters.wrap_config.WrapTrainConfig`; `misfit=False` sticks each piece exactly in its place.
+            `toolkit.boosters.texture_config.WrapTrainConfig`; `misfit=False` sticks each piece exactly in its place.
 
     Returns:
         `wrap` (its `pixels` are (n, n, 3) uint8 sRGB, a texel is `wrap.record.texel_mm` millimetres), `files`, and per
@@ -149,7 +149,7 @@ def train_wrap(
     overrides = {**settings, "objects": (object_name,), "backgrounds": backgrounds, "seed": seed}
     if print_profile is not None:
         overrides = patch_config.use_printer(overrides, print_profile)
-    config = wrap_config.make_config(recipe, overrides)
+    config = texture_config.make_wrap_config(recipe, overrides)
     return wrap_task.train_wrap(
         config, _as_list(classifiers), workspace, class_name=class_name, restart=restart, workers=workers
     )

@@ -13,10 +13,9 @@ from toolkit.boosters.detectors import meet_networks
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixels import Network, Target, from_picture, list_networks
 from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
-from toolkit.boosters.texture_config import METHOD_VERSION
+from toolkit.boosters.texture_config import METHOD_VERSION, WrapTrainConfig
 from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
 from toolkit.boosters.validation import WeatherValidation
-from toolkit.boosters.wrap_config import WrapTrainConfig
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -38,7 +37,7 @@ from toolkit.objects.wrap import (
     wrap_folder,
     write_wrap,
 )
-from toolkit.rig.requests import Misfit
+from toolkit.rig import Misfit
 from toolkit.rig.views import PaintableObject, RenderedView
 from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap

@@ -22,7 +22,7 @@ from toolkit.captures.shoot import (
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import real_path
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board_file import PRINTED
 from toolkit.rig.camera import Camera

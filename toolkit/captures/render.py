@@ -15,13 +15,13 @@ from toolkit.objects.add import DEFAULT_PATCH_MM
 from toolkit.objects.export_mesh import make_turntable
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import Patch, Texture
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfits
 from toolkit.rig.mount import attach, mount_sheets
 from toolkit.rig.plan import CapturePlan, Pose, plan_poses
 from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
-from toolkit.rig.renderer import make_renderer
-from toolkit.rig.requests import Pattern
+from toolkit.rig.raycast import make_renderer
 from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import Paint, Print, apply_booster
 

@@ -26,12 +26,12 @@ from toolkit.imaging.printer import read_print_profile
 from toolkit.imaging.read import encode_image
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
+from toolkit.rig import PAIR
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
-from toolkit.rig.renderer import RENDERERS, make_renderer
-from toolkit.rig.requests import PAIR
+from toolkit.rig.raycast import RENDERERS, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio

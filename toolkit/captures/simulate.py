@@ -11,7 +11,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupted_copy import CorruptedSource, Corruption
@@ -129,8 +129,8 @@ def simulate_captures(
     # here, as help needs the config above alone; and without corruptions torch need not be loaded
     from toolkit.captures.like import MAX_PX, board_shown, shoot_like
     from toolkit.captures.shoot import ShootSettings, make_rehearsal
+    from toolkit.rig import PAIR
     from toolkit.rig.board_file import read_board, with_board
-    from toolkit.rig.requests import PAIR
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:

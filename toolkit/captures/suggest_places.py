@@ -17,6 +17,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
 from toolkit.objects.spec import ObjectRequest, Side, read_spec, write_mounts
 from toolkit.objects.wrap import Wrap, write_wrap
+from toolkit.rig import Pattern, PlaceConfig, WrapConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, mounted_sizes_mm
 from toolkit.rig.patch_places import (
@@ -30,7 +31,6 @@ from toolkit.rig.patch_places import (
 )  # fmt: skip
 from toolkit.rig.plan import open_plan, plan_poses
 from toolkit.rig.plan_pictures import draw_pieces, draw_stretch
-from toolkit.rig.requests import Pattern, PlaceConfig, WrapConfig
 from toolkit.rig.wrap_plan import plan_wrap
 
 if TYPE_CHECKING:

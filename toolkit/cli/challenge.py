@@ -9,8 +9,8 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table, warn
 from toolkit.core.workspace import open_workspace
-from toolkit.engine.config import EngineConfig
-from toolkit.experiments.challenge.rules import JUDGES, EntryConfig
+from toolkit.engine import EngineConfig
+from toolkit.experiments.challenge import JUDGES, EntryConfig
 
 EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of the entry.")]
 

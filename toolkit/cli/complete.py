@@ -67,7 +67,7 @@ def _list_models(space: Workspace) -> list[str]:
 
 
 def _list_baselines(space: Workspace) -> tuple[str, ...]:
-    from toolkit.boosters.baselines.baseline_config import BaselineConfig
+    from toolkit.boosters.baselines import BaselineConfig
 
     return get_args(BaselineConfig.model_fields["kind"].annotation)
 

@@ -13,12 +13,12 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import find_note, parse_corruptions
-from toolkit.engine.config import EngineConfig
-from toolkit.evaluation.eval_config import EvalConfig
-from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
-from toolkit.experiments.sweeps.sweep_config import SweepConfig
-from toolkit.experiments.transfer.transfer_config import TransferConfig
-from toolkit.experiments.worlds.world_config import WorldEvalConfig
+from toolkit.engine import EngineConfig
+from toolkit.evaluation import EvalConfig
+from toolkit.experiments.corruptions import CorruptEvalConfig
+from toolkit.experiments.sweeps import SweepConfig
+from toolkit.experiments.transfer import TransferConfig
+from toolkit.experiments.worlds import WorldEvalConfig
 
 if TYPE_CHECKING:
     from toolkit.evaluation.evaluate import Evaluation

@@ -11,9 +11,9 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
 from toolkit.core.errors import one_of
 from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
-from toolkit.engine.config import EngineConfig
-from toolkit.landing.landing_config import RECIPES as TRAINING
-from toolkit.landing.landing_config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
+from toolkit.engine import EngineConfig
+from toolkit.landing import RECIPES as TRAINING
+from toolkit.landing import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
     from toolkit.landing.collect import Collected

@@ -15,7 +15,7 @@ from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
 from toolkit.core.severities import list_spans
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.photos.settings import ImportSettings, RetextureConfig
+from toolkit.photos import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
     from toolkit.models.network import Classifier

@@ -11,7 +11,7 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import open_workspace
-from toolkit.printing.settings import PrintSettings, SheetSettings, WrapSettings
+from toolkit.printing import PrintSettings, SheetSettings, WrapSettings
 
 if TYPE_CHECKING:
     from toolkit.printing.print_boards import PrintedBoard

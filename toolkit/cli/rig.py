@@ -13,9 +13,9 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.objects.spec import read_spec
-from toolkit.rig.requests import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
+from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
     from toolkit.printing.shot_list.job import WrittenShotList

@@ -131,8 +131,8 @@ def demo(
     from toolkit.models.find import BUNDLED
     from toolkit.models.load import load_best
     from toolkit.printing.print_patches import print_all
+    from toolkit.rig import Pattern
     from toolkit.rig.plan import open_plan
-    from toolkit.rig.requests import Pattern
 
     space = make_workspace(folder)
     classifier, why = load_best(device)

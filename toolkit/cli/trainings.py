@@ -8,23 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import Field
 
-from toolkit.boosters.baselines.baseline_config import FIXED_PATTERN, NEED_DATA, BaselineConfig
+from toolkit.boosters.baselines import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
 from toolkit.boosters.patch_config import use_printer
 from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
+from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
 from toolkit.boosters.texture_config import make_config as make_texture_config
 from toolkit.boosters.transforms.placement import Placement
-from toolkit.boosters.wrap_config import RECIPES as WRAP_RECIPES
-from toolkit.boosters.wrap_config import make_config as make_wrap_config
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
 from toolkit.cli.output import show_result, warn
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.refine_config import RefineConfig
 

@@ -19,8 +19,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import (

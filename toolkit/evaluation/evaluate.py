@@ -9,6 +9,7 @@ from typing import Any
 
 from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.contact_sheet import (
     MANY_SHEETS,
     Card,
@@ -18,7 +19,6 @@ from toolkit.evaluation.contact_sheet import (
     lay_out_flips,
     make_thumbnails,
 )
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
 from toolkit.evaluation.page import write_page

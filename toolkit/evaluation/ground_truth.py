@@ -14,7 +14,7 @@ from toolkit.core.files import sha256_file
 from toolkit.core.tables import format_test
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import find_note
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.metrics import Comparison
 from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec

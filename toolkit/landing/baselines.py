@@ -9,9 +9,9 @@ import numpy as np
 
 from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
+from toolkit.landing import CollectConfig
 from toolkit.landing.collect import Collector
 from toolkit.landing.dataset import SampleSet, open_dataset, read_split
-from toolkit.landing.landing_config import CollectConfig
 from toolkit.landing.regressor import ErrorRow, summarise_errors
 from toolkit.landing.site import TAG, TAG_SHARE, Pad, draw_pad, find_pad, find_world
 from toolkit.rig.camera import Camera

@@ -21,14 +21,14 @@ from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.landing import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.landing.episodes import place_cameras
-from toolkit.landing.landing_config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.landing.train import LEAST_HEIGHT_M
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
-from toolkit.printing.settings import PrintSettings
 from toolkit.rig.raycast import map_frames
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit

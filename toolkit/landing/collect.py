@@ -15,8 +15,9 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
+from toolkit.landing import CollectConfig
 from toolkit.landing.dataset import (
     DATASET,
     DatasetFile,
@@ -29,7 +30,6 @@ from toolkit.landing.dataset import (
     write_shard,
 )
 from toolkit.landing.episodes import place_cameras
-from toolkit.landing.landing_config import CollectConfig
 from toolkit.landing.site import Pad, PadPlace, PadSite, Sites, SiteView, find_pad, find_world, place_at, plan_places
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World

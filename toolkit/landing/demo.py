@@ -5,11 +5,7 @@ from pathlib import Path
 
 from toolkit.core.console import notice
 from toolkit.core.workspace import Workspace
-from toolkit.landing.boost import Boosted, boost_pad
-from toolkit.landing.collect import collect
-from toolkit.landing.flight_report import CellResult, PairResult, film_episode, write_report, write_summary
-from toolkit.landing.fly import fly_all
-from toolkit.landing.landing_config import (
+from toolkit.landing import (
     BoostConfig,
     CameraConfig,
     CollectConfig,
@@ -17,6 +13,10 @@ from toolkit.landing.landing_config import (
     FlyConfig,
     LandingTrainConfig,
 )
+from toolkit.landing.boost import Boosted, boost_pad
+from toolkit.landing.collect import collect
+from toolkit.landing.flight_report import CellResult, PairResult, film_episode, write_report, write_summary
+from toolkit.landing.fly import fly_all
 from toolkit.landing.train import TrainedRegressor, train_regressor
 from toolkit.worlds.conditions import parse_weathers
 

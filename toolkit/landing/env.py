@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.landing import CameraConfig, EpisodeConfig
 from toolkit.landing.episodes import FLYING, Flights
 from toolkit.landing.fly import TICKS
-from toolkit.landing.landing_config import CameraConfig, EpisodeConfig
 from toolkit.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.worlds.conditions import CLEAR
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from toolkit.core.draws import Draws
+from toolkit.landing import EpisodeConfig
 from toolkit.landing.dynamics import (
     SIMPLE_FLIGHT,
     STATE,
@@ -17,7 +18,6 @@ from toolkit.landing.dynamics import (
     VelocityControl,
     advance,
 )
-from toolkit.landing.landing_config import EpisodeConfig
 
 # of AirSim's own physics
 STEP_S = 0.003

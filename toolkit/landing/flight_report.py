@@ -21,9 +21,9 @@ from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.page import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel, write_page
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.landing import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.landing.episodes import OUTCOMES, Flights
 from toolkit.landing.fly import TICKS, EpisodeRecord, FlightCell, Flown
-from toolkit.landing.landing_config import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.landing.regressor import list_regressors, load_regressor
 from toolkit.landing.site import PadSite, SiteView, find_pad, find_sky, find_world
 from toolkit.rig.raycast import map_frames

@@ -14,11 +14,11 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
+from toolkit.landing import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.landing.baselines import make_apriltag, make_features
 from toolkit.landing.episodes import Episode, Flights, Look
-from toolkit.landing.landing_config import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import Pad, PadPlace, PadSite, Sites, SiteView, WorldGround, find_pad, find_world, plan_places
 from toolkit.rig.raycast import map_frames

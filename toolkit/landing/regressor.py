@@ -15,8 +15,8 @@ from toolkit.core.files import read_json, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.page import SKY
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.landing import CameraConfig, Pool
 from toolkit.landing.dataset import Sample, SampleSet, find_shard, open_dataset, read_shard
-from toolkit.landing.landing_config import CameraConfig, Pool
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_task import load_tensors

@@ -16,7 +16,7 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
-from toolkit.landing.landing_config import CameraConfig, Ground
+from toolkit.landing import CameraConfig, Ground
 from toolkit.objects.mesh import Material, Mesh, cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.lighting import BakeDetail

@@ -17,8 +17,8 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
+from toolkit.landing import LandingTrainConfig, Pool
 from toolkit.landing.dataset import LoadedSet, SampleSet, join_samples, read_sets
-from toolkit.landing.landing_config import LandingTrainConfig, Pool
 from toolkit.landing.regressor import (
     SUFFIX,
     ErrorRow,

@@ -271,18 +271,18 @@ def relax_region(surface: Surface, region: Region, steps: int) -> Region:
 
 def hold_together(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
     """Rows of those kept that hang together with the first face by joined edges."""
-    part = _parts_of(surface, region, kept)
+    part = parts_of(surface, region, kept)
     return np.flatnonzero(kept & (part == part[0]))
 
 
 def largest_part(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
     """Rows of those kept in the largest part that joined edges hold together."""
-    part = _parts_of(surface, region, kept)
+    part = parts_of(surface, region, kept)
     size = np.bincount(part, np.where(kept, surface.area[region.faces], 0))
     return np.flatnonzero(kept & (part == size.argmax()))
 
 
-def _parts_of(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
+def parts_of(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
     """(k,) the part of each face, of those that joined edges between kept ones hold together."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -30,7 +30,7 @@ from toolkit.objects.flatten import (
     weld_surface,
 )
 from toolkit.objects.mesh import Mesh, load_open3d
-from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, make_piece
+from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece
 
@@ -199,6 +199,7 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
         found = _find_coarsely(surface, make_coarse(surface, free), value, free, limits, count)
     else:
         found = find_regions(surface, value, free, limits, count)
+    found = [leave_hidden(surface, region, value, limits) for region in found]
     found.sort(key=lambda one: -_worth(one, value))
     return [make_piece(surface, region, limits.sheet_mm) for region in found]
 

@@ -13,6 +13,7 @@ from toolkit.objects.flatten import (
     join_edges,
     largest_part,
     measure_stretch,
+    parts_of,
     relax_region,
     signed_areas,
     take,
@@ -131,6 +132,43 @@ def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
         np.concatenate([region.joined, np.zeros((len(face), 3), bool)]),
     )  # fmt: skip
     return join_edges(surface, grown, 0.0)
+
+
+HIDDEN_MM2 = 100.0
+"""What no camera sees is left off a piece from this size on."""
+LOST = 0.01
+"""Share of a piece's value that it may lose with that."""
+
+
+def leave_hidden(surface: Surface, region: Region, value: np.ndarray, limits: Limits) -> Region:
+    """Take off what is worth nothing, such as the ground of a pot, but for what holds the rest together.
+
+    Args:
+        surface: in mm.
+        region: finished.
+        value: (m,) what each face is worth.
+        limits: of the piece.
+    """
+    hidden, area = value[region.faces] <= 0, surface.area[region.faces]
+    part = parts_of(surface, region, hidden)
+    size = np.bincount(part, np.where(hidden, area, 0))
+    least = (1 - LOST) * _worth(region, value)
+    rows = np.arange(len(area))
+    for one in np.flatnonzero(size >= HIDDEN_MM2):
+        kept = np.zeros(len(area), bool)
+        kept[rows] = part[rows] != one
+        trial = largest_part(surface, region, kept)
+        rows = trial if float(value[region.faces[trial]].sum()) >= least else rows
+    if len(rows) == len(area):
+        return region
+    free = np.zeros(len(value), bool)
+    free[region.faces] = True
+    cut = finish(surface, even_border(surface, take(surface, region, rows), free), value, limits)
+    return region if cut is None or _worth(cut, value) < least else cut
+
+
+def _worth(region: Region, value: np.ndarray) -> float:
+    return float(value[region.faces].sum())
 
 
 def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:

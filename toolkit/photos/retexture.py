@@ -24,11 +24,11 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import decode_image, encode_image, open_image
 from toolkit.models.network import Classifier
+from toolkit.photos import RetextureConfig
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.photos.prints.find import rectify_patch
 from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, read_known, use_each
 from toolkit.photos.prints.look import read_texels
-from toolkit.photos.settings import RetextureConfig
 
 RETEXTURED = "retextured"
 AS_TAKEN = "as-taken"

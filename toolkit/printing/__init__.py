@@ -1,1 +1,154 @@
-"""From booster to page, in millimetres."""
+"""From booster to page, in millimetres.
+
+What `toolkit print` can be told is declared here: the page of a patch, or a sheet to stand objects on.
+"""
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.errors import FieldError
+from toolkit.objects.spec import BASE_DPI, SCALE
+from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, Orientation, Paper, parse_paper
+
+MOST_COPIES = 1000
+WIDEST_MARGIN_MM = 100.0
+SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
+SHEET = "The sheet that objects stand on, or the strip of colours"
+PAGE = "On paper"
+WRAP = "The pieces of a wrap"
+AnyPaper = Annotated[Paper, BeforeValidator(lambda paper: parse_paper(paper) if isinstance(paper, str) else paper)]
+
+
+def _read_percent(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(value.strip().removesuffix("%"))
+    except ValueError:
+        raise ValueError("expected a percentage such as 250 or 250%") from None
+
+
+def _read_squares(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    found = SQUARES.match(value)
+    if found is None:
+        raise ValueError("expected columns x rows such as 7x10")
+    return int(found[1]), int(found[2])
+
+
+class PrintSettings(Config):
+    """How a patch is printed.
+
+    Example:
+        >>> settings = tk.PrintSettings(size_mm=60.0, paper="letter")
+        >>> settings.paper.width_mm, settings.copies, settings.margin_mm
+        (215.9, 1, 5.0)
+    """
+
+    scale_percent: Annotated[
+        float | None,
+        Field(gt=0),
+        BeforeValidator(_read_percent),
+        Flag("--scale", metavar="PERCENT", group=PAGE, typed=str),
+    ] = Field(
+        None,
+        description="Side of the print = pixels / dpi × scale.  [default: the size that the object's spec states, else "
+        f"{100 * SCALE:g}]",
+    )
+    dpi: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
+        None, description=f"Patch pixels per inch at 100 %.  [default: {BASE_DPI:g}]"
+    )
+    size_mm: Annotated[float | None, Field(gt=0), Flag(metavar="MM", group=PAGE)] = Field(
+        None, description="Side of the printed patch, without its white margin, in place of {scale_percent} and {dpi}."
+    )
+    copies: Annotated[int, Field(ge=1, le=MOST_COPIES), Flag(group=PAGE)] = Field(
+        1, description="Of each patch, packed on a page where they fit."
+    )
+    margin_mm: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_MM), Flag(group=PAGE)] = Field(
+        5.0, description="Width of white paper around the patch, for the tape; it lies inside the cut line."
+    )
+    paper: Annotated[AnyPaper, Flag(metavar="SIZE", group=PAGE, typed=str)] = Field(
+        parse_paper("a4"), description="a0 to a5, b3 to b5, letter, legal, tabloid, or one's own: 200x300mm."
+    )
+    orientation: Annotated[Orientation, Flag(group=PAGE)] = Field("auto", description="auto: the one with fewer pages.")
+
+    @property
+    def states_size(self) -> bool:
+        """Whether one of them was asked for: else the object that the patch goes on decides."""
+        # None, not a default: a size that was typed counts before the object's spec, even where it is equal
+        return (self.size_mm, self.scale_percent, self.dpi) != (None, None, None)
+
+
+CutFormat = Literal["svg", "dxf"]
+
+
+class WrapSettings(Config):
+    """How the pieces of a wrap are printed and cut."""
+
+    roll_mm: Annotated[float | None, Field(ge=SMALLEST_MM, le=LARGEST_MM), Flag("--roll", metavar="MM", group=WRAP)] = (
+        Field(None, description="Width of a roll in place of sheets; the first page stays on {paper}.")
+    )
+    cut: Annotated[CutFormat | None, Flag(metavar="svg|dxf", group=WRAP)] = Field(
+        None, description="Also write the outlines alone, in mm, one file a page."
+    )
+
+
+class SheetSettings(Config):
+    """Which sheet is printed, if any, and its measures; what is None is chosen to suit.
+
+    Raises:
+        FieldError: two sheets at once, or a measure of another sheet or of none.
+    """
+
+    board: Annotated[bool, Flag("--board", group=SHEET)] = Field(
+        False, description="A ChArUco board to stand the object on: photographs then tell where the camera was."
+    )
+    ring: Annotated[bool, Flag("--ring", group=SHEET)] = Field(
+        False, description="A ring of markers instead of the board, for a turntable."
+    )
+    colour_strip: Annotated[bool, Flag("--colour-strip", group=SHEET)] = Field(
+        False, description="A page of known colours only; a patch's page has them where they fit."
+    )
+    squares: Annotated[
+        tuple[int, int] | None,
+        BeforeValidator(_read_squares),
+        Flag("--board-squares", metavar="COLUMNSxROWS", group=SHEET, typed=str),
+    ] = Field(None, description="Of the board.  [default: 12x15]")
+    square_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Side of its squares.  [default: 26, or with {squares} what fits on a page]"
+    )
+    ring_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Diameter of the free disc in the ring.  [default: 300]"
+    )
+    marker_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Side of the markers.  [default: three quarters of a square, or to suit the ring]"
+    )
+    ink_percent: Annotated[float | None, Flag("--ink", metavar="PERCENT", group=SHEET)] = Field(
+        None,
+        description="How dark board or ring is; 100 (black) distracts networks: use it only to calibrate.  "
+        "[default: 10]",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "SheetSettings":
+        asked = [kind for kind in ("board", "ring", "colour_strip") if getattr(self, kind)]
+        if len(asked) > 1:
+            raise FieldError("expected one of them: print the others by calls of their own", dict.fromkeys(asked, True))
+        belongs = {
+            "squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],
+            "ink_percent": ["board", "ring"],
+        }  # fmt: skip
+        for name, kinds in belongs.items():
+            if getattr(self, name) is not None and not set(asked) & set(kinds):
+                wanted = " or ".join(f"{{{kind}}}" for kind in kinds)
+                raise FieldError(f"goes with {wanted}: add that, or leave it out", {name: getattr(self, name)})
+        return self
+
+    @property
+    def kind(self) -> str | None:
+        """`board`, `ring`, `colour-strip`, or None where no sheet is asked for."""
+        return "board" if self.board else "ring" if self.ring else "colour-strip" if self.colour_strip else None

@@ -12,6 +12,7 @@ from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 from toolkit.core.errors import FieldError
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
 from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Side
+from toolkit.printing import PrintSettings
 from toolkit.printing.canvas import Pdf
 from toolkit.printing.marks import (
     CUT_IT,
@@ -24,7 +25,6 @@ from toolkit.printing.marks import (
     reserve_strip,
 )
 from toolkit.printing.page import CopiesPage, Page, PagePlan, Rect, pack_copies, plan_sheet
-from toolkit.printing.settings import PrintSettings
 
 SAME_MM = 0.05
 STATED = re.compile(rb"size_mm=([0-9.+]+), n_px=\d+, patch_sha256=([0-9a-f]{64})")

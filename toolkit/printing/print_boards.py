@@ -10,6 +10,7 @@ from toolkit import __version__
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.printing import PrintSettings, SheetSettings
 from toolkit.printing.canvas import BOLD, Pdf, measure_text_mm
 from toolkit.printing.marks import (
     STRIP,
@@ -24,7 +25,6 @@ from toolkit.printing.marks import (
 )
 from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
-from toolkit.printing.settings import PrintSettings, SheetSettings
 from toolkit.rig.board import DEFAULT_BOARD, MARKER_SHARE, Board, CharucoBoard
 from toolkit.rig.board_file import DEFAULT_RING, MarkerRing, board_file, choose_ring, read_board, write_board
 from toolkit.rig.markers import PALE_PERCENT, black_rects, marker_modules

@@ -13,8 +13,8 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import PatchRecord, read_patch
 from toolkit.objects.spec import BASE_DPI, ObjectSpec, Side, read_spec
+from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, effective_percent, is_same_size, say_sizes
-from toolkit.printing.settings import PrintSettings
 from toolkit.rig.fit import describe_misfits
 from toolkit.rig.variants import find_patch_file
 

@@ -14,6 +14,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.net import TAB_MM
 from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
+from toolkit.printing import PrintSettings, WrapSettings
 from toolkit.printing.canvas import BOLD, INK, SOFT, Pdf, Point, measure_text_mm
 from toolkit.printing.document import HASH_DIGITS
 from toolkit.printing.marks import (
@@ -28,7 +29,6 @@ from toolkit.printing.marks import (
 from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
-from toolkit.printing.settings import PrintSettings, WrapSettings
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount, Side
+from toolkit.rig import PlaceConfig
 from toolkit.rig.camera import Camera, distance_to_fill, project
 from toolkit.rig.fit import ACROSS, SheetFit, measure_fit
 from toolkit.rig.mount import SAMPLES, SIDES, MountedSheet, attach, do_overlap, mount_patch
 from toolkit.rig.plan import Pose
 from toolkit.rig.plan_pictures import draw_contact_sheet
-from toolkit.rig.requests import PlaceConfig
 from toolkit.rig.scene import Scene
 from toolkit.rig.views import NEAR_VIEWS
 

@@ -13,9 +13,9 @@ from toolkit.core.files import read_json, write_json
 from toolkit.core.text import FileName
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
+from toolkit.rig import MOST_POSES, Pattern
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, project
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
-from toolkit.rig.requests import MOST_POSES, Pattern
 
 
 def spread_poses(pattern: Pattern) -> np.ndarray:

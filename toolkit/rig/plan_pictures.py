@@ -13,7 +13,7 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.wrap import Wrap, dress_mesh
 from toolkit.rig.camera import Camera, distance_to_fill
 from toolkit.rig.plan import Pose
-from toolkit.rig.renderer import make_renderer
+from toolkit.rig.raycast import make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
 
 from toolkit.core.child import count_cores
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import ToolkitError, one_of
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
     NO_PICTURE,
@@ -322,3 +322,38 @@ def _compile_all() -> None:
     RaycastRenderer(mesh, studio).render_linear(camera, pose, texture)
     world = replace(studio, table=None, surroundings=mesh)
     tone_map(RaycastRenderer(mesh, world, stand=Stand((0.0, 0.0, 2.0))).render(camera, pose), (0,))
+
+
+RENDERERS = ("raycast", "filament")
+
+
+class Renderer(Protocol):
+    """One object in one studio, seen from any camera."""
+
+    def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+        """(height, width, 3) float32 linear light in exposure units, 1 is white; not clipped."""
+        ...
+
+    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
+        """`render` of each (camera, `T_world_camera`), in order; the same pictures, faster where there are cores."""
+        ...
+
+
+def make_renderer(name: str, mesh: Mesh, studio: Scene) -> Renderer:
+    """Build a scene for rendering.
+
+    Args:
+        name: `raycast` (exact buffers, soft baked light; no graphics driver) or `filament` (Open3D's EGL rasteriser).
+        mesh: the object on its table, boosters attached.
+        studio: light, table and room.
+
+    Raises:
+        ToolkitError: an unknown name, or EGL cannot start.
+    """
+    if name == "raycast":
+        return RaycastRenderer(mesh, studio, keep_light=True)
+    if name == "filament":
+        from toolkit.rig.filament import FilamentRenderer
+
+        return FilamentRenderer(mesh, studio)
+    raise one_of("renderer", name, list(RENDERERS))

@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, write_json
 from toolkit.core.text import FileName, FolderName
+from toolkit.rig import PAIR, Order
 from toolkit.rig.plan import CapturePlan, PoseId
-from toolkit.rig.requests import PAIR, Order
 
 STARTS = 8
 LONGEST_RUN = 3

@@ -27,8 +27,8 @@ from toolkit.objects.records import (
 )
 from toolkit.objects.spec import ObjectSpec
 from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
+from toolkit.rig import Misfit
 from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
-from toolkit.rig.requests import Misfit
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 

@@ -20,9 +20,9 @@ from toolkit.objects.spec import STRETCH
 from toolkit.objects.trim import Limits, turn_to_fit
 from toolkit.objects.unwrap import spread
 from toolkit.objects.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
+from toolkit.rig import WrapConfig
 from toolkit.rig.camera import Camera
 from toolkit.rig.patch_places import draw_poses
-from toolkit.rig.requests import WrapConfig
 
 LIFT_MM = 0.05
 MOST_TRIANGLES = 1_000_000

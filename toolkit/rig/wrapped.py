@@ -10,8 +10,8 @@ from toolkit.core.draws import Draws
 from toolkit.objects.atlas import cover_texels, nearest_covered
 from toolkit.objects.mesh import Material, Mesh, cross_products, group_rows, merge_meshes
 from toolkit.objects.wrap import FlatPiece, Wrap
+from toolkit.rig import Misfit
 from toolkit.rig.mount import PAPER
-from toolkit.rig.requests import Misfit
 
 if TYPE_CHECKING:
     from shapely import Geometry

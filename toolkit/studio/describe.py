@@ -6,7 +6,7 @@ from typing import Any
 
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.spec import read_spec
-from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates import GateResult
 from toolkit.photos.locate import PoseMatch
 from toolkit.printing.shot_list.session import PHONE_MM, equivalent_focal_mm
 from toolkit.printing.shot_list.tour import measure_place, name_change

@@ -10,8 +10,8 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.photos.board_pose import find_board
+from toolkit.photos.gates import GateResult
 from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
-from toolkit.photos.gates.result import GateResult
 from toolkit.photos.lens import read_lenses
 from toolkit.photos.locate import PoseMatch, locate_sighting, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels

@@ -19,10 +19,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, sha256_file, write_bytes
 from toolkit.core.workspace import make_workspace
 from toolkit.engine.local import LocalPool
+from toolkit.experiments.challenge import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.experiments.challenge import entry as entries
 from toolkit.experiments.challenge.board import rank_entries, write_board
 from toolkit.experiments.challenge.entry import check_entry, init_entry, open_space, read_entry
-from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
     OUTCOMES,

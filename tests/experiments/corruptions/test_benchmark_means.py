@@ -12,7 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.experiments.corruptions.benchmark_config import CLEAN
+from toolkit.experiments.corruptions import CLEAN
 from toolkit.experiments.corruptions.benchmark_means import ALEXNET_ERRORS, summarise
 from toolkit.experiments.corruptions.benchmark_summary import judge_benchmark, read_summary
 from toolkit.experiments.corruptions.grid import Benchmark, CellRanks

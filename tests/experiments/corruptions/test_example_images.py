@@ -8,7 +8,7 @@ from PIL import Image
 
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.catalogue import COMMON
-from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
+from toolkit.experiments.corruptions import CorruptEvalConfig
 from toolkit.experiments.corruptions.benchmark_run import RIGHT, WRONG, choose_conditions, draw_examples
 from toolkit.experiments.corruptions.cells import open_variants
 from toolkit.experiments.corruptions.grid import Grid, run_grid

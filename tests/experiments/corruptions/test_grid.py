@@ -15,8 +15,7 @@ from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt
-from toolkit.experiments.corruptions import grid
-from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
+from toolkit.experiments.corruptions import CorruptEvalConfig, grid
 from toolkit.experiments.corruptions.cells import open_variants, share_classes
 from toolkit.experiments.corruptions.grid import Grid, run_grid
 from toolkit.experiments.corruptions.recognisers import rank_classes

@@ -8,9 +8,9 @@ from red_crate import RED, make_base
 
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
+from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps.axes import find_axis, parse_values
 from toolkit.experiments.sweeps.sweep import run_sweep
-from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, write_wrap
 from toolkit.rig.wrap_plan import plan_wrap

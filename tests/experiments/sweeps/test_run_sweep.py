@@ -13,9 +13,9 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps import sweep as sweeps
 from toolkit.experiments.sweeps.sweep import run_sweep
-from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.rig.plan import read_plan, write_plan
 
 

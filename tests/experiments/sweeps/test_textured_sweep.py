@@ -5,8 +5,8 @@ import pytest
 from red_crate import RED, make_base
 
 from toolkit.core.errors import ToolkitError
+from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps.sweep import run_sweep
-from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.objects.load import load_object
 from toolkit.objects.records import write_texture
 

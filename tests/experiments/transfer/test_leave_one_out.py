@@ -14,9 +14,9 @@ from toolkit.cli.app import make_single
 from toolkit.cli.evaluate import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.experiments.transfer import TransferConfig
 from toolkit.experiments.transfer import leave_one_out as experiment
 from toolkit.experiments.transfer.leave_one_out import JudgedRow, TransferResult, leave_one_out, tabulate
-from toolkit.experiments.transfer.transfer_config import TransferConfig
 from toolkit.objects.records import Texture, read_patch, read_texture
 
 LABELS = ["cat", "dog", "sports car", "crate"]

@@ -12,7 +12,7 @@ from simulated_field import OBJECT_COLOUR, make_simulated_field
 from walled_field import make_config, make_onlooker, stand_in
 
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, render_frames
 from toolkit.experiments.worlds.simulator import name_actor, shoot_frames, write_objects
 from toolkit.experiments.worlds.world_run import Asked, WorldRun, evaluate_world, plan_run

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.baselines.baseline_config import APRILTAG, QR
+from toolkit.boosters.baselines import APRILTAG, QR
 from toolkit.boosters.patch_config import SMALLEST_PX
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError

@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 
 from toolkit import __version__
-from toolkit.boosters.baselines.baseline_config import (
+from toolkit.boosters.baselines import (
     APRILTAG,
     BEST_IMAGE,
     FIXED_PATTERN,

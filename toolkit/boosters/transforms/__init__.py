@@ -1,1 +1,119 @@
-"""What happens to a booster between file and photograph, as transforms in expectation (Athalye et al. 2018)."""
+"""What happens to a booster between file and photograph, as transforms in expectation (Athalye et al. 2018).
+
+Here is what every transform has: its settings, its stage, its draws, and the images that it leaves as they are.
+"""
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol, runtime_checkable
+
+from pydantic import Field
+
+from toolkit.core.config import Config
+from toolkit.core.draws import Draws
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
+STAGES = ("place", "print", "paper", "view", "light", "photo", "network", "features")
+"""Where a transform acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene,
+on a view by its depth, on a view's light, on the photograph, on what one network sees of it, on what it makes of it."""
+OF_NETWORKS = ("network", "features")
+"""Stages that act for each network by itself."""
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+
+class Transform(Config):
+    """Something that a booster meets on its way into a photograph; its fields are the ranges that it draws from.
+
+    A field of `PatchConfig` or `TextureConfig` that holds one makes it act.
+
+    Attributes:
+        stage: one of `STAGES`.
+        drawn_as: names its draws: renamed, it would draw other numbers. By default the name of the class.
+    """
+
+    stage: ClassVar[str]
+    drawn_as: ClassVar[str] = ""
+    if TYPE_CHECKING:
+        probability: float = 1.0
+
+    def rng(self, draws: Draws, of: str = "") -> "np.random.Generator":
+        """Its own generator of a step; `of` tells uses of one step apart."""
+        # a generator for each transform: one that is switched on or off leaves the draws of the others as they were
+        return draws.of((self.drawn_as or type(self).__name__) + of)
+
+    def draw_acting(self, rng: "np.random.Generator", count: int) -> "np.ndarray":
+        """(count,) bool: which images it acts on."""
+        return rng.random(count) < self.probability
+
+
+class ImageTransform(Transform):
+    """Something that happens to whole pictures: the print before it is placed, or the photograph after."""
+
+    stage = "photo"
+
+    def change(self, pixels: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
+        """Change some of (b, 3, h, w) sRGB-encoded pictures in [0, 1], or a single (3, h, w); differentiable.
+
+        The others come back bit for bit, and cost nothing.
+        """
+        import numpy as np
+        import torch
+
+        batch = pixels[None] if pixels.ndim == 3 else pixels
+        acting = self.draw_acting(rng, len(batch))
+        # drawn for all images, acting or not, so that another probability changes no other draw
+        drawn = self.draw(rng, len(batch))
+        which = np.flatnonzero(acting)
+        if len(which) == 0:
+            return pixels
+        chosen = tuple(one[which] for one in drawn)
+        # no gather and scatter where nothing is left out
+        if len(which) == len(batch):
+            return self.apply(batch, chosen).reshape(pixels.shape)
+        index = torch.as_tensor(which, device=batch.device)
+        return batch.index_copy(0, index, self.apply(batch[index], chosen))
+
+    @abstractmethod
+    def draw(self, rng: "np.random.Generator", count: int) -> "tuple[np.ndarray, ...]":
+        """What is drawn for each of `count` images, whether it acts on them or not: arrays of that length."""
+
+    @abstractmethod
+    def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
+        """Change all of (k, 3, h, w) by what was drawn for them."""
+
+
+class PaperTransform(Transform):
+    """Something that happens to the paper in the scene."""
+
+    stage = "paper"
+
+    @abstractmethod
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
+        """Change drawn patches; differentiable in `paper`.
+
+        Args:
+            paper: (b, 3, m, m) sRGB-encoded, already multiplied by the mask.
+            mask: (b, 1, m, m), the share of each pixel that the patch covers.
+            rng: draws for each image.
+
+        Returns:
+            As `paper`; values may leave [0, 1].
+        """
+
+
+@runtime_checkable
+class Placer(Protocol):
+    """Where the patch lies: `toolkit.boosters.transforms.placement.AffineRanges` and its like."""
+
+    def place(self, rng: "np.random.Generator", count: int, patch_px: int, image_px: int) -> "np.ndarray":
+        """(count, 3, 3) `T_image_patch`, affine or projective."""
+        ...
+
+
+def as_factors(values: "np.ndarray", like: "torch.Tensor") -> "torch.Tensor":
+    """(k,) or (k, c) numbers to (k, 1 or c, 1, 1), of `like`'s type and device."""
+    import torch
+
+    return torch.as_tensor(values.reshape(len(values), -1, 1, 1), dtype=like.dtype, device=like.device)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform, as_factors
+from toolkit.boosters.transforms import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.config import Range, Rising
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from toolkit.boosters.transforms.base import Placer, Probability, Transform
+from toolkit.boosters.transforms import Placer, Probability, Transform
 from toolkit.core.config import Expect, Flag, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.spec import printed_size_mm

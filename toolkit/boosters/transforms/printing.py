@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_serializer
 
-from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Probability, as_factors
+from toolkit.boosters.transforms import ImageTransform, PaperTransform, Probability, as_factors
 from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.spec import printed_size_mm

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Placer
+from toolkit.boosters.transforms import ImageTransform, PaperTransform, Placer
 from toolkit.core.draws import Draws
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform, as_factors
+from toolkit.boosters.transforms import ImageTransform, Probability, Transform, as_factors
 from toolkit.core.draws import Draws
 from toolkit.training.processes import current
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 from pydantic import field_validator
 
-from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform
+from toolkit.boosters.transforms import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError

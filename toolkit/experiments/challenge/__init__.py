@@ -1,1 +1,41 @@
-"""A benchmark of boosters that others can enter: an entry is a booster and its record; the pictures are ours."""
+"""A benchmark of boosters that others can enter: an entry is a booster and its record; the pictures are ours.
+
+Here are the rules: what is judged, by whom, how large a booster may be. They are light: commands read options here.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.text import FileName
+
+VERSION = 1
+"""Of rules, poses and judges; scores of different versions are never compared."""
+Division = Literal["closed", "open"]
+Budget = Literal["patch", "wrap", "texture"]
+VARIANT: Mapping[Budget, str] = {"patch": "patched", "wrap": "wrapped", "texture": "textured"}
+CLOSED_OBJECTS = ("coffeepot", "eggnog", "racer", "warplane")
+JUDGES: Mapping[str, str] = {
+    "resnet50": "0676ba61", "mobilenet_v2": "b0353104", "efficientnet_b0": "7f5810bc", "convnext_tiny": "983f1562",
+    "regnet_y_800mf": "1b27b58c", "swin_t": "704ceda3",
+}  # fmt: skip
+"""Of the closed division, with the first digits of their hash: torchvision's first published ImageNet weights."""
+LARGEST_PATCH = 1 / 3
+"""Side of a patch as a share of the object's longest side."""
+POSES = 18
+"""By plan; as many more are drawn for each version, so that nobody trains on what is judged."""
+DRAWN_SEED = 20_260_000 + VERSION
+
+
+class EntryConfig(Config):
+    """Where an entry takes part."""
+
+    budget: Annotated[Budget, Flag()] = Field("patch", description="What is entered.")
+    division: Annotated[Division, Flag()] = Field(
+        "closed", description="The kit's four objects, or objects of your own."
+    )
+    objects: Annotated[tuple[FileName, ...], Flag("--object", metavar="NAME", typed=tuple[str, ...])] = Field(
+        (), description="Of the open division; repeat for more."
+    )

@@ -15,7 +15,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, real_path, write_bytes, write_json
 from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.experiments.challenge.rules import (
+from toolkit.experiments.challenge import (
     CLOSED_OBJECTS,
     DRAWN_SEED,
     LARGEST_PATCH,
@@ -29,9 +29,9 @@ from toolkit.experiments.challenge.rules import (
 from toolkit.objects.load import load_object
 from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, read_patch, read_texture
 from toolkit.objects.wrap import Wrap, check_wrap, hash_wrap, read_wrap
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
-from toolkit.rig.requests import Pattern
 from toolkit.rig.variants import check_fit, find_booster
 
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"

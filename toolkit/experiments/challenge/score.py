@@ -37,8 +37,8 @@ from toolkit.engine.units import Engine
 from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change, estimate_difference
 from toolkit.evaluation.predict import predict_once
+from toolkit.experiments.challenge import DRAWN_SEED, JUDGES, VERSION
 from toolkit.experiments.challenge.entry import ENTRY, ChallengeEntry, EntryRecord, check_entry, open_space, read_entry
-from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
 from toolkit.imaging.read import decode_image, read_image

@@ -13,7 +13,7 @@ from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
 from toolkit.evaluation.metrics import estimate_difference, estimate_share
 from toolkit.evaluation.summaries import list_reasons
-from toolkit.experiments.corruptions.benchmark_config import CLEAN, NOT_CORRUPTED, Condition
+from toolkit.experiments.corruptions import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.benchmark_summary import (
     Against,
     BenchmarkCell,

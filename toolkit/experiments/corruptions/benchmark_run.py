@@ -12,10 +12,10 @@ from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.engine.config import EngineConfig
-from toolkit.evaluation.eval_config import check_run_name
+from toolkit.engine import EngineConfig
+from toolkit.evaluation import check_run_name
 from toolkit.evaluation.page import RIGHT, WRONG, write_page
-from toolkit.experiments.corruptions.benchmark_config import CLEAN, NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.experiments.corruptions import CLEAN, NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.benchmark_figures import draw_overview, draw_variant
 from toolkit.experiments.corruptions.benchmark_means import summarise
 from toolkit.experiments.corruptions.benchmark_summary import (

@@ -19,7 +19,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.corruptions.batch import corrupt, run_each
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
 from toolkit.evaluation.predict import CPU_PART
-from toolkit.experiments.corruptions.benchmark_config import NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.experiments.corruptions import NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.recognisers import (
     Reader,
     Recogniser,

@@ -17,7 +17,7 @@ from toolkit.core.records import RecordLog, hold_folder
 from toolkit.corruptions.catalogue import choose_parameters, find_note
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Ran, RecordCache, Shared, Unit, run_resumable
-from toolkit.experiments.corruptions.benchmark_config import CLEAN, Condition, CorruptEvalConfig
+from toolkit.experiments.corruptions import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.cells import (
     FAILED,
     CellLine,

@@ -10,15 +10,15 @@ from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, sho
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine
-from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.predict import predict_once
 from toolkit.evaluation.results import compare_predictions
+from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps.axes import ShootSetup, SweepPoint, plan_units
-from toolkit.experiments.sweeps.sweep_config import SweepConfig
 from toolkit.experiments.sweeps.sweep_rows import Sweep, draw_sweep, write_sweep
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan

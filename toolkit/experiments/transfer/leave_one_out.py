@@ -27,12 +27,12 @@ from toolkit.core.files import read_json, sha256_file, write_json, write_text
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
 from toolkit.core.workspace import Workspace, copy_objects
+from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.detect import DetectionRun, evaluate_detector
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, evaluate_captures
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import SCHEMA_VERSION
-from toolkit.experiments.transfer.transfer_config import FOR_CLASSIFIERS, Kind, TransferConfig
+from toolkit.experiments.transfer import FOR_CLASSIFIERS, Kind, TransferConfig
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.experiments.worlds.world_config import GridShape
+from toolkit.experiments.worlds import GridShape
 from toolkit.objects.mesh import cast_rays, load_open3d
 from toolkit.rig.camera import Camera, look_at, pixel_rays, project
 from toolkit.rig.lighting import Shape

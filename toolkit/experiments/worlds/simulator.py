@@ -10,10 +10,10 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.experiments.worlds import ABSENT
 from toolkit.experiments.worlds.cameras import PlaceCameras
 from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, PictureTask, Stage, hash_inputs
 from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, choose_shown, encode_frame, pose_of
-from toolkit.experiments.worlds.world_config import ABSENT
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays

@@ -24,10 +24,10 @@ from toolkit.evaluation.metrics import name_booster, rank_variant
 from toolkit.evaluation.predict import OK
 from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.verdict import Verdict, find_tone
+from toolkit.experiments.worlds import ABSENT, WorldEvalConfig
 from toolkit.experiments.worlds.cameras import GridCamera, PlaceCameras
 from toolkit.experiments.worlds.frames import Stage, ViewAnswers, WeatherKey
 from toolkit.experiments.worlds.keep import name_picture
-from toolkit.experiments.worlds.world_config import ABSENT, WorldEvalConfig
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject
 from toolkit.worlds.conditions import CLEAR

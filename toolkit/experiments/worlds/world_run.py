@@ -18,9 +18,10 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.engine.config import EngineConfig
+from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
+from toolkit.experiments.worlds import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
 from toolkit.experiments.worlds.frames import (
     METHOD_VERSION,
@@ -42,7 +43,6 @@ from toolkit.experiments.worlds.frames import (
 )
 from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, encode_frame
 from toolkit.experiments.worlds.simulator import shoot_missing
-from toolkit.experiments.worlds.world_config import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.world_report import WorldFiles, write_results
 from toolkit.experiments.worlds.world_results import WorldResults
 from toolkit.models.network import Classifier

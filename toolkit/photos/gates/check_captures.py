@@ -20,14 +20,14 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import RECORD_FILE
+from toolkit.photos.gates import Check, Gate, GateResult
 from toolkit.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
-from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.locate import locate_by_board
 from toolkit.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rig import PAIR
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
-from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import Print, find_booster
 

@@ -13,6 +13,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_patch
 from toolkit.photos.board_pose import BoardSighting, find_board
+from toolkit.photos.gates import GateResult
 from toolkit.photos.gates.check_set import PatchLines, trace_patch
 from toolkit.photos.gates.framing import (
     CUT_OFF,
@@ -45,7 +46,6 @@ from toolkit.photos.gates.patch import (
     search_region,
 )
 from toolkit.photos.gates.pieces import ExpectedWrap, PiecesSeen, check_pieces, cut_squares, look_for_pieces
-from toolkit.photos.gates.result import GateResult
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch

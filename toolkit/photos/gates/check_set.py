@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from toolkit.photos.gates import Gate, GateResult
 from toolkit.photos.gates.patch import CELLS
-from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.find import CELL_SHOWS, SIZE_TOLERANCE, PatchSighting
-from toolkit.rig.requests import PAIR
+from toolkit.rig import PAIR
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
 """5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %

@@ -7,8 +7,8 @@ import numpy as np
 
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.photos.board_pose import BoardSighting
+from toolkit.photos.gates import Gate, GateResult
 from toolkit.photos.gates.objects import Solid
-from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import Board, CharucoBoard
 

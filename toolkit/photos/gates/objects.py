@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays, make_ray_scene
-from toolkit.photos.gates.result import Gate, GateResult
+from toolkit.photos.gates import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.plan import CapturePlan, read_plan
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.photos.gates import Gate, GateResult
 from toolkit.photos.gates.objects import Solid
-from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.features import Features, describe_patch, guess_places

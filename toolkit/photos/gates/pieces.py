@@ -12,9 +12,9 @@ import numpy as np
 from toolkit.objects.atlas import cover_texels
 from toolkit.objects.mesh import Mesh, cross_products
 from toolkit.objects.wrap import FlatPiece, Wrap
+from toolkit.photos.gates import GateResult
 from toolkit.photos.gates.objects import Solid
 from toolkit.photos.gates.patch import CELLS, VARIANT, PlacedSheet, expect_cells, is_clear
-from toolkit.photos.gates.result import GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, cell_centres, fit_warp
 from toolkit.photos.prints.find import find_there

@@ -9,11 +9,11 @@ from toolkit.captures.read import read_pose_id
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported
 from toolkit.photos.locate import Locate, PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.photos.settings import ImportSettings
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import VARIANTS

@@ -21,7 +21,8 @@ from toolkit.core.text import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.result import Check
+from toolkit.photos import ImportSettings
+from toolkit.photos.gates import Check
 from toolkit.photos.importing.align import Clues, place_with_gaps
 from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import (
@@ -39,9 +40,8 @@ from toolkit.photos.importing.resolve import Ask, Resolved, match_pairs, read_pa
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.photos.photo import load_pixels
-from toolkit.photos.settings import ImportSettings
+from toolkit.rig import PAIR
 from toolkit.rig.plan import CapturePlan, open_plan
-from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS, find_booster
 

@@ -11,12 +11,12 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, sha256_bytes, sha256_file
 from toolkit.core.text import is_file_name, is_folder_name
 from toolkit.imaging.read import show_path
+from toolkit.photos import ImportSettings
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported, find_images
 from toolkit.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match
 from toolkit.photos.importing.store import encode_photo
 from toolkit.photos.photo import Photo
-from toolkit.photos.settings import ImportSettings
 from toolkit.rig.plan import CapturePlan
 
 Ask = Callable[[str, Sequence[str]], "str | None"]

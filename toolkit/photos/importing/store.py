@@ -9,7 +9,7 @@ from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
 from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
 from toolkit.imaging.read import encode_image, show_path
-from toolkit.photos.gates.result import Check
+from toolkit.photos.gates import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
 from toolkit.photos.importing.match import Decision

@@ -29,9 +29,9 @@ from toolkit.printing.shot_list.tour import (
     find_legs,
     name_change,
 )
+from toolkit.rig import ShotListConfig
 from toolkit.rig.board_file import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
-from toolkit.rig.requests import ShotListConfig
 from toolkit.rig.shot_order import (
     ShotList,
     list_shots,
