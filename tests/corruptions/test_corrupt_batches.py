@@ -7,8 +7,9 @@ import torch
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.severities import SEVERITIES
-from toolkit.corruptions.batch import corrupt, corrupt_picture
+from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES, choose_parameters
+from toolkit.corruptions.digital import from_bytes, to_bytes
 
 CLOSED = {
     "defocus_blur", "zoom_blur", "gaussian_blur", "brightness", "contrast", "pixelate", "jpeg_compression", "saturate",
@@ -139,13 +140,12 @@ def test_images_of_any_shape(name):
         assert not corrupt(flat, name, 4, [0]).isnan().any()
 
 
-def test_picture_is_the_batch_rounded():
-    pixels = (draw_scene(96).permute(1, 2, 0).numpy() * 255).astype(np.uint8)
-    pixels.flags.writeable = False
-    picture = corrupt_picture(pixels, "fog", 2, seed=7)
-    batch = corrupt(torch.from_numpy(pixels.copy()).permute(2, 0, 1)[None].float() / 255, "fog", 2, [7])
-    assert picture.dtype == np.uint8
-    assert np.abs(picture / 255 - batch[0].permute(1, 2, 0).numpy()).max() <= 0.5 / 255 + 1e-6
+def test_bytes_are_the_nearest_level():
+    images = draw_scene(96)[None]
+    pixels = to_bytes(images)
+    assert pixels.dtype == np.uint8
+    assert np.abs(pixels[0] / 255 - images[0].permute(1, 2, 0).numpy()).max() <= 0.5 / 255 + 1e-6
+    assert np.array_equal(to_bytes(from_bytes(pixels)), pixels)
 
 
 def test_seeds_are_by_address():
@@ -169,7 +169,6 @@ def test_gradients_stop_here():
         (lambda x: corrupt(x[0], "fog", 3, [0]), ["(b, 3, h, w)", "(3, 32, 32)"]),
         (lambda x: corrupt(x.to(torch.uint8), "fog", 3, [0]), ["uint8"]),
         (lambda x: corrupt(x[..., :15], "fog", 3, [0]), ["16 px", "15×32"]),
-        (lambda x: corrupt_picture(np.zeros((32, 32), np.uint8), "fog", 3), ["(h, w, 3)", "(32, 32)"]),
     ],
 )
 def test_wrong_calls_say_what_is_wrong(call, words):

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions.batch import corrupt_picture
+from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_names
+from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
 
 
@@ -50,6 +51,10 @@ def read_all(folder):
     return {path: (folder / path).read_bytes() for path in list_files(folder)}
 
 
+def make_foggy(file, seed: int) -> np.ndarray:
+    return to_bytes(corrupt(from_bytes(np.array(Image.open(file))[None]), "fog", 3, [seed]))[0]
+
+
 def test_mirrors_the_tree_and_is_the_python_call(photos, tmp_path):
     out = tmp_path / "out"
     code, said, notes = run(photos, out, "--corrupt", "fog", "--severity", 3, "--seed", 5)
@@ -57,7 +62,7 @@ def test_mirrors_the_tree_and_is_the_python_call(photos, tmp_path):
     assert list_files(out) == [
         "a/1.png", "a/2.png", "b/c/3.jpg.png", "b/c/3.png.png", LOG_FILE, "corruption.json",
     ]  # fmt: skip
-    expected = corrupt_picture(np.asarray(Image.open(photos / "a/1.png")), "fog", 3, image_seed(5, "a/1.png"))
+    expected = make_foggy(photos / "a/1.png", image_seed(5, "a/1.png"))
     assert np.array_equal(np.asarray(Image.open(out / "a/1.png")), expected)
     assert "2 images with the parameters for 32² (cifar)" in notes
     assert "2 images with the parameters for 224² (imagenet); 2 have another size" in notes
@@ -141,7 +146,7 @@ def test_size_and_format_as_published(photos, tmp_path):
 def test_one_image_into_one_file(photos, tmp_path):
     out = tmp_path / "foggy.png"
     assert run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 3)[1].startswith("made 1 images")
-    expected = corrupt_picture(np.asarray(Image.open(photos / "a/1.png")), "fog", 3, image_seed(0, "1.png"))
+    expected = make_foggy(photos / "a/1.png", image_seed(0, "1.png"))
     assert np.array_equal(np.asarray(Image.open(out)), expected)
     assert "made 0 images, 1 kept" in run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 3)[1]
     code, _, said = run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 4)

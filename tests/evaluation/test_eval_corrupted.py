@@ -15,7 +15,8 @@ from PIL import Image
 from toolkit.captures.read import read_captures
 from toolkit.core.draws import image_seed
 from toolkit.core.workspace import make_workspace
-from toolkit.corruptions.batch import corrupt_picture
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
@@ -51,7 +52,7 @@ def seeing(colour_classifier):
 
 def by_hand(file, below: str, corruption, classifier: Classifier):
     pixels = resize_and_crop(read_image(file), classifier.preprocessing)
-    return corrupt_picture(pixels, *corruption, image_seed(0, below))
+    return to_bytes(corrupt(from_bytes(pixels[None]), *corruption, [image_seed(0, below)]))[0]
 
 
 def test_it_is_the_crop_corrupted_by_hand(textured, seeing):

@@ -1,5 +1,7 @@
 """Photographs of a bare board for the tests: its picture through a camera, quick, with corners that are known."""
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -22,9 +24,15 @@ def viewpoints(count, seed=4, reach_mm=60.0, away_mm=(480.0, 560.0)):
         yield look_at(place, aim, rng.uniform(-10, 10), azimuth)
 
 
+@lru_cache(maxsize=2)
+def paint_page(board) -> np.ndarray:
+    """Its picture with the paper round it; a second's work, for all photographs of the board."""
+    return np.pad(board.paint(PX_PER_MM), round(EDGE_MM * PX_PER_MM), constant_values=255)
+
+
 def shoot_flat(board, camera: Camera, T_world_camera: np.ndarray, seed: int = 0, noise: float = 2.0) -> np.ndarray:
     """(h, w, 3) uint8 picture of a board on a grey table; the camera has no distortion."""
-    page = np.pad(board.paint(PX_PER_MM), round(EDGE_MM * PX_PER_MM), constant_values=255)
+    page = paint_page(board)
     width, height = board.size_mm
     sheet = np.array([[0, 0], [width, 0], [width, height], [0, height]], float)
     world = np.c_[sheet[:, 1] - height / 2, sheet[:, 0] - width / 2, np.zeros(4)]

@@ -378,6 +378,7 @@ def test_moving_an_object_builds_no_rays_and_bakes_no_surroundings_again(monkeyp
     make, bake = lighting.make_ray_scene, bake_cache.bake_surroundings
     monkeypatch.setattr(lighting, "make_ray_scene", lambda mesh: built.append(mesh) or make(mesh))
     monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *given: baked.append(given) or bake(*given))
+    monkeypatch.setattr(bake_cache, "keep_arrays", lambda kind, inputs, make: make())  # none is read from disk
     item, town = slab((-2, -1, 0), (2, 1, 2.5)), merge_meshes([GROUND, slab((30, 30, 0), (41, 37, 5))])
     scene = make_world(town, 0.4, SUN)
     renderers = [RaycastRenderer(item, scene, QUICK, Stand((4.0 * i, 0, 0), 20 * i)) for i in range(3)]
@@ -388,6 +389,24 @@ def test_moving_an_object_builds_no_rays_and_bakes_no_surroundings_again(monkeyp
     assert len(built) == 2 and len(baked) == 1
     RaycastRenderer(item, replace(scene, environment=scene.environment * 2), QUICK)  # another sky is other light
     assert len(built) == 2 and len(baked) == 2
+
+
+def test_the_next_run_bakes_no_light_on_the_same_surroundings_and_draws_the_same_bytes(monkeypatch, tmp_path):
+    from toolkit.core import cache
+    from toolkit.rig import bake_cache
+
+    monkeypatch.setattr(cache, "cache_root", lambda: tmp_path / "cache")
+    bake = bake_cache.bake_surroundings
+    item, town = slab((-2, -1, 0), (2, 1, 2.5)), merge_meshes([GROUND, slab((30, 30, 0), (41, 37, 5))])
+    other_sun = replace(SUN, irradiance=(9.0, 8.0, 7.0))
+    pose, pictures = look_at(np.array([-30.0, 4, 1.7]), np.array([0, 2, 2.0])), []
+    for baked in ([], []):
+        bake_cache._in_use.clear()
+        monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *given, b=baked: b.append(given) or bake(*given))
+        scenes = [make_world(town, 0.4, SUN), make_world(town, 0.4, other_sun), make_world(GROUND, 0.4, SUN)]
+        pictures.append([RaycastRenderer(item, one, QUICK).render(VIEW, pose).tobytes() for one in scenes])
+        assert len(baked) == (0 if len(pictures) == 2 else 3)
+    assert pictures[0] == pictures[1] and len(set(pictures[0])) == 3
 
 
 def test_another_sun_over_the_same_sky_has_its_own_bounce():

@@ -18,7 +18,7 @@ def field():
 
 @pytest.fixture(scope="module")
 def viewpoints(field):
-    return choose_viewpoints(field, 0, each=2)
+    return choose_viewpoints(field, 0)
 
 
 def room_around(points: np.ndarray) -> np.ndarray:
@@ -34,24 +34,23 @@ def test_clearance_is_the_closed_form(field) -> None:
 
 
 def test_cameras_stand_clear_at_the_heights_of_their_level(field, viewpoints) -> None:
-    assert {one.name for one in viewpoints} >= {"street", "roof", "air", "street-2"}
+    assert {one.name for one in viewpoints} == {"street", "roof", "air"}
     for one in viewpoints:
-        low, high = LEVELS[one.name.partition("-")[0]].within(field).height_m
+        low, high = LEVELS[one.name].within(field).height_m
         assert low <= one.position[2] <= high
         assert room_around(one.position[None])[0] >= HEADROOM_M
 
 
 def test_the_same_seed_chooses_the_same_and_another_others(field, viewpoints) -> None:
-    again, other = choose_viewpoints(field, 0, each=2), choose_viewpoints(field, 1, each=2)
+    again, other = choose_viewpoints(field, 0), choose_viewpoints(field, 1)
     assert all(np.array_equal(a.T_world_camera, b.T_world_camera) for a, b in zip(viewpoints, again, strict=True))
     assert not np.array_equal(viewpoints[0].T_world_camera, other[0].T_world_camera)
 
 
-def test_the_street_sees_the_wall_and_further_views_are_elsewhere(field, viewpoints) -> None:
-    street = [one for one in viewpoints if one.name.startswith("street")]
-    assert np.linalg.norm(street[0].position - street[1].position) > 20
-    towards = WALL.reshape(2, 3).mean(axis=0) - street[0].position
-    assert street[0].T_world_camera[:3, 2] @ towards / np.linalg.norm(towards) > 0.7
+def test_the_street_sees_the_wall(field, viewpoints) -> None:
+    street = next(one for one in viewpoints if one.name == "street")
+    towards = WALL.reshape(2, 3).mean(axis=0) - street.position
+    assert street.T_world_camera[:3, 2] @ towards / np.linalg.norm(towards) > 0.7
 
 
 def test_a_view_of_something_rates_above_one_of_nothing_and_one_of_a_wall_alone(field) -> None:

@@ -147,10 +147,11 @@ def smooth_gradient(gradient: torch.Tensor, sigma_px: float) -> torch.Tensor:
     """Convolve (3, n, n) with a Gaussian, mirrored at the edges; below a third of a texel it is left as it is."""
     if sigma_px < 1 / 3:
         return gradient
-    from torchvision.transforms.functional import gaussian_blur
+    from toolkit.models.vision import torchvision
 
     reach = min(int(3 * sigma_px) + 1, gradient.shape[-1] - 1)
-    return gaussian_blur(gradient, [2 * reach + 1, 2 * reach + 1], [sigma_px, sigma_px])
+    kernel_px = [2 * reach + 1] * 2
+    return torchvision.transforms.functional.gaussian_blur(gradient, kernel_px, [sigma_px, sigma_px])
 
 
 def judge_photos(

@@ -1,4 +1,4 @@
-"""Corrupt a batch of images, or one picture."""
+"""Corrupt a batch of images."""
 
 import math
 import os
@@ -13,7 +13,6 @@ import torch
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.corruptions.catalogue import choose_parameters, find_corruption
-from toolkit.corruptions.digital import from_bytes, to_bytes
 
 
 @lru_cache(maxsize=2)
@@ -126,21 +125,6 @@ def _check_batch(images: torch.Tensor, seeds: Sequence[int]) -> None:
         raise ToolkitError(f"images to corrupt must be at least {MIN_SIDE_PX} px each way, got {size}: enlarge them")
     if len(seeds) != len(images):
         raise ToolkitError(f"{len(seeds)} seeds for {len(images)} images: give each image one")
-
-
-def corrupt_picture(
-    pixels: np.ndarray, name: str, severity: int, seed: int = 0, parameters: str | None = None
-) -> np.ndarray:
-    """`corrupt` for one picture, (h, w, 3) uint8 sRGB-encoded in and out, rounded to the nearest level.
-
-    Raises:
-        ToolkitError: as `corrupt`, or `pixels` are not (h, w, 3) uint8.
-    """
-    pixels = np.asarray(pixels)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        found = f"{pixels.shape} {pixels.dtype}"
-        raise ToolkitError(f"a picture to corrupt must be (h, w, 3) uint8, got {found}: convert it first")
-    return to_bytes(corrupt(from_bytes(pixels[None].copy()), name, severity, [seed], parameters))[0]
 
 
 def draw_corrupted(

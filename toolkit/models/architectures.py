@@ -1,11 +1,7 @@
 """The classification networks: which there are, and what comes with each; and networks for images of 32 px."""
 
-import sys
 from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import one_of
@@ -34,17 +30,18 @@ class CifarWeights:
 
     def transforms(self) -> "ImageClassification":
         """Preprocessing, as torchvision's entries give it."""
-        from torchvision.transforms._presets import ImageClassification
+        from toolkit.models.vision import torchvision
 
         # of all pixels of CIFAR-10's training images
         mean, std = (0.4914, 0.4822, 0.4465), (0.2470, 0.2435, 0.2616)
-        return ImageClassification(crop_size=32, resize_size=32, mean=mean, std=std)
+        return torchvision.transforms._presets.ImageClassification(crop_size=32, resize_size=32, mean=mean, std=std)
 
 
 def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
     """One of `CIFAR_NETWORKS` with random weights."""
-    import torchvision
     from torch import nn
+
+    from toolkit.models.vision import torchvision
 
     if arch == "cifar_resnet8":
         return _build_resnet8(num_classes)
@@ -79,43 +76,9 @@ def _build_resnet8(num_classes: int) -> "nn.Module":
     return module
 
 
-@contextmanager
-def without_compiler() -> Iterator[None]:
-    """Within, torchvision loads without torch's compiler, sympy and triton: 160 MB, and as long again as torchvision.
-
-    Its `roi_align` wants one function of the compiler's; the compiler is loaded when that, or another, is called.
-    """
-    name = "torch._dynamo.utils"
-    if name in sys.modules or "torchvision" in sys.modules:
-        yield
-        return
-    stand_in = ModuleType(name)
-
-    def load(wanted: str) -> object:
-        if wanted.startswith("__"):  # the import's own questions
-            raise AttributeError(wanted)
-        sys.modules.pop(name, None)
-        import torch._dynamo.utils
-
-        return getattr(torch._dynamo.utils, wanted)
-
-    def is_compile_supported(device_type: str) -> object:
-        return load("is_compile_supported")(device_type)  # type: ignore[operator]
-
-    stand_in.is_compile_supported = is_compile_supported  # type: ignore[attr-defined]
-    stand_in.__getattr__ = load  # type: ignore[method-assign]
-    sys.modules[name] = stand_in
-    try:
-        yield
-    finally:
-        if sys.modules.get(name) is stand_in:
-            del sys.modules[name]
-
-
 def list_architectures() -> list[str]:
     """Names of every classification network of the installed torchvision, and of those for small images."""
-    with without_compiler():
-        import torchvision
+    from toolkit.models.vision import torchvision
 
     return [*torchvision.models.list_models(module=torchvision.models), *CIFAR_NETWORKS]
 
@@ -130,7 +93,7 @@ def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
     """
     if arch not in (known := list_architectures()):
         raise one_of("model", arch, known)
-    import torchvision
+    from toolkit.models.vision import torchvision
 
     if arch in CIFAR_NETWORKS:
         return CifarWeights()
@@ -145,7 +108,7 @@ def imagenet_labels() -> list[str]:
 
 def build_network(arch: str, num_classes: int) -> "nn.Module":
     """A network with random weights, as torchvision builds it."""
-    import torchvision
+    from toolkit.models.vision import torchvision
 
     if arch in CIFAR_NETWORKS:
         return build_cifar_network(arch, num_classes)

@@ -7,10 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-import torchvision
 from torch import nn
-from torchvision.models import WeightsEnum
-from torchvision.ops import batched_nms, box_iou, generalized_box_iou_loss
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.models.detector import COCO_LABELS, LEAST_SCORE, MOST_BOXES, Detections, Detector
@@ -19,6 +16,7 @@ from toolkit.models.labels import LabelsFile, check_size, choose_labels, read_la
 from toolkit.models.network import check_hash, choose_device
 from toolkit.models.onnx_graphs import read_onnx, read_output_shape
 from toolkit.models.onnx_networks import OnnxNetwork
+from toolkit.models.vision import torchvision
 from toolkit.models.weights import (
     WeightsFile,
     cache_dir,
@@ -165,7 +163,7 @@ class DenseDetector:
         kept = best > LEAST_SCORE
         boxes, best, classes = boxes[kept], best[kept], classes[kept]
         # boxes of one class only suppress each other
-        order = batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
+        order = torchvision.ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
         found = boxes[order].cpu().numpy() / np.array([*scale, *scale], np.float32)
         found = np.clip(found, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         return Detections(found.astype(np.float32), classes[order].cpu().numpy(), best[order].float().cpu().numpy())
@@ -181,13 +179,13 @@ class DenseDetector:
         terms = []
         for k in range(len(batch)):
             # which places are meant is decided without a gradient; how well they fit has one
-            fit = box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
+            fit = torchvision.ops.box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
             weight, places = fit.topk(min(10, len(fit)))
             # where no box overlaps at all, the places still count alike
             weight = (weight + 1e-3) / (weight + 1e-3).sum()
             # of a logarithm: at 0 there is no slope
             score = scores[k, places, class_index].clamp_min(1e-6)
-            misfit = generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
+            misfit = torchvision.ops.generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
             terms.append((weight * (misfit - score.log())).sum())
         return torch.stack(terms)
 
@@ -333,7 +331,7 @@ def _expected(size: int) -> str:
 
 
 def _load_torchvision(name: str, weights: Path | None, device: str) -> TorchvisionDetector:
-    entry: WeightsEnum = torchvision.models.get_model_weights(name).DEFAULT
+    entry: torchvision.models.WeightsEnum = torchvision.models.get_model_weights(name).DEFAULT
     published = str(entry.url).rsplit("/", 1)[-1]
     named = None if weights is None else check_named(Path(weights))
     cached = cache_dir() / published

@@ -17,7 +17,6 @@ from zipfile import BadZipFile, ZipFile
 import torch
 from pydantic import ValidationError
 from torch import nn
-from torchvision.transforms._presets import ImageClassification
 
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import errors
@@ -36,6 +35,7 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
+from toolkit.models.vision import torchvision
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, is_inflated, open_weights
 
 KNOWN_FILES = re.compile(
@@ -322,7 +322,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     network, own = made[0], LabelsFile()
     if isinstance(made[1], Preprocessing):
         how = made[1]
-    elif isinstance(made[1], ImageClassification):
+    elif isinstance(made[1], torchvision.transforms._presets.ImageClassification):
         how = published_preprocessing(made[1])
     else:
         own = _read_mapping(model, made[1])

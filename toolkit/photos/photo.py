@@ -373,8 +373,8 @@ def show_name(name: str) -> str:
     return escape(show_path((name,)))
 
 
-def read_photo(path: Path, frame: int | None = None) -> Photo:
-    """Describe a photograph, or one frame of a video; its pixels are not decoded.
+def read_photo(path: Path) -> Photo:
+    """Describe a photograph, or a video; its pixels are not decoded.
 
     The kind goes by the content, whatever the name says.
 
@@ -385,8 +385,7 @@ def read_photo(path: Path, frame: int | None = None) -> Photo:
     check_file(path)
     if video.is_video(path):
         facts = video.read_video(path)
-        taken = None if frame is None else facts.taken_at(frame)
-        return Photo(path, sha256_file(path), "video", facts.width, facts.height, taken=taken, frame=frame)
+        return Photo(path, sha256_file(path), "video", facts.width, facts.height)
     if path.stat().st_size > MOST_BYTES:
         raise UnreadableImage(path, f"more than {MOST_BYTES >> 20} MB: no photograph, or scale it down")
     raw = is_dng(path)

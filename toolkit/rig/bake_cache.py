@@ -8,7 +8,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh
+from toolkit.core.cache import keep_arrays
+from toolkit.objects.mesh import Mesh, hash_triangles
 from toolkit.rig.kernel.scene import FACE, LitMesh, as_rotation, as_triple
 from toolkit.rig.kernel.textures import Texels, fill_colours
 from toolkit.rig.lighting import Shape, bake_surroundings
@@ -134,13 +135,19 @@ def with_lamps(body: LitBody, mesh: Mesh) -> LitBody:
 
 
 def surroundings_of(scene: Scene) -> LitBody:
-    """What stands around the object and never moves; kept for the next renderer in the same sky."""
+    """What stands around the object and never moves; kept for the next renderer in the same sky, its light on disk."""
 
-    def bake(mesh: Mesh) -> BakedLight:
-        lighting = bake_surroundings(Shape.of(mesh), paint_of(mesh).mean_colour, scene)
-        return BakedLight(lighting.grid.steps, lighting.grid.first, lighting.stored)
+    def light(mesh: Mesh) -> BakedLight:
+        colour = paint_of(mesh).mean_colour
 
-    return _keep_surroundings(scene, bake)
+        def bake() -> dict[str, np.ndarray]:
+            made = bake_surroundings(Shape.of(mesh), colour, scene)
+            return BakedLight(made.grid.steps, made.grid.first, made.stored)._asdict()
+
+        inputs = [hash_triangles(mesh), colour, scene.key, scene.environment]
+        return BakedLight(**keep_arrays("surroundings", inputs, bake))
+
+    return _keep_surroundings(scene, light)
 
 
 def light_surroundings(scene: Scene) -> BakedLight:

@@ -112,15 +112,6 @@ class LinearView:
     gain: np.ndarray
     depth: DepthBuffer | None = None
 
-    @classmethod
-    def of_nothing(cls, behind: np.ndarray) -> "LinearView":
-        """A view (h, w, 3) in which the object is not seen."""
-        return cls(
-            behind=behind, dark=np.zeros_like(behind), coverage=np.zeros(behind.shape[:2], np.float32),
-            pixel=np.zeros(0, np.int32), uv=np.zeros((0, 2), np.float32), lod=np.zeros(0, np.float32),
-            gain=np.zeros((0, 3), np.float32),
-        )  # fmt: skip
-
     @property
     def share(self) -> np.ndarray:
         """(k,) share of its pixel that each sample stands for: those of a pixel divide what the object covers of it."""

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from torch import nn
 from torch.nn.functional import affine_grid, cross_entropy, grid_sample
-from torchvision.transforms.functional import gaussian_blur
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
@@ -24,6 +23,7 @@ from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
+from toolkit.models.vision import torchvision
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_config import Attack, Augmentation, ClassifierConfig, ClassPictures, Corrupting
 from toolkit.training.data import Pack, TrainingSet
@@ -91,7 +91,8 @@ def _blur(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) -> t
     if len(chosen):
         reach = min(int(np.ceil(3 * sigma)), batch.shape[-1] - 1)
         which = torch.from_numpy(chosen).to(batch.device)
-        batch[which] = gaussian_blur(batch[which], [2 * reach + 1, 2 * reach + 1], [sigma, sigma])
+        blur = torchvision.transforms.functional.gaussian_blur
+        batch[which] = blur(batch[which], [2 * reach + 1, 2 * reach + 1], [sigma, sigma])
     return batch
 
 

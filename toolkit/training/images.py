@@ -50,27 +50,28 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     """
     from http.client import HTTPException
 
-    from torchvision.datasets import CIFAR10
+    from toolkit.models.vision import torchvision
 
+    reader = torchvision.datasets.CIFAR10
     if split not in SPLITS:
         raise one_of("split of CIFAR-10", split, list(SPLITS))
     folder = Path(folder)
     # the folder that holds it, or itself: both are named by people
-    root = folder.parent if folder.name == CIFAR10.base_folder else folder
+    root = folder.parent if folder.name == reader.base_folder else folder
     try:
         # torchvision sets no limit: a server that hangs would hold the command for ever
         with socket_timeout(DOWNLOAD_TIMEOUT_S):
-            found = CIFAR10(str(root), train=split == "train", download=download)
+            found = reader(str(root), train=split == "train", download=download)
     except (RuntimeError, OSError, HTTPException) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
         if download:
             raise ToolkitError(
-                f"cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} and try again"
+                f"cannot fetch CIFAR-10 from {reader.url} ({reason}): put {reader.filename} into {root} and try again"
             ) from None
         if isinstance(error, RuntimeError):
-            reason = _find_wrong_file(CIFAR10, root / CIFAR10.base_folder)
+            reason = _find_wrong_file(reader, root / reader.base_folder)
         raise FieldError(
-            f"{reason}: unpack {CIFAR10.filename} there, or fetch it with {{download}}",
+            f"{reason}: unpack {reader.filename} there, or fetch it with {{download}}",
             {"data": f"{CIFAR_PREFIX}{root}"},
         ) from None
     return Cifar10(tuple(found.classes), found.data, np.array(found.targets, np.int64))
@@ -78,14 +79,14 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
 
 def _find_wrong_file(reader: Any, place: Path) -> str:
     """What keeps torchvision's reader from it."""
-    from torchvision.datasets.utils import check_integrity
+    from toolkit.models.vision import torchvision
 
     if not place.is_dir():
         return f"no folder {place.name} in it"
     for name, md5 in (*reader.train_list, *reader.test_list, (reader.meta["filename"], reader.meta["md5"])):
         if not (place / name).is_file():
             return f"{place.name}/{name} is missing"
-        if not check_integrity(str(place / name), md5):
+        if not torchvision.datasets.utils.check_integrity(str(place / name), md5):
             return f"{place.name}/{name} is damaged or not CIFAR-10's (its MD5 is not {md5}) and was not opened"
     return f"{place.name} was changed while it was read"
 

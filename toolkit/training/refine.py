@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch.nn.functional import cross_entropy, kl_div, log_softmax
 from torch.nn.utils import clip_grad_norm_
-from torchvision.transforms.functional import center_crop
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
@@ -27,6 +26,7 @@ from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
+from toolkit.models.vision import torchvision
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier import CHECKPOINT_EVERY_S
 from toolkit.training.classifier_config import PHOTOGRAPHS, Attack
@@ -188,8 +188,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         rng = Draws(self.config.seed, step, self.kind).of("augmentation")
         # drawn for the whole batch, and then shared: the number of processes changes no view
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
+        middles = torchvision.transforms.functional.center_crop(raw, [teacher.preprocessing.crop_px] * 2)
         with torch.no_grad():
-            wanted = self._ask(teacher, current().share(center_crop(raw, [teacher.preprocessing.crop_px] * 2)) / 255)
+            wanted = self._ask(teacher, current().share(middles) / 255)
         if self.config.robust is not None:
             # the teacher's own answers stand for labels: none are needed
             labels = wanted.argmax(1)

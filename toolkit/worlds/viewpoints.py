@@ -61,7 +61,7 @@ class Viewpoint:
     """A camera's place that was chosen.
 
     Attributes:
-        name: `street`, `roof`, `air`, or `street-2` and so on.
+        name: `street`, `roof` or `air`.
         T_world_camera: (4, 4) its pose, metres.
     """
 
@@ -74,8 +74,8 @@ class Viewpoint:
         return self.T_world_camera[:3, 3]
 
 
-def choose_viewpoints(world: World, seed: int = 0, each: int = 1) -> tuple[Viewpoint, ...]:
-    """The best view of each of `LEVELS`, and further ones from elsewhere where more than one is asked for.
+def choose_viewpoints(world: World, seed: int = 0) -> tuple[Viewpoint, ...]:
+    """The best view of each of `LEVELS` that has room for a camera.
 
     Raises:
         ToolkitError: nowhere in the world is there room for a camera.
@@ -85,18 +85,8 @@ def choose_viewpoints(world: World, seed: int = 0, each: int = 1) -> tuple[Viewp
         level = level.within(world)
         rng = np.random.default_rng([seed, 60, number])
         places = find_places(world, level, rng)
-        if not len(places):
-            continue
-        poses, score = _judge(world, level, places, rng)
-        found: list[Viewpoint] = []
-        for k in np.argsort(-score, kind="stable"):
-            # a second view from next to the first would show nothing new
-            apart = 0.25 * float(np.ptp(world.core, axis=0).max())
-            if all(np.linalg.norm(poses[k][:3, 3] - one.position) > apart for one in found):
-                found.append(Viewpoint(name if not found else f"{name}-{len(found) + 1}", poses[k]))
-            if len(found) == each:
-                break
-        chosen += found
+        if len(places):
+            chosen.append(Viewpoint(name, _choose_pose(world, level, places, rng)))
     if not chosen:
         raise ToolkitError(f"{world.name}: nowhere is there room for a camera: does the world have open space?")
     return tuple(chosen)
@@ -120,10 +110,8 @@ def clearance(world: World, points: np.ndarray) -> np.ndarray:
     return world.shape.rays.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
 
 
-def _judge(
-    world: World, level: Level, places: np.ndarray, rng: np.random.Generator
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """The best pose at each place, and (n,) how good it is."""
+def _choose_pose(world: World, level: Level, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The best pose (4, 4) at any of the places."""
     turn = rng.uniform(0, 360, len(places))
     pitch = rng.uniform(*level.pitch_deg, len(places))
     best: list[np.ndarray] = []
@@ -135,7 +123,7 @@ def _judge(
         marks = rate_views(world, poses, level)
         best.append(poses[int(marks.argmax())])
         score[k] = marks.max()
-    return best, score
+    return best[int(score.argmax())]
 
 
 def rate_views(world: World, poses: list[np.ndarray], level: Level) -> np.ndarray:

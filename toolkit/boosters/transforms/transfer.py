@@ -93,7 +93,10 @@ def _shuffle(
 ) -> "torch.Tensor":
     """(3, h, w) with its strips along `axis` (0: down, 1: right), and the blocks of each, in other places."""
     import torch
-    from torchvision.transforms.functional import InterpolationMode, rotate
+
+    from toolkit.models.vision import torchvision
+
+    turning = torchvision.transforms.functional
 
     along, across = 1 + int(axis), 2 - int(axis)
     strips = photo.split(divide(photo.shape[along], sizes[0]), along)
@@ -102,7 +105,7 @@ def _shuffle(
         blocks = strips[k].split(divide(photo.shape[across], sizes[1 + k]), across)
         turned = [
             # a block that was rounded to nothing has no middle to turn about
-            rotate(block, float(angle), InterpolationMode.BILINEAR) if block.numel() else block
+            turning.rotate(block, float(angle), turning.InterpolationMode.BILINEAR) if block.numel() else block
             for block, angle in zip(blocks, angles[k], strict=True)
         ]
         joined.append(torch.cat([turned[j] for j in orders[1 + k]], across))
