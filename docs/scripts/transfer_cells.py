@@ -15,10 +15,9 @@ from typing import Any
 
 from tables import Row, list_changes, read_summaries, write_table
 
-from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
-from toolkit.corruptions.catalogue import COMMON
+from toolkit.corruptions.catalogue import COMMON, SEVERITIES
 from toolkit.experiments.transfer.leave_one_out import BOOSTED, JudgedRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"

@@ -6,9 +6,8 @@ import torch
 
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
-from toolkit.core.severities import SEVERITIES
 from toolkit.corruptions.batch import corrupt
-from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES, choose_parameters
+from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES, SEVERITIES, choose_parameters
 from toolkit.corruptions.digital import from_bytes, to_bytes
 
 CLOSED = {

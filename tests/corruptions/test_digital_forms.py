@@ -10,9 +10,8 @@ from PIL import Image
 from scipy import ndimage
 
 from toolkit.core.draws import RandomStreams
-from toolkit.core.severities import SEVERITIES
 from toolkit.corruptions.batch import corrupt
-from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.corruptions.catalogue import CORRUPTIONS, SEVERITIES
 
 
 @pytest.fixture(scope="module", params=[(224, 224), (32, 32), (100, 131)])

@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from toolkit.core.draws import RandomStreams
-from toolkit.core.severities import SEVERITIES
 from toolkit.corruptions.batch import corrupt
-from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.corruptions.catalogue import CORRUPTIONS, SEVERITIES
 from toolkit.corruptions.weather import PANES, cut_frost, draw_clouds, draw_panes
 
 CPU = torch.device("cpu")

@@ -9,10 +9,9 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.files import load_json
-from toolkit.core.severities import SEVERITIES
 from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.corruptions.catalogue import find_note, parse_corruptions
+from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import EvalConfig
 from toolkit.experiments.corruptions import CorruptEvalConfig

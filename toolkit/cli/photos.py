@@ -13,8 +13,8 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
-from toolkit.core.severities import list_spans
 from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.corruptions.catalogue import list_spans
 from toolkit.photos import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:

@@ -5,12 +5,12 @@ Perturbations", ICLR 2019, as in the scripts that made the published images (hen
 and make_cifar_c.py). Lengths are in pixels of an image of 224² and of 32².
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.severities import SEVERITIES, list_spans, parse_severities
 
 if TYPE_CHECKING:
     import torch
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 IMAGENET, CIFAR = "imagenet", "cifar"
 MAX_CIFAR_SIDE_PX = 64
+SEVERITIES = (1, 2, 3, 4, 5)
+"""1 (slight) to 5 (severe), written `fog:3`, `snow:1-5`."""
+SEVERITY_WORDS = re.compile(r"([1-5])(?:-([1-5]))?")
 FAMILIES = ("noise", "blur", "weather", "digital", "extra")
 Parameters = float | tuple[float, ...]
 """What a corruption takes at one severity; each takes its own kind."""
@@ -270,3 +273,37 @@ def name_corruptions(pairs: Sequence[tuple[str, int]]) -> str:
         whole = [word for word in ("all", "common", *FAMILIES) if set(choose_names([word])) == set(names)]
         said += [f"{name}:{span}" for name in whole[:1] or names for span in list_spans(severities)]
     return ", ".join(said)
+
+
+def parse_severities(kind: str, word: str, default: Sequence[int] = SEVERITIES) -> Sequence[int]:
+    """The severities in a word such as `fog:3` or `fog:1-3`.
+
+    Args:
+        kind: what errors call it, such as `corruption`.
+        word: a name, with or without severities.
+        default: of a word that has none.
+
+    Raises:
+        ToolkitError: what stands behind the colon is no severity.
+    """
+    _, colon, after = word.partition(":")
+    if not colon:
+        return default
+    match = SEVERITY_WORDS.fullmatch(after)
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if first > last:
+        raise ToolkitError(
+            f"{kind} '{word}': severity '{after}': expected one of 1 (slight) to 5 (severe) or a range such as 1-3"
+        )
+    return range(first, last + 1)
+
+
+def list_spans(numbers: Iterable[int]) -> list[str]:
+    """`1-3`, `7` of 1, 2, 3, 7 in any order."""
+    spans: list[list[int]] = []
+    for number in sorted(numbers):
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return [str(first) if first == last else f"{first}-{last}" for first, last in spans]

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.severities import SEVERITIES, parse_severities
+from toolkit.corruptions.catalogue import SEVERITIES, parse_severities
 
 BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
 CLEAR = ("clear", 0)

@@ -14,7 +14,7 @@ from pydantic import Field
 from toolkit.core.config import align_rows
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.severities import SEVERITIES
+from toolkit.corruptions.catalogue import SEVERITIES
 from toolkit.worlds.clouds import paint_noise
 from toolkit.worlds.conditions import check_weather
 from toolkit.worlds.fog import CONTRAST_LOG, LADDER_M, DepthFog, Dust, find_visibility, hang_veil

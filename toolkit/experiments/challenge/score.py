@@ -28,11 +28,10 @@ from toolkit.core.files import (
     write_json,
     write_text,
 )
-from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import Interval, PairedOutcomes
 from toolkit.core.tables import build_table, encode_csv, format_percent, format_points, format_points_interval
 from toolkit.core.workspace import Workspace
-from toolkit.corruptions.catalogue import COMMON
+from toolkit.corruptions.catalogue import COMMON, SEVERITIES
 from toolkit.engine.units import Engine
 from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change, estimate_difference

@@ -8,9 +8,8 @@ import numpy as np
 
 from toolkit.captures.read import UNPATCHED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import mcnemar_p, wilson_interval
-from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
+from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET, SEVERITIES
 from toolkit.evaluation.metrics import estimate_difference, estimate_share
 from toolkit.evaluation.summaries import list_reasons
 from toolkit.experiments.corruptions import CLEAN, NOT_CORRUPTED, Condition

@@ -3,7 +3,7 @@
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.severities import SEVERITIES, parse_severities
+from toolkit.corruptions.catalogue import SEVERITIES, parse_severities
 
 
 def test_one_a_range_and_the_default():
