@@ -16,14 +16,6 @@ from toolkit.cli import app
 from toolkit.cli.photos import _shorten, ask_person
 
 
-@pytest.fixture
-def space(tmp_path, make_crate_space, monkeypatch):
-    made = make_crate_space(tmp_path / "space")
-    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
-    monkeypatch.chdir(made.root)
-    return made
-
-
 def take(file, seed):
     file.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.random.default_rng(seed).integers(0, 256, (36, 48, 3), dtype=np.uint8)

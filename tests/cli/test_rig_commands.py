@@ -14,15 +14,6 @@ from toolkit.rig.plan import read_plan
 from toolkit.training.machine import Check
 
 
-@pytest.fixture
-def space(tmp_path, make_crate_space, monkeypatch):
-    """In its folder, and without the package's own objects, which are heavy."""
-    made = make_crate_space(tmp_path / "space")
-    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
-    monkeypatch.chdir(made.root)
-    return made
-
-
 def call(*arguments, code=0):
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert result.exit_code == code, (result.output, result.exception)

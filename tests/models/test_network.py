@@ -1,6 +1,7 @@
 """A loaded classifier is torchvision's own network, normalised inside, with the right names on its outputs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.models.architectures import CIFAR_NETWORKS, list_architectures, published_weights
 from toolkit.models.load import load_classifier
-from toolkit.models.network import choose_device
+from toolkit.models.network import choose_device, fold_normalisation
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,65 @@ def test_gradient_reaches_the_image_and_not_the_weights(classifier):
     assert batch.grad is not None and batch.grad.abs().sum() > 0
     assert not classifier.module.training
     assert all(parameter.grad is None and not parameter.requires_grad for parameter in classifier.module.parameters())
+
+
+def make_moved(network):
+    """With statistics and affine maps that are not those of a new network."""
+    generator = torch.Generator().manual_seed(1)
+    for one in network.modules():
+        if isinstance(one, torch.nn.BatchNorm2d):
+            for values, low, high in ((one.weight, 0.5, 1.5), (one.bias, -0.3, 0.3), (one.running_mean, -0.2, 0.2),
+                                      (one.running_var, 0.5, 2.0)):  # fmt: skip
+                values.data.uniform_(low, high, generator=generator)
+    return network
+
+
+@pytest.mark.parametrize("arch", ["resnet18", "mobilenet_v2", "densenet121", "timm:tf_efficientnet_lite0"])
+def test_a_folded_network_answers_as_before_and_takes_the_same_gradient_back(tmp_path, arch):
+    torch.manual_seed(0)
+    build = torchvision.models.get_model if ":" not in arch else pytest.importorskip("timm").create_model
+    torch.save(make_moved(build(arch.removeprefix("timm:"))).state_dict(), tmp_path / "moved.pth")
+    network = load_classifier(arch, tmp_path / "moved.pth", "cpu")
+    network.module.double()  # exact, so that no ReLU is on in one and off in the other
+    before = {name: value.clone() for name, value in network.module.state_dict().items()}
+    folded = fold_normalisation(network)
+
+    def count(one):
+        return sum(isinstance(layer, torch.nn.BatchNorm2d) for layer in one.module.modules())
+
+    # of a densenet most normalisations come before their convolution
+    assert count(folded) == 0 if arch != "densenet121" else 0 < count(folded) < count(network)
+    gradients = []
+    for one in (network, folded):
+        batch = torch.rand(2, 3, 96, 96, generator=torch.Generator().manual_seed(2)).double().requires_grad_(True)
+        answers = one.logits(batch)
+        answers[:, 3].sum().backward()
+        gradients.append((answers.detach(), batch.grad))
+    for plain, other in zip(*gradients, strict=True):
+        assert torch.allclose(plain, other, rtol=1e-6, atol=1e-9 * float(plain.abs().max()))
+    after = network.module.state_dict()
+    assert all(torch.equal(value, after[name]) for name, value in before.items())
+    assert not any(value.requires_grad for value in folded.module.parameters())
+
+
+class Fork(torch.nn.Module):
+    """What the convolution gives is used twice, once before its normalisation."""
+
+    def __init__(self):
+        super().__init__()
+        self.layer, self.norm = torch.nn.Conv2d(3, 4, 3), make_moved(torch.nn.Sequential(torch.nn.BatchNorm2d(4)))
+
+    def forward(self, batch):
+        made = self.layer(batch)
+        return (made + self.norm(made)).mean((2, 3))
+
+
+@pytest.mark.parametrize("module", [Fork(), torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3), torch.nn.Flatten())])
+def test_what_cannot_be_folded_is_left_as_it_is(classifier, module):
+    network = replace(classifier, module=module.eval().requires_grad_(False), labels=list("abcd"))
+    if not isinstance(module, Fork):
+        network = replace(network, labels=[str(k) for k in range(4 * 222 * 222)])
+    assert fold_normalisation(network) is network
 
 
 def test_wrong_shape_is_named(classifier):

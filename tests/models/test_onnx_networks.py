@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from one_line import error_of
 from safetensors.torch import save_file
 
-from toolkit.core.errors import ToolkitError
 from toolkit.models.load import load_classifier
 
 onnx = pytest.importorskip("onnx", reason="needs onnx: pip install '.[onnx]'")
@@ -68,13 +68,6 @@ def write(folder, model, description=DESCRIPTION.format(PX), name="net"):
 
 def load(file):
     return load_classifier(f"onnx:{file}", device="cpu")
-
-
-def error_of(call) -> str:
-    with pytest.raises(ToolkitError) as caught:
-        call()
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 def ask_runtime(file, batch):

@@ -10,6 +10,7 @@ from http.client import HTTPResponse
 import pytest
 
 from toolkit.studio import serve, upload
+from toolkit.studio.app import UPLOAD_TYPE
 
 
 @pytest.fixture
@@ -81,6 +82,12 @@ def test_eight_at_once_for_one_pose_are_kept_or_told_of_the_later_one(desk, phot
 def test_a_picture_that_shows_nothing_is_no_photograph(desk, photo, size):
     answer = desk.send(1, photo(size=size, kind="PNG"))
     assert answer.status_code == 415 and "too small to be measured" in answer.json()["error"]
+
+
+def test_a_length_of_thousands_of_digits_is_too_large(desk):
+    headers = {"content-type": UPLOAD_TYPE, "content-length": "9" * 5000}  # more digits than int() takes
+    answer = desk.client.post("/api/shots/1/photo", content=b"x", headers=headers)
+    assert answer.status_code == 413 and list(answer.json()) == ["error"]
 
 
 @pytest.mark.parametrize(

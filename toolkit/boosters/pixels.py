@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import is_program
-from toolkit.models.network import AnyNetwork, Classifier
+from toolkit.models.network import AnyNetwork, Classifier, fold_normalisation
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
 from toolkit.training.loop import Made, TrainingTask
@@ -61,6 +61,14 @@ class Target:
         """(b, classes) of (b, 3, m, m) sRGB-encoded photographs, resized to the network's side; differentiable."""
         # the photographs may be made for another network of the ensemble
         return self.classifier.logits(resize_photos(photos, self.classifier.preprocessing.crop_px))
+
+    @cached_property
+    def folded(self) -> "Target":
+        """The same, whose gradients cost less: a classifier's normalisations are in its convolutions."""
+        network = self.classifier
+        if not isinstance(network, Classifier) or is_program(network.arch):
+            return self
+        return replace(self, classifier=fold_normalisation(network))
 
     def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
@@ -192,7 +200,7 @@ def judge_ensemble(
     """
 
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
-        target = targets[number]
+        target = targets[number].folded
         # drawn for each network by its number: they do not look at the same cut
         for one in config.transforms("network"):
             seen = one.change(seen, one.rng(draws, f" {number}"))

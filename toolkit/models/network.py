@@ -1,10 +1,11 @@
 """A classifier that is ready to use: network, weights, labels and preprocessing in one."""
 
-from collections import OrderedDict
+import copy
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -199,6 +200,56 @@ class Classifier:
         if self.is_imagenet and isinstance(name, str) and name in imagenet_wnids():
             return index_of_wnid(name)
         return index_of_label(self.labels, name, remedy)
+
+
+ROUNDING = 1e-4
+"""Share of the largest answer by which answers of a folded network may differ."""
+
+
+def fold_normalisation(network: Classifier) -> Classifier:
+    """A copy with each batch normalisation in the convolution before it: the same answers, sooner, in less memory.
+
+    With statistics that stand still a normalisation is a product and a sum for each channel, which the kernel and its
+    bias can have in them. Which one follows which convolution is seen by asking once. Where that was not all of it, so
+    that answers to a random image come out otherwise, the network itself is given back, as where nothing is to fold.
+    """
+    import torch
+    from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+    module = copy.deepcopy(network.module)
+    names, made = {one: name for name, one in module.named_modules()}, dict[int, tuple[Any, torch.Tensor]]()
+    asked, pairs = Counter[torch.nn.Module](), list[tuple[torch.nn.Conv2d, torch.nn.BatchNorm2d]]()
+
+    def watch(layer: torch.nn.Module, given: tuple[torch.Tensor, ...], answer: torch.Tensor) -> None:
+        asked[layer] += 1
+        if isinstance(layer, torch.nn.Conv2d):
+            made[id(answer)] = layer, answer  # kept, so that no other gets its number
+        elif isinstance(layer, torch.nn.BatchNorm2d) and id(given[0]) in made:
+            pairs.append((made[id(given[0])][0], layer))
+
+    hooks = [
+        one.register_forward_hook(watch) for one in names if isinstance(one, torch.nn.Conv2d | torch.nn.BatchNorm2d)
+    ]
+    side = network.preprocessing.crop_px
+    of = next((one.dtype for one in module.parameters()), torch.float32)
+    image = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)).to(network.device, of)
+    folded = replace(network, module=module)
+    with torch.no_grad():
+        wanted = folded.logits(image)
+        for hook in hooks:
+            hook.remove()
+        for layer, norm in pairs:
+            if asked[layer] > 1 or asked[norm] > 1 or norm.running_mean is None or norm.training:
+                continue
+            whole = fuse_conv_bn_eval(layer, norm)
+            layer.weight, layer.bias = whole.weight, whole.bias
+            # timm's have what follows them inside
+            rest = [one for one in (getattr(norm, "drop", None), getattr(norm, "act", None)) if one is not None]
+            above, _, name = names[norm].rpartition(".")
+            setattr(module.get_submodule(above), name, torch.nn.Sequential(*rest))
+        module.requires_grad_(False).to(memory_format=torch.channels_last)
+        is_same = bool(pairs) and (folded.logits(image) - wanted).abs().max() <= ROUNDING * wanted.abs().max()
+    return folded if is_same else network
 
 
 def choose_device(device: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, cross_products, group_places
+from toolkit.objects.mesh import Mesh, cross_products, group_places, signed_areas
 
 THINNEST = 1e-3
 """Triangles flatter than this share of their base are taken to be this high: their angles are rounding."""
@@ -157,12 +157,6 @@ def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][min(int(np.searchsorted(total, share * total[-1])), len(values) - 1)])
-
-
-def signed_areas(flat: np.ndarray) -> np.ndarray:
-    """(k,) areas of flat triangles (k, 3, 2), negative where they run clockwise."""
-    a, b, c = np.moveaxis(flat, 1, 0)
-    return ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
 
 
 def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:

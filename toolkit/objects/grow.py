@@ -24,12 +24,11 @@ from toolkit.objects.flatten import (
     make_surface,
     points_of,
     relax_region,
-    signed_areas,
     take,
     weighted_percentile,
     weld_surface,
 )
-from toolkit.objects.mesh import Mesh, load_open3d
+from toolkit.objects.mesh import Mesh, load_open3d, signed_areas
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece

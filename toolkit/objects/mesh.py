@@ -145,8 +145,13 @@ def cross_products(corners: np.ndarray) -> np.ndarray:
 
 def flat_areas(corners: np.ndarray) -> np.ndarray:
     """(m,) areas of flat triangles (m, 3, 2); float64."""
-    a, b, c = np.moveaxis(corners.astype(np.float64), 1, 0)
-    return np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
+    return np.abs(signed_areas(corners.astype(np.float64)))
+
+
+def signed_areas(flat: np.ndarray) -> np.ndarray:
+    """(m,) areas of flat triangles (m, 3, 2), negative where they run clockwise."""
+    a, b, c = np.moveaxis(flat, 1, 0)
+    return ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
 
 
 def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 40.0) -> np.ndarray:

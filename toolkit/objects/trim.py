@@ -15,10 +15,10 @@ from toolkit.objects.flatten import (
     measure_stretch,
     parts_of,
     relax_region,
-    signed_areas,
     take,
     weighted_percentile,
 )
+from toolkit.objects.mesh import signed_areas
 from toolkit.objects.unwrap import spread
 from toolkit.objects.wrap import FlatPiece
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.core.draws import Draws
 from toolkit.objects.atlas import cover_texels, nearest_covered
-from toolkit.objects.mesh import Material, Mesh, cross_products, group_rows, merge_meshes
+from toolkit.objects.mesh import Material, Mesh, cross_products, group_rows, merge_meshes, signed_areas
 from toolkit.objects.wrap import FlatPiece, Wrap
 from toolkit.rig import Misfit
 from toolkit.rig.mount import PAPER
@@ -198,7 +198,7 @@ def _find_ground(mesh: Mesh, piece: FlatPiece, height_mm: float) -> _FlatSurface
     lift: np.ndarray = np.stack([np.bincount(corner.ravel(), axis) for axis in pull.T], axis=1)
     lift /= np.maximum(np.linalg.norm(lift, axis=1, keepdims=True), 1e-12)
     cosine = np.ones(len(lift))
-    solid = _flat_areas(flat) > SLIVER_MM2
+    solid = signed_areas(flat) > SLIVER_MM2
     np.minimum.at(cosine, corner[solid], np.einsum("kcx,kx->kc", lift[corner], unit)[solid])
     lift *= np.minimum(1 / np.maximum(cosine, 1e-6), LIFT_LIMIT)[:, None]
     return _FlatSurface(flat[solid], (corners + height_mm * lift[corner])[solid], mesh.normals[faces][solid])
@@ -215,12 +215,6 @@ def _number_corners(flat: np.ndarray) -> np.ndarray:
     """(k, 3) one number for corners that lie on one another."""
     columns = [np.round(axis / SAME_MM).astype(np.int64) for axis in flat.reshape(-1, 2).T]
     return group_rows(columns)[1].reshape(-1, 3)
-
-
-def _flat_areas(flat: np.ndarray) -> np.ndarray:
-    """(k,) signed areas of flat triangles, positive counter-clockwise."""
-    (ax, ay), (bx, by) = (flat[:, 1] - flat[:, 0]).T, (flat[:, 2] - flat[:, 0]).T
-    return (ax * by - ay * bx) / 2
 
 
 def _continue_ground(ground: _FlatSurface, reach_mm: float) -> _FlatSurface:
@@ -259,7 +253,7 @@ def _continue_ground(ground: _FlatSurface, reach_mm: float) -> _FlatSurface:
         return np.concatenate([np.stack([far_a, far_b, b], 1), np.stack([far_a, b, a], 1)])
 
     flat = quads(ground.flat, step)
-    whole = _flat_areas(flat) > SLIVER_MM2  # in a narrow bay quads turn over; those beside them cover it
+    whole = signed_areas(flat) > SLIVER_MM2  # in a narrow bay quads turn over; those beside them cover it
     still = np.zeros((count, 3))
     return _FlatSurface(flat[whole], quads(ground.corners, way)[whole], quads(ground.normals, still)[whole])
 
@@ -280,7 +274,7 @@ def _cut(flat: np.ndarray, region: "Geometry") -> tuple[np.ndarray, np.ndarray]:
     areal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     small, of_part = shapely.get_parts(shapely.constrained_delaunay_triangles(parts[areal]), return_index=True)
     cut = shapely.get_coordinates(small).reshape(-1, 4, 2)[:, :3]
-    area = _flat_areas(cut)
+    area = signed_areas(cut)
     cut = np.where((area < 0)[:, None, None], cut[:, ::-1], cut)
     solid = np.abs(area) > SLIVER_MM2
     of_triangle = crossing[of_piece[areal][of_part]]
