@@ -14,7 +14,7 @@ from statistics import median
 from benchmarks.bench_eval import BATCH, write_photographs
 
 ROUNDS = 5
-IMAGES = 64
+PHOTOS = 64
 WIDTHS = (3, 32, 64, 128, 128, 256)
 
 
@@ -99,10 +99,10 @@ def measure_classifier(folder: Path) -> tuple[Times, Times]:
 
     def ours() -> None:
         with torch.inference_mode():
-            for _ in range(IMAGES // BATCH):
+            for _ in range(PHOTOS // BATCH):
                 classifier.logits(batch)
 
-    return take_turns(ours, lambda: bare(IMAGES, BATCH))
+    return take_turns(ours, lambda: bare(PHOTOS, BATCH))
 
 
 def measure_detector(folder: Path) -> tuple[Times, Times]:
@@ -117,7 +117,7 @@ def measure_detector(folder: Path) -> tuple[Times, Times]:
     file = folder / "grid.onnx"
     write_graph(file, 352, "grid")
     detector, bare = load_detector(f"onnx:{file}", device="cpu"), start_runtime(file)
-    write_photographs(folder / "captures" / "real" / "racer" / "unpatched", IMAGES)
+    write_photographs(folder / "captures" / "real" / "racer" / "unpatched", PHOTOS)
     captures = read_captures(folder / "captures").captures
     truth = ObjectMask(np.zeros((480, 640), bool), (100.0, 100.0, 300.0, 300.0))
     truths = {one.file: truth for one in captures}
@@ -125,7 +125,7 @@ def measure_detector(folder: Path) -> tuple[Times, Times]:
     def ours() -> None:
         detect.detect_captures(captures, truths, {"racer": 2}, detector)
 
-    return take_turns(ours, lambda: bare(IMAGES, detect.BATCH))
+    return take_turns(ours, lambda: bare(PHOTOS, detect.BATCH))
 
 
 def run() -> dict[str, float]:
@@ -134,11 +134,11 @@ def run() -> dict[str, float]:
         ours, runtime = measure_classifier(Path(name))
         looked, bare = measure_detector(Path(name))
     return {
-        "ONNX classifier images/s": IMAGES / ours[0],
-        "ONNX Runtime images/s": IMAGES / runtime[0],
+        "ONNX classifier images/s": PHOTOS / ours[0],
+        "ONNX Runtime images/s": PHOTOS / runtime[0],
         "ONNX classifier: ratio to ONNX Runtime": runtime[0] / ours[0],
         "ONNX classifier: ratio of processor time": runtime[1] / ours[1],
-        "detector evaluation images/s": IMAGES / looked[0],
+        "detector evaluation images/s": PHOTOS / looked[0],
         "detector evaluation: ratio to its forward": bare[0] / looked[0],
         "detector evaluation: ratio of processor time": bare[1] / looked[1],
     }

@@ -13,7 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MODULES = sorted(file.stem for file in (ROOT / "benchmarks").glob("bench_*.py"))
 SMALL = {
-    "ROUNDS": 1, "MEMORY_COUNTS": (32, 64), "SECONDS": 1, "TRIANGLES": (1000,), "SIZES": ((224, 224),),
+    "ROUNDS": 1, "MEMORY_COUNTS": (2, 4), "SECONDS": 1, "TRIANGLES": (1000,), "SIZES": ((224, 224),), "CUTS": 1,
+    "OBJECTS": ("eggnog",), "LARGE": (1, 1), "IMAGES": 4, "BATCH": 4, "FRAMES": 2, "UNITS": 2, "PLACES": 2,
+    "EPISODES": 2, "ALONE": 1, "LONGEST_S": 1.0,
     "RECIPE": {"objects": ("warplane",), "size_px": 200, "studios": 1, "per_studio": 4, "batch": 4},
 }  # fmt: skip
 LOOKED_FOR = {"rotorpy", "ray"}

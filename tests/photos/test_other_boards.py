@@ -97,7 +97,7 @@ def test_a_chessboard_that_looks_the_same_turned_gives_no_pose(tmp_path):
 
 @pytest.mark.slow
 def test_a_mirrored_print_and_no_board_are_said_of_a_folder(tmp_path):
-    for i, picture in enumerate(pictures_of(CARD)):
+    for i, picture in enumerate(pictures_of(CARD, 2)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture[:, ::-1])
     with pytest.raises(ToolkitError, match="mirrored board"):
         identify_board(tmp_path)
