@@ -19,6 +19,10 @@ def read_table(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def read_wraps(condition: str = "clear") -> list[dict[str, str]]:
+    return [row for row in read_table("wraps") if row["condition"] == condition]
+
+
 def test_the_pages_are_what_the_tables_make() -> None:
     from findings import PAGES, write_page
 
@@ -151,7 +155,7 @@ UNSEEN = "mobilenet_v1_0.75_192"
 
 
 def test_the_readme_says_when_to_take_a_patch_a_wrap_or_a_texture_by_the_table() -> None:
-    rows = {(one["network"], one["booster"]): one for one in read_table("wraps") if one["object"] == "all"}
+    rows = {(one["network"], one["booster"]): one for one in read_wraps() if one["object"] == "all"}
     readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     lines = re.findall(r"^\| (patch|wrap|texture) \|.*\| (\d+)(?:, [^|]*)? \| (\d+) \|$", readme, re.MULTILINE)
     told = [tuple(rows[network, line[0]]["boosted"] for network in ("resnet18", UNSEEN)) for line in lines]
@@ -163,7 +167,7 @@ def test_the_readme_says_when_to_take_a_patch_a_wrap_or_a_texture_by_the_table()
 def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
     names = {"ResNet-18": "resnet18", "MobileNetV2": "mobilenet_v2", "MobileNetV1 0.75": UNSEEN}
     names |= {f"EfficientNet-Lite{k}": f"tf_efficientnet_lite{k}" for k in range(3)}
-    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wraps")
+    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_wraps()
     counts = r" \| (\d+) \| (\d+) \| (\d+) \| (\d+) \((\d+) / (\d+), p (?:< 0\.0001|= ([\d.]+))\) \|$"
     told = {names[one[0]]: one[1:] for one in re.findall(r"^\| ([\w .-]+), seen[^|]*" + counts, page, re.MULTILINE)}
     assert set(told) == {row["network"] for row in rows}
@@ -175,6 +179,20 @@ def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
         assert float(of["wrap"]["p"]) == pytest.approx(exact, rel=0.01)
         assert f"{exact:.{len(p) - 2}f}" == p if p else exact < 0.0001
         assert int(wrap) - int(bare) == int(gained) - int(lost)
+
+
+def test_the_wraps_page_says_what_its_own_networks_say_in_fog() -> None:
+    page = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8")
+    counted = []
+    for condition in ("fog-3", "clear"):
+        rows = [one for one in read_wraps(condition) if one["object"] == "all" and one["seen"] == "True"]
+        of = {booster: [one for one in rows if one["booster"] == booster] for booster in ("wrap", "texture")}
+        of["wrap"] = [one for one in of["wrap"] if one["network"] in {other["network"] for other in of["texture"]}]
+        assert sum(int(one["n"]) for one in of["wrap"]) == 288
+        right = [sum(int(one["boosted"]) for one in of[booster]) for booster in ("wrap", "texture")]
+        counted.append(f"{right[0]} of 288 with the wraps, {right[1]} with the textures, "
+                       f"{sum(int(one['bare']) for one in of['wrap'])} bare")  # fmt: skip
+    assert f"In fog 3 they are right in {counted[0]}; in clear air in {counted[1]}." in page
 
 
 def test_the_wraps_page_says_what_the_challenge_and_other_objects_showed() -> None:
@@ -240,7 +258,7 @@ def test_the_landing_page_says_what_was_flown() -> None:
 
 def test_tables_agree_on_what_a_network_says_of_the_same_images() -> None:
     """The wraps' table once had MobileNetV1 at another network's preprocessing: 28 of 72 bare instead of 40."""
-    told = [row for row in read_table("wraps") if row["booster"] == "texture"]
+    told = [row for row in read_wraps() if row["booster"] == "texture"]
     four = [row for row in read_table("transfer") if row["set"] == "four-networks" and row["air"] == "clear"]
     of = {(row["network"].removeprefix("timm-"), row["object"]): row for row in four if row["booster"] == "texture"}
     counts = ("bare", "boosted", "gained", "lost")
