@@ -193,6 +193,11 @@ class Region:
     joined: np.ndarray
 
 
+def worth_of(region: Region | None, value: np.ndarray) -> float:
+    """Of all faces together, of which each has a value (m,); 0 where there is no region."""
+    return 0.0 if region is None else float(value[region.faces].sum())
+
+
 def take(surface: Surface, region: Region, rows: np.ndarray) -> Region:
     """A region of some of the faces."""
     part = Region(region.faces[rows], region.flat[rows], region.joined[rows])

@@ -27,6 +27,7 @@ from toolkit.objects.flatten import (
     take,
     weighted_percentile,
     weld_surface,
+    worth_of,
 )
 from toolkit.objects.mesh import Mesh, load_open3d, signed_areas
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
@@ -199,7 +200,7 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
     else:
         found = find_regions(surface, value, free, limits, count)
     found = [leave_hidden(surface, region, value, limits) for region in found]
-    found.sort(key=lambda one: -_worth(one, value))
+    found.sort(key=lambda one: -worth_of(one, value))
     return [make_piece(surface, region, limits.sheet_mm) for region in found]
 
 
@@ -246,8 +247,8 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
                 if k not in grown:
                     grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, limits)
                     in_vain += grown[k] is None
-            best = max(grown.values(), key=lambda one: _worth(one, value), default=None)
-            if best is None or _worth(best, value) < LEAST_GAIN * total:
+            best = max(grown.values(), key=lambda one: worth_of(one, value), default=None)
+            if best is None or worth_of(best, value) < LEAST_GAIN * total:
                 break
             even = finish(surface, even_border(surface, best, free), value, limits)
             best = best if even is None else even
@@ -260,10 +261,6 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
             }
             bar.advance()
     return found
-
-
-def _worth(region: Region | None, value: np.ndarray) -> float:
-    return 0.0 if region is None else float(value[region.faces].sum())
 
 
 def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
@@ -282,8 +279,8 @@ def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, 
     for axis in (None, np.array([0.0, 0.0, 1.0])):
         grown, is_whole = grow_piece(surface, seed, free, limits, axis)
         region = finish(surface, grown, value, limits)
-        if region is not None and float(value[region.faces].sum()) > most:
-            best, most = region, float(value[region.faces].sum())
+        if worth_of(region, value) > most:
+            best, most = region, worth_of(region, value)
         if is_whole:  # nothing was left out for its stretch: another way round finds the same
             break
     return best

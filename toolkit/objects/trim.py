@@ -17,6 +17,7 @@ from toolkit.objects.flatten import (
     relax_region,
     take,
     weighted_percentile,
+    worth_of,
 )
 from toolkit.objects.mesh import signed_areas
 from toolkit.objects.unwrap import spread
@@ -152,7 +153,7 @@ def leave_hidden(surface: Surface, region: Region, value: np.ndarray, limits: Li
     hidden, area = value[region.faces] <= 0, surface.area[region.faces]
     part = parts_of(surface, region, hidden)
     size = np.bincount(part, np.where(hidden, area, 0))
-    least = (1 - LOST) * _worth(region, value)
+    least = (1 - LOST) * worth_of(region, value)
     rows = np.arange(len(area))
     for one in np.flatnonzero(size >= HIDDEN_MM2):
         kept = np.zeros(len(area), bool)
@@ -164,11 +165,7 @@ def leave_hidden(surface: Surface, region: Region, value: np.ndarray, limits: Li
     free = np.zeros(len(value), bool)
     free[region.faces] = True
     cut = finish(surface, even_border(surface, take(surface, region, rows), free), value, limits)
-    return region if cut is None or _worth(cut, value) < least else cut
-
-
-def _worth(region: Region, value: np.ndarray) -> float:
-    return float(value[region.faces].sum())
+    return region if cut is None or worth_of(cut, value) < least else cut
 
 
 def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:
