@@ -12,6 +12,7 @@ from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.match import RenderMatcher
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
@@ -21,11 +22,16 @@ register_heif()
 START = datetime(2024, 5, 1, 10)
 PATCHED = ImportSettings(object="crate", variant="patched")
 LENS = Camera(48, 36, fx=50.0, fy=50.0, cx=24.0, cy=18.0)
+RANK = RenderMatcher.rank
 
 
 @pytest.fixture
 def space(tmp_path, make_crate_space, monkeypatch):
-    """One light object, a plan of four poses 90° apart, none of the package's own objects."""
+    """One light object, a plan of four poses 90° apart, none of the package's own objects.
+
+    Nothing is rendered: the pictures are noise, which looks like no render. `RANK` put back renders.
+    """
+    monkeypatch.setattr(RenderMatcher, "rank", lambda *_: "nothing is rendered here")
     made = make_crate_space(tmp_path / "space")
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     item = load_object(made.object_spec("crate"))
@@ -82,12 +88,6 @@ NO_BOARD = Board({})
 def run(space, paths, settings=PATCHED, board=NO_BOARD, **options):
     paths = paths if isinstance(paths, list) else [paths]
     return import_photos(space, paths, settings, locate=board, **options)
-
-
-def no_render(studied, group):
-    from toolkit.photos.importing.match import Doubt
-
-    return Doubt("nothing is rendered here")
 
 
 def imported(result) -> dict[str, str]:

@@ -10,9 +10,9 @@ import board_photos as bp
 import cv2
 import numpy as np
 import pytest
+from crate_bench import BOARD, CAMERA, CrateBench
 
 from toolkit.captures.manifest import CaptureRecord, append_record
-from toolkit.core.workspace import make_workspace
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
@@ -29,7 +29,7 @@ from toolkit.photos.gates.check_captures import (
     retake_list,
     write_retake_list,
 )
-from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo, view_of_record
+from toolkit.photos.gates.check_photo import inspect_photo, view_of_record
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
 from toolkit.photos.gates.framing import (
     check_blur,
@@ -43,25 +43,18 @@ from toolkit.photos.gates.framing import (
 )
 from toolkit.photos.gates.objects import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import CharucoBoard
-from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.shot_order import ShotStep
 
-BOARD = CharucoBoard(9, 9, 25.0, 18.75)
-CAMERA = Camera.from_fov(640, 480, 40.0)
 LENS = CAMERA
 PATCH_MM = 60.0
 SIDES = ((20, 45), (140, 55), (260, 40), (80, 50), (200, 60))
 
 
 @dataclass(frozen=True)
-class Bench:
-    """A workspace with a crate that wears the racer's patch, and photographs of it on a board."""
-
-    space: object
-    expecter: ExpectationBuilder
+class Bench(CrateBench):
+    """The crate wears the racer's patch."""
 
     @cache  # noqa: B019 - one bench lives as long as the module
     def mesh(self, variant: str, offset_mm: tuple[float, float] = (0.0, 0.0)):
@@ -75,9 +68,7 @@ class Bench:
 
     @cache  # noqa: B019
     def shoot(self, variant: str, side: int, light: str = "studio", offset_mm: tuple[float, float] = (0.0, 0.0)):
-        """Pixels, not to be written to."""
-        mesh = self.mesh(variant, offset_mm)
-        return bp.photograph(mesh, BOARD, CAMERA, pose(side), light=light, px_per_mm=2.5, seed=1)
+        return self.photograph(self.mesh(variant, offset_mm), pose(side), light)
 
     def expect(self, variant: str, side: int, **changes):
         return replace(self.expecter.expect("crate", variant, side + 1, PosedCamera(pose(side), LENS)), **changes)
@@ -90,15 +81,8 @@ def pose(side: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory, make_box) -> Bench:
-    space = make_workspace(tmp_path_factory.mktemp("gates"))
-    mesh = make_box((130.0, 90.0, 45.0))
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (space.objects_dir / "crate.obj").write_text("\n".join(lines) + "\n")
-    (space.objects_dir / "crate.toml").write_text(
-        f'name = "crate"\nclass = "racer"\nmesh = "crate.obj"\nlength_mm = 130\n[patch]\nsize_mm = {PATCH_MM}\n'
-    )
-    write_board(space, BOARD)
-    return Bench(space, ExpectationBuilder(space))
+    crate = make_box((130.0, 90.0, 45.0))
+    return Bench.make(tmp_path_factory.mktemp("gates"), crate, f"[patch]\nsize_mm = {PATCH_MM}\n")
 
 
 def by_name(results) -> dict:
@@ -232,7 +216,7 @@ def test_what_cannot_be_checked_is_said_and_is_no_pass(bench):
 def test_no_patch_is_no_proof_where_its_place_does_not_show(bench):
     """The patch would lie on top; from 5° above the crate a patch there is a line, which may be missed."""
     low = orbit_pose(np.array([0, 0, 20.0]), 20, 5, 440.0)
-    image = bp.photograph(bench.mesh("unpatched"), BOARD, CAMERA, low, px_per_mm=2.5, seed=1)
+    image = bench.photograph(bench.mesh("unpatched"), low)
     view = PosedCamera(low, LENS)
     result = by_name(inspect_photo(image, bench.expect("unpatched", 0, view=view)).results)["wrong variant"]
     assert result.status == "not checked" and "its place is turned away" in result.advice

@@ -3,40 +3,36 @@
 from dataclasses import dataclass, replace
 from functools import cache
 
-import board_photos as bp
 import numpy as np
 import pytest
+from crate_bench import CAMERA, CrateBench
 
-from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
-from toolkit.photos.gates.check_photo import ExpectationBuilder, inspect_photo
+from toolkit.photos.gates.check_photo import inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves, measure_side
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.align import cell_centres
-from toolkit.rig.board import CharucoBoard
-from toolkit.rig.board_file import write_board
-from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.camera import orbit_pose
 from toolkit.rig.mount import attach, mount_sheets
 
-BOARD, CAMERA = CharucoBoard(9, 9, 25.0, 18.75), Camera.from_fov(640, 480, 40.0)
 SIZES_MM = (60.0, 45.0)
 BOTH, TOP_ONLY, SIDE_ONLY = (70, 40), (250, 50), (85, 8)
 """Azimuth and elevation from which they show; the second sheet is on the left, azimuth 90°."""
 
 
 @dataclass(frozen=True)
-class Bench:
-    space: object
-    expecter: ExpectationBuilder
-
+class Bench(CrateBench):
     @cache  # noqa: B019 - one bench lives as long as the module
-    def shoot(self, angles: tuple[float, float], stuck: tuple[int, ...] = (0, 1), name: str = "racer"):
+    def mesh(self, stuck: tuple[int, ...], name: str):
         item = load_object(self.space.object_spec("crate"))
         pixels = read_patch(self.space.patch(name)).pixels
         sheets = mount_sheets(item.mesh, pixels, item.spec.mounts, SIZES_MM)
-        mesh = attach(item.mesh, *(sheets[k] for k in stuck))
-        return bp.photograph(mesh, BOARD, CAMERA, pose(angles), px_per_mm=2.5, seed=1)
+        return attach(item.mesh, *(sheets[k] for k in stuck))
+
+    @cache  # noqa: B019
+    def shoot(self, angles: tuple[float, float], stuck: tuple[int, ...] = (0, 1), name: str = "racer"):
+        return self.photograph(self.mesh(stuck, name), pose(angles))
 
     def check(self, image, angles: tuple[float, float], variant: str = "patched", with_pose: bool = True):
         view = PosedCamera(pose(angles), CAMERA) if with_pose else None
@@ -53,16 +49,8 @@ def by_name(check) -> dict:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory, make_box) -> Bench:
-    space = make_workspace(tmp_path_factory.mktemp("gates"))
-    mesh = make_box((130.0, 90.0, 75.0))
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (space.objects_dir / "crate.obj").write_text("\n".join(lines) + "\n")
-    (space.objects_dir / "crate.toml").write_text(
-        'class = "racer"\nmesh = "crate.obj"\nlength_mm = 130\n'
-        f'[[patch]]\nsize_mm = {SIZES_MM[0]}\n[[patch]]\nat = "left"\nsize_mm = {SIZES_MM[1]}\n'
-    )
-    write_board(space, BOARD)
-    return Bench(space, ExpectationBuilder(space))
+    sheets = f'[[patch]]\nsize_mm = {SIZES_MM[0]}\n[[patch]]\nat = "left"\nsize_mm = {SIZES_MM[1]}\n'
+    return Bench.make(tmp_path_factory.mktemp("gates"), make_box((130.0, 90.0, 75.0)), sheets)
 
 
 @pytest.mark.parametrize(("angles", "shown"), [(BOTH, (True, True)), (TOP_ONLY, (True, False))])

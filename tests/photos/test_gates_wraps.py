@@ -3,14 +3,13 @@
 from dataclasses import dataclass, replace
 from functools import cache
 
-import board_photos as bp
 import cv2
 import numpy as np
 import pytest
+from crate_bench import CAMERA, CrateBench
 from PIL import Image
 
 from toolkit.core.console import quietly
-from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.photos.gates.check_captures import hash_setup
@@ -22,14 +21,11 @@ from toolkit.photos.importing.match import RenderMatcher
 from toolkit.photos.photo import read_photo
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig import Pattern, WrapConfig
-from toolkit.rig.board import CharucoBoard
-from toolkit.rig.board_file import write_board
-from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.camera import orbit_pose
 from toolkit.rig.plan import make_plan
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.rig.wrap_plan import plan_wrap
 
-BOARD, CAMERA = CharucoBoard(9, 9, 25.0, 18.75), Camera.from_fov(640, 480, 40.0)
 ABOVE, FAR = (30, 40, 470.0), (30, 40, 1500.0)
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"
@@ -37,20 +33,20 @@ TRAINING = WrapTraining(
 
 
 @dataclass(frozen=True)
-class Bench:
-    space: object
-    expecter: ExpectationBuilder
-
+class Bench(CrateBench):
     @cache  # noqa: B019 - one bench lives as long as the module
-    def shoot(self, view: tuple[float, float, float], pieces: tuple[int, ...] = (0, 1, 2)):
-        """A photograph of the crate with some of its pieces stuck on, each a little beside its place."""
+    def mesh(self, pieces: tuple[int, ...]):
+        """The crate with some of its pieces stuck on, each a little beside its place."""
         item = load_object(self.space.object_spec("crate"))
         booster = find_booster(self.space, item, "wrapped", seed=5)
         wrap = booster.wrap
         record = wrap.record.model_copy(update={"pieces": [wrap.record.pieces[k] for k in pieces]})
         some = replace(booster, wrap=Wrap(record, tuple(wrap.pieces[k] for k in pieces), wrap.pixels))
-        mesh = apply_booster(item, some) if pieces else item.mesh
-        return bp.photograph(mesh, BOARD, CAMERA, pose(view), px_per_mm=2.5, seed=1)
+        return apply_booster(item, some) if pieces else item.mesh
+
+    @cache  # noqa: B019
+    def shoot(self, view: tuple[float, float, float], pieces: tuple[int, ...] = (0, 1, 2)):
+        return self.photograph(self.mesh(pieces), pose(view))
 
     def check(self, image, view: tuple[float, float, float], variant: str, with_pose: bool = True):
         camera = PosedCamera(pose(view), CAMERA) if with_pose else None
@@ -78,14 +74,9 @@ def wrap_crate(space, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory, make_box) -> Bench:
-    space = make_workspace(tmp_path_factory.mktemp("gates"))
-    mesh = make_box((130.0, 90.0, 75.0))
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (space.objects_dir / "crate.obj").write_text("\n".join(lines) + "\n")
-    (space.objects_dir / "crate.toml").write_text('class = "racer"\nmesh = "crate.obj"\nlength_mm = 130\n')
-    write_board(space, BOARD)
-    wrap_crate(space, 3)
-    return Bench(space, ExpectationBuilder(space))
+    made = Bench.make(tmp_path_factory.mktemp("gates"), make_box((130.0, 90.0, 75.0)))
+    wrap_crate(made.space, 3)
+    return made
 
 
 def test_a_wrap_that_is_on_passes_and_a_bare_object_is_told(bench):

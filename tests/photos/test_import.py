@@ -6,7 +6,7 @@ import re
 import import_bench
 import numpy as np
 import pytest
-from import_bench import LENS, Board, camera, imported, no_render, reasons, run, take
+from import_bench import LENS, RANK, Board, camera, imported, reasons, run, take
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
@@ -15,7 +15,7 @@ from toolkit.core.files import sha256_file
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import CaptureKey
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.match import Decision, Doubt
+from toolkit.photos.importing.match import Decision, Doubt, RenderMatcher
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
@@ -57,7 +57,7 @@ def test_order_of_time_and_original_bytes(space, folder):
 def test_another_count_says_nothing_of_the_order(space, folder):
     for i in range(3):
         take(folder / f"IMG_{i + 7}.jpg", i, i)
-    result = run(space, folder, by_render=no_render)
+    result = run(space, folder)
     assert not result.imported and len(result.refused) == 3
     result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order"))
     assert all("3 photographs for the 4 poses of the plan" in why for why in reasons(result).values())
@@ -75,7 +75,7 @@ def test_names_count_after_the_word_pose_or_when_they_are_the_plan(space, folder
 
 def test_a_cameras_counter_is_no_pose_unless_asked(space, folder):
     take(folder / "IMG_0002.jpg", 1)
-    assert "nothing is rendered" in reasons(run(space, folder, by_render=no_render))["IMG_0002.jpg"]
+    assert "nothing is rendered" in reasons(run(space, folder))["IMG_0002.jpg"]
     result = run(space, folder, ImportSettings(object="crate", variant="patched", match="name"))
     assert list(imported(result)) == ["crate/patched/pose_02.jpg"]
 
@@ -211,7 +211,7 @@ def test_a_part_of_a_session_says_where_it_begins(space, folder):
 def test_boards_that_do_not_follow_the_shot_list_stop_it(space, folder):
     steps = shoot_list(space, folder)
     wrong = {f"IMG_{step.number + 40}.jpg": camera(space, 90.0 * (step.pose_id % 4)) for step in steps}
-    result = run(space, folder, ImportSettings(), Board(wrong), by_render=no_render)
+    result = run(space, folder, ImportSettings(), Board(wrong))
     assert not result.imported and all("not taken in this order" in why for why in reasons(result).values())
 
 
@@ -285,14 +285,14 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
     from toolkit.photos.locate import match_pose
     from toolkit.rig.board import DEFAULT_BOARD
 
-    lens = Camera.from_fov(960, 720, 62.0)
+    lens, crate = Camera.from_fov(640, 480, 62.0), make_box()
     poses = read_plan(space.plan_file).objects["crate"]
     truth = {}
     for i, (name, orientation) in enumerate((("a.heic", 6), ("b.jpg", 8), ("c.jpg", 1))):
         pose = poses[2 - i]  # against the plan's order
         target = np.add(pose.target_mm, (3.0, -2.0, 1.0))
         T = orbit_pose(target, pose.azimuth_deg + 2, pose.elevation_deg - 1.5, pose.distance_mm * 1.03, 1.0)
-        pixels = photograph(make_box(), DEFAULT_BOARD, lens, T, px_per_mm=2.5)
+        pixels = photograph(crate, DEFAULT_BOARD, lens, T, px_per_mm=2.5)
         save_photo(folder / name, pixels, focal_35mm_mm=focal_35mm(lens), orientation=orientation)
         truth[pose.id] = T
     result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
@@ -305,14 +305,15 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
         assert np.linalg.norm(T[:3, 3] - truth[record.pose_id][:3, 3]) < 0.03 * distance
         assert record.made["pose_error_deg"] == pytest.approx(exact.error_deg, abs=0.7)
         assert record.made["lens"] == "exif" and record.made["reprojection_px"] < 1
-        assert record.intrinsics["width"] == 960 and record.intrinsics["height"] == 720
+        assert record.intrinsics["width"] == 640 and record.intrinsics["height"] == 480
 
 
 @pytest.mark.slow
-def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder, make_box):
+def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder, make_box, monkeypatch):
     """The crate is the same after half a turn, so poses 1 and 3 cannot be told apart, and 2 and 4 are not meant."""
     from board_photos import photograph, save_photo
 
+    monkeypatch.setattr(RenderMatcher, "rank", RANK)
     pose = read_plan(space.plan_file).objects["crate"][0]
     pixels = photograph(make_box(), None, Camera.from_fov(320, 240, 45.0), pose.matrix(), backdrop="concrete")
     save_photo(folder / "IMG_7.jpg", pixels)

@@ -4,7 +4,8 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from import_bench import Board, camera, folder, imported, no_render, run, space, take  # noqa: F401, fixtures
+from board_photos import QUICK
+from import_bench import Board, camera, folder, imported, run, space, take  # noqa: F401, fixtures
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -116,14 +117,14 @@ def session(space, folder):  # noqa: F811
 def test_a_session_of_twelve_with_one_missing_imports_eleven(session, gone):
     space, folder, steps, board = session  # noqa: F811
     (folder / f"IMG_{gone + 40}.jpg").unlink()
-    result = run(space, folder, ImportSettings(), board, by_render=no_render)
+    result = run(space, folder, ImportSettings(), board)
     assert not result.refused
     assert imported(result) == {
         f"crate/{step.variant}/pose_{step.pose_id:02d}.jpg": f"IMG_{step.number + 40}.jpg"
         for step in steps if step.number != gone
     }  # fmt: skip
     late = take(folder / f"IMG_{gone + 40}.jpg", gone, 60)  # it is taken again, after all others
-    result = run(space, folder, ImportSettings(), board, by_render=no_render)
+    result = run(space, folder, ImportSettings(), board)
     assert list(imported(result).values()) == [late.name] and len(result.before) == 11
 
 
@@ -137,7 +138,7 @@ def test_what_is_open_is_asked_between_the_shots_that_it_may_be(session):
         questions.append((question, list(answers)))
         return "2" if question.startswith("IMG_41") else None
 
-    result = run(space, folder, ImportSettings(), by_render=no_render, ask=ask)
+    result = run(space, folder, ImportSettings(), ask=ask)
     question, answers = questions[0]
     assert "could be crate/" in question and "11 photographs for the 12 shots" in question and answers == ["1", "2"]
     assert imported(result) == {f"crate/{steps[1].variant}/pose_{steps[1].pose_id:02d}.jpg": "IMG_41.jpg"}
@@ -174,7 +175,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
     (tmp_path / "photos").mkdir()
     for variant in ("unpatched", "patched"):
         mesh = apply_booster(item, find_booster(space, item, variant))
-        renderer = RaycastRenderer(mesh, make_studio(7, float(item.mesh.size_mm.max()), "oak", light="side"))
+        renderer = RaycastRenderer(mesh, make_studio(7, float(item.mesh.size_mm.max()), "oak", light="side"), QUICK)
         for step in (step for step in steps if step.variant == variant and step.number != 4):
             pose = poses[step.pose_id]
             beside = rng.normal(0, 3), rng.normal(0, 2)
@@ -182,7 +183,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
                 np.array(pose.target_mm), pose.azimuth_deg + beside[0], pose.elevation_deg + beside[1],
                 pose.distance_mm * rng.uniform(0.8, 1), rng.normal(0, 1.5),
             )  # fmt: skip
-            pixels = tone_map(renderer.render(Camera.from_fov(640, 480, 50), T), (3, step.number))
+            pixels = tone_map(renderer.render(Camera.from_fov(480, 360, 50), T), (3, step.number))
             exif, taken = Image.Exif(), datetime(2024, 5, 1, 10) + timedelta(minutes=step.number)
             exif[0x8769] = {0x9003: taken.strftime("%Y:%m:%d %H:%M:%S")}
             Image.fromarray(pixels).save(tmp_path / "photos" / f"IMG_{step.number}.jpg", exif=exif.tobytes())

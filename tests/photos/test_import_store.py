@@ -1,12 +1,11 @@
 """Importing takes no photograph twice, loses none, and says what it could not use."""
 
 import shutil
-from functools import partial
 
 import import_bench
 import numpy as np
 import pytest
-from import_bench import PATCHED, Board, camera, imported, no_render, reasons, take
+from import_bench import PATCHED, Board, camera, imported, reasons, run, take
 from PIL import Image
 
 from toolkit.captures.manifest import MANIFEST, read_manifest
@@ -18,7 +17,6 @@ from toolkit.photos.gates.check_photo import ExpectationBuilder
 from toolkit.photos.importing.gather import REPLACED
 
 space, folder = import_bench.space, import_bench.folder
-run = partial(import_bench.run, by_render=no_render)  # names say the pose, and nothing here depends on the render
 
 
 # --- not twice, not lost --------------------------------------------------------------------------------------------

@@ -110,23 +110,26 @@ def find_dictionary(image: np.ndarray) -> str | None:
     """
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     first = [*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS]
-    counts = {name: len(numbers) for name, numbers in zip(first, _read_markers(grey, first), strict=True)}
+    counts = {name: len(numbers) for name, numbers in zip(first, read_markers(grey, first), strict=True)}
     best = max(counts, key=lambda name: counts[name])
     if counts[best] < LEAST_MARKERS:
         return None
     if best in OTHERS:
         return best
     family = best.rpartition("_")[0]
-    largest = max(_read_markers(grey, [f"{family}_{SIZES[-1]}"])[0])
+    largest = max(read_markers(grey, [f"{family}_{SIZES[-1]}"])[0])
     return f"{family}_{next(size for size in SIZES if largest < size)}"
 
 
-def _read_markers(grey: np.ndarray, names: list[str]) -> list[set[int]]:
+def read_markers(
+    grey: np.ndarray, names: Sequence[str], parameters: cv2.aruco.DetectorParameters | None = None
+) -> list[set[int]]:
     """Numbers of the markers of each dictionary, of which the picture is searched once for all."""
     dictionaries = [cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)) for name in names]
-    parameters = cv2.aruco.DetectorParameters()
-    least = 4 * SMALLEST_MARKER_PX / max(grey.shape)
-    parameters.minMarkerPerimeterRate = max(parameters.minMarkerPerimeterRate, least)
+    if parameters is None:
+        parameters = cv2.aruco.DetectorParameters()
+        least = 4 * SMALLEST_MARKER_PX / max(grey.shape)
+        parameters.minMarkerPerimeterRate = max(parameters.minMarkerPerimeterRate, least)
     _, ids, _, of = cv2.aruco.ArucoDetector(dictionaries, parameters).detectMarkersMultiDict(grey)
     read: list[set[int]] = [set() for _ in names]
     for number, k in zip(*(np.ravel(one) for one in (ids, of)), strict=True) if ids is not None else ():

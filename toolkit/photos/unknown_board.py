@@ -11,7 +11,7 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
-from toolkit.photos.board_pose import SEARCH_SIDE_PX, detector_parameters, shrink
+from toolkit.photos.board_pose import SEARCH_SIDE_PX, detector_parameters, read_markers, shrink
 from toolkit.photos.corners import refine_marker
 from toolkit.photos.photo import list_photos, load_pixels, read_photo
 from toolkit.rig.board_file import BoardSpec
@@ -140,11 +140,12 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     """The board with markers; None where fewer than `LEAST_MARKERS` are seen in any picture."""
     # all dictionaries in a few pictures tell the family; the rest are read by that one alone
     few = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, FIRST_PHOTOS).round().astype(int))]
-    counted = {}
-    with progress("telling the board", len(FAMILIES) + len(pictures)) as bar:
-        for family in FAMILIES:
-            counted[family] = sum(len(_read(picture, family)) for picture in few)
-            bar.advance(note=family)
+    counted: Counter[str] = Counter()
+    with progress("telling the board", len(few) + len(pictures)) as bar:
+        for picture in few:
+            read = read_markers(picture, FAMILIES, _strict_parameters(picture))
+            counted.update({family: len(numbers) for family, numbers in zip(FAMILIES, read, strict=True)})
+            bar.advance()
         # markers of one dictionary are seldom read in another: the one with most is meant
         family = max(FAMILIES, key=counted.__getitem__)
         views = []
@@ -162,12 +163,16 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     return FoundBoard(_tell_layout(family, _place(views)), len(views), len(pictures)) if views else None
 
 
+def _strict_parameters(picture: np.ndarray) -> cv2.aruco.DetectorParameters:
+    parameters = detector_parameters(max(picture.shape))
+    parameters.errorCorrectionRate = 0.3  # a full dictionary is read into another's markers otherwise
+    return parameters
+
+
 def _read(picture: np.ndarray, family: str) -> Markers:
     """Markers of a dictionary that are in a picture once."""
     dictionary = get_dictionary(family)
-    parameters = detector_parameters(max(picture.shape))
-    parameters.errorCorrectionRate = 0.3  # a full dictionary is read into another's markers otherwise
-    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, _strict_parameters(picture)).detectMarkers(picture)
     if ids is None:
         return {}
     counts = Counter(ids.ravel().tolist())
