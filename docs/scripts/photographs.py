@@ -22,8 +22,8 @@ from PIL import Image
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, srgb_to_linear
-from toolkit.imaging.read import read_image
+from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.imaging.read import decode_image, encode_image, read_image
 from toolkit.photos.board_pose import find_board
 from toolkit.photos.gates.framing import (
     NETWORK_SIDE_PX,
@@ -36,14 +36,16 @@ from toolkit.photos.gates.framing import (
 from toolkit.photos.lens_fit import calibrate_lens
 from toolkit.photos.prints.align import cell_centres
 from toolkit.photos.prints.find import find_patch, search_photo, shrink_image
-from toolkit.photos.prints.fitted_photo import fit_photo, read_known
-from toolkit.photos.retexture import encode_like
+from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, read_known
+from toolkit.photos.prints.look import light_terms
+from toolkit.photos.retexture import encode_like, make_controls, predict_texels, redraw
 from toolkit.rig.board import CharucoBoard, MarkerGrid
 
 RECORDS = Path(__file__).parents[1] / "records" / "photographs"
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 STICKERS = SHARED / "photos" / "stickers-keyboard"
 PATCHES = sorted((STICKERS / "originals").glob("*.png"))
+ARCHS = ("resnet18", "mobilenet_v2")
 LEVELS = (0, 64, 160, 250)
 """Grey levels between which noise is told: ink and shadow, middle, paper."""
 OTHERS_BOARD = CharucoBoard(7, 5, 30.0, 22.0, "DICT_4X4_50")
@@ -169,7 +171,7 @@ def answer_real() -> dict[str, object]:
     from toolkit.models.load import load_classifier
 
     told: dict[str, object] = {}
-    for arch in ("resnet18", "mobilenet_v2"):
+    for arch in ARCHS:
         network = load_classifier(arch, SHARED / "weights" / f"{arch}-imagenet.pth")
         keyboard = network.class_index("computer keyboard")
         counts: dict[str, list[int]] = {}
@@ -313,6 +315,120 @@ def compare_boards() -> dict[str, object]:
     return told
 
 
+def even_out(said: np.ndarray, seen: np.ndarray, terms: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
+    """(k, 3) linear light times a smooth factor for each channel, the exponential of `terms` (k, m), fitted to `seen`.
+
+    Bright places count most, and 0.02 keeps noise in the blacks from being a factor. `known`: (k,) where it is fitted.
+    """
+    lit, known = said.copy(), np.ones(len(said), bool) if known is None else known
+    for k in range(3):
+        root, ratio = np.sqrt(said[:, k]) * known, np.log((seen[:, k] + 0.02) / (said[:, k] + 0.02))
+        lit[:, k] *= np.exp(terms @ np.linalg.lstsq(terms * root[:, None], ratio * root, rcond=None)[0])
+    return lit
+
+
+def median_apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Median ΔE00 of linear colours (k, 3)."""
+    return round(float(np.median(delta_e2000(*(lab_of_linear(np.clip(light, 0, 1.2)) for light in (one, other))))), 2)
+
+
+def move(image: np.ndarray, beside_px: float, zoom: float = 1.0) -> np.ndarray:
+    """The picture from a little beside, or nearer; its rim is repeated beyond it."""
+    h, w = image.shape[:2]
+    T = np.array([[zoom, 0, (1 - zoom) * w / 2 + beside_px], [0, zoom, (1 - zoom) * h / 2 + beside_px]])
+    return cv2.warpAffine(image, T, (w, h), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def brighten(image: np.ndarray, factors: tuple[float, float, float]) -> np.ndarray:
+    """The picture with so much more light in red, green and blue."""
+    return np.rint(255 * linear_to_srgb(np.clip(LINEAR_OF_CODE[image] * factors, 0, 1))).astype(np.uint8)
+
+
+def add_grain(image: np.ndarray) -> np.ndarray:
+    """Noise of two grey levels."""
+    noisy = image + np.random.default_rng(0).normal(0, 2, image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "JPEG 85": lambda image: decode_image(encode_image(image, "JPEG", quality=85), Path("again.jpg")),
+    "grain of 2": add_grain,
+    "8 px beside": lambda image: move(image, 8),
+    "30 px beside": lambda image: move(image, 30),
+    "2 % nearer": lambda image: move(image, 0, 1.02),
+    "5 % brighter": lambda image: brighten(image, (1.05, 1.05, 1.05)),
+    "5 % bluer": lambda image: brighten(image, (1.0, 1.0, 1.05)),
+}
+"""What two photographs by one hand differ in, each alone; of 2016 × 1512 pixels."""
+
+
+def check_stickers() -> dict[str, object]:
+    """Stickers predicted from photographs of others in one place; how steady networks' answers on the true ones are."""
+    from toolkit.models.load import load_classifier
+
+    networks = {arch: load_classifier(arch, SHARED / "weights" / f"{arch}-imagenet.pth") for arch in ARCHS}
+
+    def ask(image: np.ndarray) -> dict[str, np.ndarray]:
+        return {arch: net.logits(net.preprocess(image)[None])[0].detach().numpy() for arch, net in networks.items()}
+
+    known = [KnownPatch(file.stem, read_image(file)) for file in PATCHES]
+    photos = {one.name: sorted(STICKERS.glob(f"{one.name}_*.jpg")) for one in known}
+    fitted = [fit_photo(file, [one]) for one in known for file in photos[one.name]]
+    taken, grey = [ask(one.image) for one in fitted], make_controls(50, 0)["grey-patch"]
+    greyed = []
+    for one in fitted:
+        (picture,) = one.with_patches([grey], Draws(0, len(greyed), "grey"))
+        greyed.append(ask(decode_image(encode_like(one.photo, picture), one.photo.path)))
+    rows: list[dict[str, object]] = []
+    counts: dict[str, dict[str, list[int]]] = {arch: {} for arch in ARCHS}
+    margins: dict[str, dict[str, list[float]]] = {arch: {"alike": [], "not": []} for arch in ARCHS}
+
+    def count(what: str, one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:
+        for arch in ARCHS:
+            row = counts[arch].setdefault(what, [0, 0])
+            row[0] += int(one[arch].argmax() == other[arch].argmax())
+            row[1] += 1
+
+    for (i, one), (j, other) in itertools.product(enumerate(fitted), repeat=2):
+        place = one.photo.path.stem.partition("_")[2]
+        if other.photo.path.stem.partition("_")[2] != place:
+            continue
+        draws = Draws(0, len(rows), "check")
+        predicted, said, seen, good = predict_texels(one, other, draws)
+        light, terms = [srgb_to_linear(texels[good]) for texels in (said, seen)], light_terms(cell_centres(50))[good]
+        even = [even_out(*light, np.c_[np.ones(len(terms)), terms][:, :m]) for m in (1, 6)]
+        rows.append({
+            "place": place, "own": i == j, "texel_px": one.look.warp.side_px / 50,
+            "delta_e": [median_apart(told, light[1]) for told in (light[0], *even)],
+        })  # fmt: skip
+        answers = ask(predicted)
+        count("own patch put back" if i == j else "predicted", answers, taken[j])
+        if i != j:
+            count("drawn into the true one", ask(redraw(one, other, draws)), taken[j])
+            for arch in ARCHS:
+                second, first = np.sort(taken[j][arch])[-2:]
+                is_alike = answers[arch].argmax() == taken[j][arch].argmax()
+                margins[arch]["alike" if is_alike else "not"].append(float(first - second))
+        if i < j:
+            count("the same grey paper", greyed[i], greyed[j])
+            count("two true ones, other stickers", taken[i], taken[j])
+    for what, change in CHANGES.items():
+        for file in sorted(STICKERS.glob("*.jpg")):
+            image = read_image(file)
+            count(what, ask(change(image)), ask(image))
+    places: dict[str, object] = {}
+    for place in (*dict.fromkeys(row["place"] for row in rows), "all"):
+        part = [row for row in rows if place in ("all", row["place"])]
+        others = np.array([row["delta_e"] for row in part if not row["own"]])
+        places[str(place)] = {
+            "n": len(others), "texel_px": round(float(np.median([row["texel_px"] for row in part])), 1),
+            "other": [round(float(x), 2) for x in np.median(others, axis=0)],
+            "own": round(float(np.median([row["delta_e"][0] for row in part if row["own"]])), 2),
+        }  # fmt: skip
+    told = {arch: {key: round(float(np.median(of)), 2) for key, of in margins[arch].items() if of} for arch in ARCHS}
+    return {"delta_e": places, "alike": counts, "median_margin": told}
+
+
 CARD_CELLS = np.array([
     (34 + 57 * (column + 0.5), 33 + 57 * (row + 0.5)) for row in range(9) for column in range(8)
     # its markers and its window are no colours
@@ -342,22 +458,26 @@ def compare_rooms() -> dict[str, object]:
         light[name] = np.median(srgb_to_linear(seen / 255.0), axis=1)
     u, v = ((CARD_CELLS - CARD_CELLS.mean(axis=0)) / 256).T
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    medians = {}
+    medians, mixed = {}, {}
     for source, truth in (("ref.jpg", "test.jpg"), ("test.jpg", "ref.jpg")):
         one, other = light[source], light[truth]
+        medians[f"{source} to {truth}"] = median_apart(even_out(one, other, terms), other)
         said = one.copy()
-        for k in range(3):  # bright cells count most, and 0.02 keeps noise in the blacks from being a factor
-            root, ratio = np.sqrt(one[:, k]), np.log((other[:, k] + 0.02) / (one[:, k] + 0.02))
-            said[:, k] *= np.exp(terms @ np.linalg.lstsq(terms * root[:, None], ratio * root, rcond=None)[0])
-        labs = (lab_of_linear(np.clip(values, 0, 1.2)) for values in (said, other))
-        medians[f"{source} to {truth}"] = round(float(np.median(delta_e2000(*labs))), 2)
-    return {"cells": len(CARD_CELLS), "delta_e_median": medians}
+        for cell in range(len(one)):  # each is told from the others alone
+            known = np.arange(len(one)) != cell
+            lit = even_out(one, other, terms, known)
+            trust = known[:, None] / (other + 0.05)
+            for k in range(3):
+                mix = np.linalg.lstsq(lit * trust[:, [k]], other[:, k] * trust[:, k], rcond=None)[0]
+                said[cell, k] = lit[cell] @ mix
+        mixed[f"{source} to {truth}"] = median_apart(said, other)
+    return {"cells": len(CARD_CELLS), "delta_e_median": medians, "channels_mixed": mixed}
 
 
 PARTS: dict[str, Callable[[], dict[str, object]]] = {
     "finder": find_stickers, "time": time_large, "rehearsal": real_and_rehearsed, "keyboard": answer_real,
     "retextured": gather_retextured, "gates": judge_gates, "boards": compare_boards,
-    "rooms": compare_rooms,
+    "rooms": compare_rooms, "retexture": check_stickers,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from toolkit.photos.gates.check_set import SIZE, CheckedPhoto, PatchLines, find_
 from toolkit.photos.gates.patch import ExpectedPatch, look_for_patches
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, draw_patch, fit_warp, is_plausible
-from toolkit.photos.prints.find import find_patch, rectify_patch, search_photo, shrink_image
+from toolkit.photos.prints.find import SearchedPhoto, find_patch, rectify_patch, search_photo, shrink_image
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
@@ -49,11 +49,12 @@ def dress(name: str, size_mm: float | None):
 
 @pytest.fixture(scope="module")
 def photos() -> dict[str, tuple]:
-    """Per object: its spec and mesh, and (photo, pose) of two poses with its patch on."""
+    """Per object: its spec and mesh, and (searched photo, pose) of each pose with its patch on."""
     made = {}
     for name, poses in POSES.items():
         item, renderer = dress(name, PATCH_MM)
-        made[name] = (item, [shoot(name, *pose, renderer) for pose in poses])
+        shots = [shoot(name, *pose, renderer) for pose in poses]
+        made[name] = (item, [(search_photo(photo), T_world_camera) for photo, T_world_camera in shots])
     return made
 
 
@@ -178,7 +179,7 @@ def test_a_bare_object_has_no_patch():
     assert name_patch(search_photo(photo), {name: shipped_patch(name) for name in PATCHES}) is None
 
 
-def trace(photo: np.ndarray, name: str, T_world_camera: np.ndarray) -> PatchLines:
+def trace(photo: np.ndarray | SearchedPhoto, name: str, T_world_camera: np.ndarray) -> PatchLines:
     """The lines of sight of a patch that is found in a photo."""
     return trace_patch([find_patch(photo, shipped_patch(name))], PosedCamera(T_world_camera, CAMERA))
 
@@ -340,6 +341,17 @@ def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
     assert f"{sheet['within'][0]} of {sheet['within'][1]} hold the focal length" in how
     rooms = json.loads((RECORDS / "rooms.json").read_text())["delta_e_median"].values()
     assert f"**{' and '.join(f'{one:.1f}' for one in rooms)}**, a colour card" in how
+    put = json.loads((RECORDS / "retexture.json").read_text())
+    for said, place in (
+        ("3 inches, on the keys, 12 pairs", "3in_over"), ("3 inches, beside, 12", "3in_side"),
+        ("6 inches, on the keys, 12", "6in_over"), ("6 inches, beside, 12", "6in_side"),
+    ):  # fmt: skip
+        row = put["delta_e"][place]
+        cells = [f"{row['texel_px']:.0f} px", *(f"{x:.1f}" for x in (*row["other"], row["own"]))]
+        assert f"| {said} | " + " | ".join(cells) + " |" in how, place
+    for key, counts in put["alike"]["resnet18"].items():
+        both = (counts, put["alike"]["mobilenet_v2"][key])
+        assert f"| {key} | " + " | ".join(f"{hits} of {n}" for hits, n in both) + " |" in how, key
     sets = json.loads((RECORDS / "rehearsal.json").read_text())["sets"]
     rehearsed = sets["rehearsed, white table"]
     cameras = [one for name, one in sets.items() if name.startswith(("phone", "camera", "webcam"))]

@@ -241,7 +241,9 @@ def _check_retexture(
     show_table(("predicted", "n", "ΔE00 by texel", "sharpness", "noise", "answered alike"), rows)
     for name, (hits, n) in found.same_scene.items():
         if n:
-            say(f"{name}: two photographs of one place, grey paper in both, are answered alike in {hits} of {n}")
+            alike, of = summarise(found.others)["alike_there"][name]
+            say(f"{name}: a patch drawn anew where it is, as another photograph tells: alike in {alike} of {of}")
+            say(f"{name}: two photographs of one place, grey paper in both: alike in {hits} of {n}")
     if not found.others:
         say("no two photographs' names differ only in the patch's: name them as PATCH_PLACE.jpg to compare patches")
 

@@ -35,7 +35,7 @@ AS_TAKEN = "as-taken"
 CONTROL_GREY = 128
 JPEG_QUALITY = 95
 ORIENTATION = 0x0112
-VERSION = 1
+VERSION = 2
 """Raised when the same photograph and patches give other pixels."""
 
 
@@ -171,6 +171,7 @@ def _write(
 def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
     """A picture (h, w, 3) uint8 sRGB, upright, as the photograph's file is: JPEG with its tables and EXIF, or PNG.
 
+    Its chroma is kept whole: what the photograph's JPEG took from it, the picture was drawn without.
     None is the photograph itself: its own bytes where it is a JPEG or PNG.
     """
     if picture is None and photo.kind in ("jpeg", "png"):
@@ -184,15 +185,12 @@ def encode_like(photo: Photo, picture: np.ndarray | None) -> bytes:
         with open_image(photo.path) as original:
             exif = original.getexif()
             if isinstance(original, JpegImagePlugin.JpegImageFile):
-                # the camera's own tables, so that the picture loses what the photograph lost
-                how = {"qtables": original.quantization, "subsampling": JpegImagePlugin.get_sampling(original)}
+                # the camera's own tables, so that what is not changed loses nothing anew
+                how = {"qtables": original.quantization}
         if len(exif):
             exif[ORIENTATION] = 1  # the picture is upright already
             how["exif"] = exif.tobytes()
-        # -1: Pillow could not tell the sampling, and then chooses its own
-        if how.get("subsampling") == -1:
-            del how["subsampling"]
-    return encode_image(picture, "JPEG", **how)
+    return encode_image(picture, "JPEG", subsampling=0, **how)
 
 
 RECTIFIED_PX = 400
@@ -210,6 +208,8 @@ class PredictedPhoto:
         spectrum: the same for each octave of the straightened patch's luma, from fine to coarse.
         noise: deviation of what the finest octave holds within texels, predicted over true.
         answers: by network, the first answers on the predicted and on the true photograph.
+        there: by network, the first answer on the true photograph with its patch drawn anew, in the colours, light,
+            sharpness and noise that the source tells: the rest of the picture is the same.
     """
 
     source: str
@@ -219,6 +219,7 @@ class PredictedPhoto:
     spectrum: tuple[float, ...]
     noise: float
     answers: dict[str, tuple[str, str]]
+    there: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -244,7 +245,7 @@ class RetextureCheck:
 
 
 def summarise(rows: Sequence[PredictedPhoto]) -> dict[str, Any]:
-    """Medians over predictions, and by network how many are answered alike, of how many."""
+    """Medians over predictions, and by network how many are answered alike, of how many; `alike_there` by `there`."""
     if not rows:
         return {"n": 0}
     networks = rows[0].answers
@@ -256,6 +257,9 @@ def summarise(rows: Sequence[PredictedPhoto]) -> dict[str, Any]:
         "noise": round(float(np.median([row.noise for row in rows])), 3),
         "spectrum": [round(float(x), 3) for x in np.median([row.spectrum for row in rows], axis=0)],
         "alike": {name: [sum(len(set(row.answers[name])) == 1 for row in rows), len(rows)] for name in networks},
+        "alike_there": {
+            name: [sum(row.there[name] == row.answers[name][1] for row in rows), len(rows)] for name in networks
+        },
     }
 
 
@@ -322,35 +326,54 @@ def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]
     return found
 
 
+def predict_texels(
+    one: FittedPhoto, other: FittedPhoto, draws: Draws
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The other's patch put into one photograph, through JPEG and back; and its texels there and as they are.
+
+    These are (n², 3) sRGB-encoded means, and (n²,) bool where they lie in both pictures.
+    """
+    (picture,) = one.with_patches([other.patch], draws)
+    predicted = decode_image(encode_like(one.photo, picture), one.photo.path)
+    (said, shows), (seen, also) = (
+        # all cells count: what one photograph hides is not what the other hides
+        read_texels(
+            image, replace(of.sighting, agreement=np.ones_like(of.sighting.agreement)), len(other.patch.pixels), of.look
+        )
+        for image, of in ((predicted, one), (other.image, other))
+    )
+    return predicted, said, seen, (shows > 0) & (also > 0)
+
+
+def redraw(one: FittedPhoto, other: FittedPhoto, draws: Draws) -> np.ndarray:
+    """The other photograph, its own patch drawn anew in one's colours, light, sharpness and noise."""
+    (picture,) = other.with_patches([other.patch], draws, one.look)
+    return decode_image(encode_like(other.photo, picture), other.photo.path)
+
+
 def _predict(
     source: str, truth: str, fitted: dict[str, FittedPhoto], answers: dict[str, dict[str, str]],
     classifiers: Sequence[Classifier], draws: Draws,
 ) -> PredictedPhoto:  # fmt: skip
     one, other = fitted[source], fitted[truth]
-    (picture,) = one.with_patches([other.patch], draws)
-    # through JPEG and back, as the true photograph has been
-    predicted = decode_image(encode_like(one.photo, picture), one.photo.path)
-    n = other.patch.pixels.shape[0]
-    # all cells count: what one photograph hides is not what the other hides
-    place = replace(one.sighting, warp=one.look.warp, agreement=np.ones_like(one.sighting.agreement))
-    there = replace(other.sighting, warp=other.look.warp, agreement=np.ones_like(other.sighting.agreement))
-    said, shows = read_texels(predicted, place, n)
-    seen, also = read_texels(other.image, there, n)
-    good = (shows > 0) & (also > 0)
+    predicted, said, seen, good = predict_texels(one, other, draws)
     difference = delta_e2000(*(lab_of_linear(srgb_to_linear(values[good])) for values in (said, seen)))
     lumas = [
         # straightened to one size, so that octaves mean the same in both
-        cv2.cvtColor(rectify_patch(image, at, RECTIFIED_PX), cv2.COLOR_RGB2GRAY).astype(np.float32)
-        for image, at in ((predicted, place), (other.image, there))
+        cv2.cvtColor(
+            rectify_patch(image, replace(of.sighting, warp=of.look.warp), RECTIFIED_PX), cv2.COLOR_RGB2GRAY
+        ).astype(np.float32)
+        for image, of in ((predicted, one), (other.image, other))
     ]
     spectra = [_octaves(luma) for luma in lumas]
     sharp = [float(np.sqrt((cv2.Laplacian(luma, cv2.CV_32F) ** 2).mean())) for luma in lumas]
-    noise = [_within_texels(luma, n) for luma in lumas]
+    noise = [_within_texels(luma, len(other.patch.pixels)) for luma in lumas]
     asked = _ask(classifiers, predicted)
+    there = asked if source == truth or not classifiers else _ask(classifiers, redraw(one, other, draws))
     return PredictedPhoto(
         source, truth, float(np.median(difference)), sharp[0] / max(sharp[1], 1e-6),
         tuple(a / max(b, 1e-6) for a, b in zip(*spectra, strict=True)), noise[0] / max(noise[1], 1e-6),
-        {name: (asked[name], answers[truth][name]) for name in asked},
+        {name: (asked[name], answers[truth][name]) for name in asked}, there,
     )  # fmt: skip
 
 

@@ -65,10 +65,19 @@ class FittedPhoto:
     sighting: PatchSighting
     look: PrintedLook
 
-    def with_patches(self, patches: Sequence[KnownPatch], draws: Draws) -> list[np.ndarray]:
-        """The photograph with each patch in the printed one's place, (h, w, 3) uint8 sRGB."""
+    def with_patches(
+        self, patches: Sequence[KnownPatch], draws: Draws, look: PrintedLook | None = None
+    ) -> list[np.ndarray]:
+        """The photograph with each patch in the printed one's place, (h, w, 3) uint8 sRGB.
+
+        By its own look, or by the colours, light, sharpness and noise of another one.
+        """
         # one scene for all patches: what hides the printed one is found once
         scene, pictures = Scene(self.image, self.look, self.patch.pixels), []
+        if look is not None:
+            look, hidden = replace(look, warp=self.look.warp, ripple=self.look.ripple), scene.hidden
+            scene = Scene(self.image, look, self.patch.pixels)
+            scene.hidden = hidden
         for patch in patches:
             part = scene.put(patch.pixels, draws.of(f"noise {patch.name}"))
             whole = self.image.copy()
@@ -267,7 +276,7 @@ def _view(
     crisp = np.zeros((3, KERNEL_PX, KERNEL_PX))
     crisp[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
     picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
-    scene = Scene(picture, replace(one.look, warp=warp, kernels=crisp), one.patch.pixels)
+    scene = Scene(picture, replace(one.look, warp=warp, kernels=crisp, wide=np.zeros((0, 4))), one.patch.pixels)
     return _make_linear(picture, scene, hidden, sheet)
 
 

@@ -5,8 +5,8 @@ The form of the model, from the file to the photograph:
 1. colour: a cube of nodes from the file's sRGB to that of a wide, evenly lit texel (`colour_cube`);
 2. light: a gain in linear light, for each channel the exponential of a quadratic in (u, v), 1 at the middle;
 3. place: the homography with its bend, each pixel the mean of linear light over its square;
-4. point spread: a kernel for luma and one for each chroma, on encoded values, as phones sharpen after their tone
-   curve and JPEG halves the chroma: least squares on the photograph itself;
+4. point spread: for luma and each chroma a kernel, and wide Gaussians beside it, on encoded values, as phones sharpen
+   after their tone curve, smooth colours far, and JPEG halves the chroma: least squares on the photograph itself;
 5. noise: normal, its deviation by luma, blurred until neighbours are as alike as the photograph's.
 
 What the known patch does not explain in its place (keys, fingers, tape, glare) hides it, and stays.
@@ -38,11 +38,14 @@ MOST_GAIN = 0.7
 KERNEL_PX = 9
 KERNEL_SAMPLES = 12_000
 KERNEL_RIDGE = 1e-3
+WIDE = (1 / 384, 1 / 192, 1 / 96, 1 / 48)
+"""Deviations of the Gaussians beside the kernel, of the photo's shorter side: cameras smooth chroma that far."""
 REFINE_PX = 600.0
 MEASURED_PX = 640
 REFINE_STIFFNESS = 0.005
 RIPPLE_DEGREE = 5
 RIPPLE_TERMS = 21
+RIPPLE_PLACES = 64
 LEAST_POINTS = 80
 """Of the 225 that are followed."""
 RIPPLE_RIDGE = 1.0
@@ -51,6 +54,7 @@ COARSE_PX = 8
 NOISE_LEVELS = 8
 LEAST_OF_LEVEL = 0.03
 WIDE_PX, NARROW_PX = 5, 3
+FLAT_PERCENT = 25
 QUARTER = 0.8
 """Lower quartile over root mean square of the deviation of some ten independent values."""
 HIDES = (0.09, 5.0)
@@ -72,6 +76,8 @@ class PrintedLook:
         nodes: (nodes³, 3) luma and chroma of each of the cube's colours.
         light: (5, 3) coefficients of `light_terms` for red, green and blue.
         kernels: (3, 9, 9) for luma and the two chromas.
+        wide: (k, 4) what is spread farther: the deviation of a Gaussian in pixels, and which share of the difference
+            that it makes is added to luma and to each chroma.
         noise: (8, 3) standard deviation by level of luma, evenly from 0 to 1, for luma and chromas.
         grain_px: (2,) deviation of the Gaussian that makes white noise as smooth as that of luma, of chroma.
         delta_e: median ΔE00 of the texels that were fitted to.
@@ -83,6 +89,7 @@ class PrintedLook:
     nodes: np.ndarray
     light: np.ndarray
     kernels: np.ndarray
+    wide: np.ndarray
     noise: np.ndarray
     grain_px: np.ndarray
     delta_e: float
@@ -99,7 +106,7 @@ def even_texels(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, n
 
     Paper is what the look makes of the file's white: no margin is needed.
     """
-    seen, trust = read_texels(image, sighting, n)
+    seen, trust = read_texels(image, sighting, n, look)
     light = np.exp(light_terms(cell_centres(n)) @ look.light)
     white = srgb_to_linear(look.colours(np.full((1, 1, 3), 255, np.uint8))[0, 0])
     return srgb_to_linear(seen) / light / white, trust
@@ -125,25 +132,34 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
         ToolkitError: too little of the patch is to be seen.
     """
     n = patch_pixels.shape[0]
-    seen, trust = read_texels(image, sighting, n)
+    crisp = np.zeros((3, KERNEL_PX, KERNEL_PX))
+    crisp[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
+    look = PrintedLook(
+        sighting.warp, ripple=np.zeros((RIPPLE_TERMS, 2)), nodes=np.zeros((0, 3)), light=np.zeros((0, 3)),
+        kernels=crisp, wide=np.zeros((0, 4)), noise=np.zeros((NOISE_LEVELS, 3)), grain_px=np.zeros(2),
+        delta_e=0.0, shown=sighting.shown,
+    )  # fmt: skip
+    look = _refine_place(image, _fit_print(image, sighting, look, patch_pixels), patch_pixels)
+    # once more, now that it is known to a part of a texel where each lies
+    look = _fit_print(image, sighting, look, patch_pixels)
+    part, moved = _cut_middle(image, look.warp)
+    sizes_px = np.array(WIDE) * min(image.shape[:2])
+    kernels, wide = _fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels), sizes_px)
+    look = replace(look, kernels=kernels, wide=wide)
+    noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
+    return replace(look, noise=noise, grain_px=grain_px)
+
+
+def _fit_print(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, patch_pixels: np.ndarray) -> PrintedLook:
+    """The look with colours and light fitted to the texels, read where it has them."""
+    seen, trust = read_texels(image, sighting, patch_pixels.shape[0], look)
     if (trust > 0).sum() < LEAST_TEXELS:
         raise ToolkitError(f"only {int((trust > 0).sum())} texels of the patch can be seen, {LEAST_TEXELS} needed")
     nodes, light, said, weight = _fit_colours(patch_pixels, seen, trust)
     lab = [lab_of_linear(srgb_to_linear(values[weight > 0])) for values in (seen, said)]
-    delta_e = float(np.median(delta_e2000(*lab)))
-    delta = np.zeros((3, KERNEL_PX, KERNEL_PX))
-    delta[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
-    look = PrintedLook(
-        sighting.warp, ripple=np.zeros((RIPPLE_TERMS, 2)), nodes=nodes, light=light, kernels=delta,
-        noise=np.zeros((NOISE_LEVELS, 3)), grain_px=np.zeros(2), delta_e=delta_e, shown=sighting.shown,
-    )  # fmt: skip
-    look = _refine_place(image, look, patch_pixels)
     # what lies outside of the picture does not show either
-    look = replace(look, shown=min(look.shown, float((trust > 0).mean())))
-    part, moved = _cut_middle(image, look.warp)
-    look = replace(look, kernels=_fit_kernels(Scene(part, replace(look, warp=moved), patch_pixels)))
-    noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
-    return replace(look, noise=noise, grain_px=grain_px)
+    shown = min(look.shown, float((trust > 0).mean()))
+    return replace(look, nodes=nodes, light=light, delta_e=float(np.median(delta_e2000(*lab))), shown=shown)
 
 
 def _cut_middle(image: np.ndarray, warp: PatchWarp) -> tuple[np.ndarray, PatchWarp]:
@@ -155,12 +171,19 @@ def _cut_middle(image: np.ndarray, warp: PatchWarp) -> tuple[np.ndarray, PatchWa
     return part, PatchWarp(move @ warp.homography, warp.bend)
 
 
-def read_texels(image: np.ndarray, sighting: PatchSighting, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n², 3) mean sRGB-encoded colour of each texel in [0, 1], and (n²,) 1 where it shows, else 0."""
-    samples = int(np.clip(np.ceil(sighting.warp.side_px / n), *TEXEL_SAMPLES))
-    scale = min(1.0, samples * n / sighting.warp.side_px)
-    small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
-    at = warp.to_pixels(cell_centres(n * samples)).reshape(n * samples, -1, 2)
+def read_texels(image: np.ndarray, sighting: PatchSighting, n: int, look: PrintedLook) -> tuple[np.ndarray, np.ndarray]:
+    """(n², 3) mean sRGB-encoded colour of each texel in [0, 1], and (n²,) 1 where it shows, else 0.
+
+    Texels lie where the look has them, ripple included; the sighting says which part of the patch shows.
+    """
+    samples = int(np.clip(np.ceil(look.warp.side_px / n), *TEXEL_SAMPLES))
+    scale = min(1.0, samples * n / look.warp.side_px)
+    small, warp = shrink_image(image, scale), look.warp.scaled(scale)
+    # the ripple is smooth: few values tell it
+    few = min(n, RIPPLE_PLACES)
+    ripple = (ripple_terms(cell_centres(few)) @ look.ripple).reshape(few, few, 2).astype(np.float32)
+    ripple = cv2.resize(ripple, (n * samples, n * samples), interpolation=cv2.INTER_LINEAR)
+    at = warp.to_pixels(cell_centres(n * samples) + ripple.reshape(-1, 2)).reshape(n * samples, -1, 2)
     values = sample_image(small, at).astype(np.float32).reshape(n, samples, n, samples, 3).mean(axis=(1, 3)) / 255
     # a texel that the frame cuts would be the mean of what is repeated beyond it
     within = ((at > 0) & (at < np.array(small.shape[1::-1]))).all(axis=-1)
@@ -288,7 +311,14 @@ class Scene:
         light *= self.gain
         cover = self.cover[..., None].astype(np.float32)
         ycc = _to_ycc(linear_to_srgb(cover * light + (1 - cover) * self.around))
-        return np.stack([_filter(ycc[..., k], self.look.kernels[k]) for k in range(3)], axis=-1)
+        return np.stack([self._spread(np.ascontiguousarray(ycc[..., k]), k) for k in range(3)], axis=-1)
+
+    def _spread(self, channel: np.ndarray, k: int) -> np.ndarray:
+        """(h, w) luma or a chroma as the camera spreads and sharpens it."""
+        found = np.asarray(cv2.filter2D(channel, -1, self.look.kernels[k], borderType=cv2.BORDER_REPLICATE))
+        for sigma_px, *shares in self.look.wide:
+            found += shares[k] * (_blur_widely(channel, sigma_px) - channel)
+        return found
 
     def _find_hidden(self, n: int) -> np.ndarray:
         inside = self.cover > 0.99
@@ -385,10 +415,6 @@ def _to_ycc(encoded: np.ndarray) -> np.ndarray:
     return np.asarray(encoded @ YCC.T.astype(np.float32))
 
 
-def _filter(channel: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    return np.asarray(cv2.filter2D(np.ascontiguousarray(channel), -1, kernel, borderType=cv2.BORDER_REPLICATE))
-
-
 def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray) -> PrintedLook:
     """Align once more, with the printed colours and nearly the photo's own size; kept where it fits better."""
     scale = min(1.0, REFINE_PX / look.warp.side_px)
@@ -424,34 +450,50 @@ def _fit_ripple(uv: np.ndarray, apart: np.ndarray) -> np.ndarray:
     return ripple
 
 
-def _fit_kernels(scene: Scene) -> np.ndarray:
-    """(3, 9, 9) kernels that make the drawn patch as sharp as the photo's, sum 1, by least squares."""
+def _fit_kernels(scene: Scene, sizes_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3, 9, 9) kernels and (k, 4) `PrintedLook.wide` that make the drawn patch as sharp as the photo's.
+
+    By least squares over pixels; both leave an even area as it is.
+    """
     reach = KERNEL_PX // 2
     good = (scene.cover > 0.99) & (scene.hidden < 0.01)
     good[:reach], good[-reach:], good[:, :reach], good[:, -reach:] = False, False, False, False
     rows, columns = np.nonzero(good)
     # ten pixels for each number of the kernel, or noise would be fitted
     if len(rows) < 10 * KERNEL_PX**2:
-        return scene.look.kernels
+        return scene.look.kernels, scene.look.wide
     some = np.linspace(0, len(rows) - 1, min(len(rows), KERNEL_SAMPLES)).round().astype(int)
-    rows, columns = rows[some] - reach, columns[some] - reach
+    rows, columns = rows[some], columns[some]
     centre = np.zeros(KERNEL_PX**2)
     centre[centre.size // 2] = 1
-    kernels = []
+    kernels, wide = [], []
     for channel in range(3):
-        windows = np.lib.stride_tricks.sliding_window_view(scene.drawn[..., channel], (KERNEL_PX, KERNEL_PX))
-        near = windows[rows, columns].reshape(len(rows), -1).astype(float)
-        # sum 1: the kernel moves what differs from the pixel itself
-        apart = near - near[:, [centre.size // 2]]
-        miss = scene.seen[rows + reach, columns + reach, channel] - near @ centre
-        weight = 1 / (1 + (miss / (3 * np.median(np.abs(miss)) + 1e-6)) ** 2)
-        normal = apart.T @ (apart * weight[:, None])
+        drawn = np.ascontiguousarray(scene.drawn[..., channel])
+        windows = np.lib.stride_tricks.sliding_window_view(drawn, (KERNEL_PX, KERNEL_PX))
+        near = windows[rows - reach, columns - reach].reshape(len(rows), -1)
+        far = np.stack([_blur_widely(drawn, float(size))[rows, columns] for size in sizes_px], axis=1)
+        # sum 1: what moves is what differs from the pixel itself
+        own = near[:, [centre.size // 2]]
+        apart = (np.c_[near, far] - own).astype(float)
+        miss = (scene.seen[rows, columns, channel] - own[:, 0]).astype(float)
+        # all pixels count alike: what hides the patch is left out, and edges, which miss most, tell the spread
+        normal = apart.T @ apart
         normal += KERNEL_RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
         # less its own mean: a shift of brightness is no blur
-        moved = np.linalg.solve(normal, apart.T @ (weight * (miss - np.average(miss, weights=weight))))
-        moved[centre.size // 2] = 0
-        kernels.append((centre * (1 - moved.sum()) + moved).reshape(KERNEL_PX, KERNEL_PX))
-    return np.stack(kernels)
+        moved = np.linalg.solve(normal, apart.T @ (miss - miss.mean()))
+        kernel = moved[: centre.size]
+        kernel[centre.size // 2] = 0
+        kernels.append((centre * (1 - kernel.sum()) + kernel).reshape(KERNEL_PX, KERNEL_PX))
+        wide.append(moved[centre.size :])
+    return np.stack(kernels), np.c_[sizes_px, np.stack(wide, axis=1)]
+
+
+def _blur_widely(channel: np.ndarray, sigma_px: float) -> np.ndarray:
+    """(h, w) blurred by a Gaussian; a wide one needs few pixels."""
+    scale = min(1.0, FEW_PX / sigma_px)
+    small = cv2.resize(channel, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else channel
+    small = cv2.GaussianBlur(small, (0, 0), scale * sigma_px, borderType=cv2.BORDER_REPLICATE)
+    return small if scale == 1 else cv2.resize(small, channel.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
 def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarray]:
@@ -467,12 +509,17 @@ def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarra
         return np.zeros((NOISE_LEVELS, 3)), np.zeros(2)
     level = np.clip(np.rint(scene.drawn[..., 0][good] * (NOISE_LEVELS - 1)), 0, NOISE_LEVELS - 1).astype(int)
     values = spread[good]
+    # what is drawn flat tells it: an edge that lies a part of a pixel beside its place looks like noise
+    luma = scene.drawn[..., 0]
+    edges = (cv2.blur(luma**2, (wide, wide)) - cv2.blur(luma, (wide, wide)) ** 2)[good]
     # a level that few pixels have, as overshoot beside an edge is, takes its neighbours' noise
     known = np.flatnonzero(np.bincount(level, minlength=NOISE_LEVELS) > LEAST_OF_LEVEL * len(level))
-    # the quietest quarter lies within texels; elsewhere a shift by a part of a pixel looks like noise
-    found = np.stack([np.percentile(values[level == step], 25, axis=0) / QUARTER for step in known])
+    found = []
+    for step in known:
+        flat = (level == step) & (edges <= np.percentile(edges[level == step], FLAT_PERCENT))
+        found.append(np.percentile(values[flat], 25, axis=0) / QUARTER)
     steps = np.arange(NOISE_LEVELS)
-    noise = np.stack([np.interp(steps, known, found[:, channel]) for channel in range(3)], axis=1)
+    noise = np.stack([np.interp(steps, known, np.array(found)[:, channel]) for channel in range(3)], axis=1)
     quiet = good & (spread[..., 0] < 2 * np.interp(scene.drawn[..., 0] * (NOISE_LEVELS - 1), steps, noise[:, 0]))
     pairs = quiet[:, 1:] & quiet[:, :-1]
     miss = miss - cv2.GaussianBlur(miss, (0, 0), 3.0)
