@@ -40,8 +40,8 @@ class Network(AnyNetwork, Protocol):
         """Index of a class by label, index or WordNet id."""
 
 
-PART = 4
-"""Photographs that a network is asked about at a time on a CPU, which is as fast with few as with many."""
+PER_THREAD = 4
+"""Photographs for each of a CPU's threads that a network is asked about at a time: more are no faster."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,12 @@ class Target:
 
     def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
-        return int((self.logits(photos).argmax(1) == self.class_index).sum())
+        return sum(int((self.logits(part).argmax(1) == self.class_index).sum()) for part in _in_parts(photos))
+
+
+def _in_parts(photos: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Of (b, 3, m, m) photographs as many at a time as a network is asked about; all on a GPU, which needs many."""
+    return photos.split(PER_THREAD * torch.get_num_threads()) if photos.device.type == "cpu" else (photos,)
 
 
 def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
@@ -182,12 +187,12 @@ def judge_photos(
 
 
 def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tuple[torch.Tensor, float]:
-    """`judge_photos` of one network, on a CPU a few photographs at a time: what it keeps of them is the most memory."""
-    if photos.device.type != "cpu" or not photos.requires_grad:
+    """`judge_photos` of one network, a part at a time: what it keeps of photographs for the way back is much memory."""
+    if not photos.requires_grad:
         return judge_photos(photos, [target], objective)
     value, recognised = photos.new_zeros(()), 0.0
     gradients: list[torch.Tensor] = []
-    for part in photos.detach().split(PART):
+    for part in _in_parts(photos.detach()):
         loss, hits = judge_photos(part.requires_grad_(True), [target], objective)
         share = len(part) / len(photos)
         gradients += torch.autograd.grad(loss * share, part)
