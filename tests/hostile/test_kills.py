@@ -24,7 +24,7 @@ COMMANDS = {
     "capture-sim": "capture-sim --object crate --source new",
     "corrupt": "corrupt photos out --corrupt fog:1-3",
     "eval": "eval captures/sim --model own",
-    "wrap": "wrap --object crate --views 8 --pieces 3",
+    "wrap": "wrap --object crate --views 8 --pieces 3 --texel-mm 2",
     "retexture": "retexture photos --found old.png --as new.png --object desk",
     "refine-network": "refine-network new --model own --data colours --steps 3 --batch 6",
     "train-classifier": "train-classifier --name new --data colours --arch cifar_resnet8 --epochs 1 --image-px 16",
