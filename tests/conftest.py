@@ -44,6 +44,14 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
+@pytest.fixture
+def forked_workers(monkeypatch):
+    """Pools have the workers of `forked`, which begin at once; spawned ones are tested in `engine` too."""
+    from forked import parent
+
+    monkeypatch.setattr("toolkit.core.child._Context", parent)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of photographs and meshes for development; its tests are skipped where it is absent."""
