@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import torch
 
-from benchmarks.bench_world_eval import make_classifier
+from benchmarks.bench_world_eval import WEATHERS, make_classifier
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Unit
@@ -72,9 +72,7 @@ def _share_cells(engine: Engine) -> list[Inputs]:
 
 def _share_frames(engine: Engine) -> list[Inputs]:
     """Some frames of a jet on grass in clear air and ten weathers, and what a network says of them."""
-    config = WorldEvalConfig(
-        world="grass", places=1, sample=FRAMES * UNITS, weathers=("fog:1-5", "dust"), variants=("unpatched",)
-    )
+    config = WorldEvalConfig(world="grass", places=1, sample=FRAMES * UNITS, weathers=WEATHERS, variants=("unpatched",))
     with TemporaryDirectory() as folder:
         asked = plan_run(Workspace(Path(folder)), make_classifier(), config)
     light = light_surroundings(asked.stage.places[0].scene)

@@ -34,13 +34,13 @@ def write_photographs(folder: Path, count: int, width: int = 640, height: int = 
 
 def make_classifier(folder: Path):
     """A ResNet-18 with random weights, read from a file like any other."""
-    import torch
-    import torchvision
-
     from toolkit.models.load import load_classifier
 
     file = folder / "resnet18-random.pth"
     if not file.is_file():
+        import torch
+        import torchvision
+
         torch.manual_seed(0)
         torch.save(torchvision.models.resnet18().state_dict(), file)
     return load_classifier("resnet18", file)
@@ -81,7 +81,7 @@ def measure_speed(folder: Path, count: int) -> tuple[float, float]:
 
 
 def measure_memory(folder: Path, count: int) -> float:
-    """Peak resident memory in MB of a fresh process that classifies `count` images."""
+    """Peak resident memory in MB of a fresh process that classifies `count` images as the command does."""
     command = [sys.executable, "-m", "benchmarks.bench_eval", "--memory", str(folder), str(count)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
@@ -92,7 +92,7 @@ def _report_peak(folder: Path, count: int) -> None:
     from toolkit.evaluation.predict import predict_captures
 
     captures = read_captures(folder / "captures").captures[:count]
-    predict_captures(captures, {"racer": 751}, make_classifier(folder), BATCH)
+    predict_captures(captures, {"racer": 751}, make_classifier(folder))
     print(json.dumps(peak_mb()))
 
 

@@ -11,7 +11,7 @@ from time import process_time
 
 import numpy as np
 
-FRAMES, PASS, WEATHERS = 8, 8, ("fog:1-5", "dust")
+WORLD, FRAMES, PASS, WEATHERS = "city", 8, 8, ("fog:1-5", "dust")
 
 
 def make_classifier():
@@ -41,7 +41,7 @@ def run() -> dict[str, float]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     classifier = make_classifier()
-    config = WorldEvalConfig(places=1, sample=FRAMES + 1, weathers=WEATHERS, variants=("unpatched",))
+    config = WorldEvalConfig(world=WORLD, places=1, sample=FRAMES + 1, weathers=WEATHERS, variants=("unpatched",))
     with TemporaryDirectory() as folder:
         asked = plan_run(Workspace(Path(folder)), classifier, config)
     renderer = make_renderer(asked.stage.places[0])

@@ -11,7 +11,11 @@ if (WORKERS := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))) > 1:
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that a test starts compiles the package anew
 
 import pytest
+from hypothesis import HealthCheck, settings
 
+# a machine that is busy with something else is no fault
+settings.register_profile("steady", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("steady")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
@@ -38,6 +42,14 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def forked_workers(monkeypatch):
+    """Pools have the workers of `forked`, which begin at once; spawned ones are tested in `engine` too."""
+    from forked import parent
+
+    monkeypatch.setattr("toolkit.core.child._Context", parent)
 
 
 @pytest.fixture(scope="session")

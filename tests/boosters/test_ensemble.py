@@ -10,7 +10,7 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wri
 from watched_patch import train_watched
 
 from toolkit.boosters.patch_config import hash_inputs
-from toolkit.boosters.pixels import Target, choose_turn, judge_ensemble, judge_photos, list_networks
+from toolkit.boosters.pixels import PER_THREAD, Target, choose_turn, judge_ensemble, judge_photos, list_networks
 from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.draws import Draws
 from toolkit.training.checkpoint import Checkpoint
@@ -76,6 +76,21 @@ def test_one_network_alone_is_as_before(ensemble):
     config = tiny_config(ensemble=ensemble)
     assert config.for_networks(1).ensemble is None and config.for_networks(2).ensemble == ensemble
     assert tiny_config().for_networks(3).ensemble in ("sum", "normalised", "turns")
+
+
+def test_a_network_is_asked_about_few_photographs_at_a_time_and_answers_as_about_all(monkeypatch):
+    """What it keeps for the way back is the largest part of a training's memory."""
+    part = PER_THREAD * torch.get_num_threads()
+    target, photos = doubled(), grey_noise(2 * part + 1, 3, IMAGE_PX, IMAGE_PX).requires_grad_(True)
+    asked: list[int] = []
+    whole, hits = judge_photos(photos, [target])
+    logits = Target.logits
+    monkeypatch.setattr(Target, "logits", lambda self, seen: asked.append(len(seen)) or logits(self, seen))
+    loss, recognised = judge_ensemble(photos, [target], tiny_config(), DRAWS)
+    assert asked == [part, part, 1]
+    assert loss.item() == pytest.approx(whole.item(), rel=1e-12) and recognised == pytest.approx(hits)
+    found, expected = (torch.autograd.grad(one, photos)[0] for one in (loss, whole))
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-15)
 
 
 def test_without_a_choice_the_losses_are_added():

@@ -49,8 +49,9 @@ train_wrap(make_wrap_config("default", {QUICK}), [tiny_classifier()], Workspace(
 def planned(tmp_path_factory, make_crate_space):
     """Two workspaces with a planned wrap: in pieces as they come, and in pieces of one or two sides."""
     made = {}
-    for name, config in (("whole", None), ("split", WrapConfig(sheet_mm=(62.0, 102.0)))):
+    for name, sheet_mm in (("whole", (177.0, 241.0)), ("split", (62.0, 102.0))):
         made[name] = make_crate_space(tmp_path_factory.mktemp(name) / "w")
+        config = WrapConfig(sheet_mm=sheet_mm, texel_mm=1.5, views=16)
         with quietly(True):
             write_wrap(made[name].wraps_dir / "crate", plan_wrap(load_object(made[name].object_spec("crate")), config))
     return made

@@ -49,8 +49,12 @@ def test_a_part_of_the_folder_keeps_its_names(folder, monkeypatch):
     whole = [one for one in read_captures(folder).captures if one.source == "sim"]
     assert [one.path for one in read_captures(folder / "sim").captures] == [one.path for one in whole]
     assert [one.path for one in read_captures(folder / "sim" / "racer").captures] == [one.path for one in whole]
-    monkeypatch.chdir(folder / "sim")
-    assert [one.path for one in read_captures(".").captures] == [one.path for one in whole]
+    assert {one.source_dir for one in whole} == {folder / "sim"}
+    for inside in ("sim", "sim/racer"):
+        monkeypatch.chdir(folder / inside)
+        found = read_captures(".").captures
+        assert [one.path for one in found] == [one.path for one in whole]
+        assert {one.source_dir for one in found} == {folder / "sim"}, "of a path that has fewer folders"
 
 
 def test_image_folder_of_wordnet_ids(tmp_path):

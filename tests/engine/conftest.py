@@ -84,8 +84,10 @@ def train(tmp_path):
 @pytest.fixture(scope="session")
 def look(make_crate_space, tmp_path_factory):
     """A function (name, engine) -> an evaluation in a small field whose units are eight frames, and all its bytes."""
+    from forked import parent
     from walled_field import make_config, make_onlooker, stand_in
 
+    from toolkit.core import child
     from toolkit.experiments.worlds import world_run
     from toolkit.experiments.worlds.world_run import evaluate_world
 
@@ -94,6 +96,7 @@ def look(make_crate_space, tmp_path_factory):
     def call(name, engine=None):
         with pytest.MonkeyPatch.context() as patch:
             stand_in(patch, is_drawn=False)
+            patch.setattr(child, "_Context", parent)
             patch.setattr(world_run, "UNIT_PICTURES", 32)
             space = make_crate_space(folder / name)
             done = evaluate_world(space, make_onlooker(), make_config(keep=True, run="run"), engine)

@@ -16,7 +16,7 @@ from toolkit.experiments.corruptions import grid
 
 
 @pytest.mark.slow
-def test_a_pool_shoots_and_answers_the_same_bytes(shoot, ask):
+def test_a_pool_shoots_and_answers_the_same_bytes(shoot, ask, forked_workers):
     (_, here), (one, said) = shoot("sim", InProcess()), ask("here", InProcess())
     with LocalPool(2) as pool:
         (result, there), (other, said_there) = shoot("pool", pool), ask("pool", pool)
@@ -99,8 +99,10 @@ def test_the_workers_of_a_killed_driver_end(tmp_path):
     assert driver.stdout.readline() == "0\n"
     os.kill(driver.pid, signal.SIGKILL)
     driver.wait()
-    for _ in range(100):
-        left = subprocess.run(["pgrep", "-g", str(driver.pid)], capture_output=True, text=True, check=False).stdout
+    for _ in range(600):
+        states = ["ps", "-o", "stat=", "-s", str(driver.pid)]
+        left = subprocess.run(states, capture_output=True, text=True, check=False).stdout.split()
+        left = [state for state in left if state[0] != "Z"]  # the dead that nobody has counted yet
         if not left:
             break
         time.sleep(0.2)
@@ -112,7 +114,7 @@ class Killed(BaseException):
 
 
 @pytest.mark.slow
-def test_a_driver_that_is_stopped_goes_on_with_any_engine_and_does_nothing_twice(shoot, monkeypatch):
+def test_a_driver_that_is_stopped_goes_on_with_any_engine_and_does_nothing_twice(shoot, forked_workers, monkeypatch):
     whole = shoot("whole", InProcess())[1]
     real, written = shooting.append_record, []
 

@@ -21,6 +21,7 @@ FLIGHTS = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=4, batch=2, places=2, ground="bare", time="overcast",
     episode={"start_height_m": (2.2, 2.6), "time_limit_s": 0.5}, weathers=("clear", "fog:3"), size_m=1.0,
 )  # fmt: skip
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
 def hash_files(folder):

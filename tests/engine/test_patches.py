@@ -12,6 +12,7 @@ from toolkit.engine import EngineConfig
 from toolkit.training.processes import Processes
 
 POOL = EngineConfig(workers=2)
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
 @pytest.mark.slow

@@ -1,15 +1,13 @@
 """Evaluations in a world on the engines: the same bytes everywhere, a bad unit alone, and a killed run that goes on."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 import walled_field
+from forked import Forked
 
 from toolkit.core.errors import ToolkitError
 from toolkit.engine import EngineConfig
@@ -96,36 +94,36 @@ def test_nothing_is_left_where_every_unit_fails(look, monkeypatch):
 SCRIPT = """
 import sys
 from pathlib import Path
+from forked import parent
 from walled_field import make_config, make_field, make_onlooker
+from toolkit.core import child
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.experiments.worlds import world_run
 from toolkit.worlds.sky import make_sky
 
-if __name__ == "__main__":
-    world_run.open_world = lambda *given: make_field()
-    world_run.make_sky = lambda when, seed: make_sky(when, seed, 32)
-    world_run.UNIT_PICTURES = 32
-    config = make_config(keep=True, run="run")
-    world_run.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
+child._Context = parent
+world_run.open_world = lambda *given: make_field()
+world_run.make_sky = lambda when, seed: make_sky(when, seed, 32)
+world_run.UNIT_PICTURES = 32
+config = make_config(keep=True, run="run")
+world_run.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
 """
 
 
 @pytest.mark.slow
-def test_a_driver_that_is_killed_goes_on_and_does_nothing_twice(look, looked, make_crate_space, tmp_path):
+def test_a_driver_that_is_killed_goes_on_and_does_nothing_twice(look, looked, make_crate_space):
     _, files = looked
     space = make_crate_space(look.folder / "killed")
-    script = tmp_path / "driver.py"
-    script.write_text(SCRIPT)
     log = space.eval_dir / "worlds" / "answers.jsonl"
-    run = subprocess.Popen([sys.executable, str(script), str(space.root)], start_new_session=True)
+    run = Forked(SCRIPT, space.root)
     until = time.monotonic() + 300
-    while run.poll() is None and time.monotonic() < until:
+    while run.process.is_alive() and time.monotonic() < until:
         if log.is_file() and log.read_bytes().count(b"\n") > 2:  # its first line may be all that is there yet
             break
         time.sleep(0.002)
-    os.kill(run.pid, signal.SIGKILL)
-    assert run.wait() == -signal.SIGKILL
+    run.process.kill()
+    assert run.wait().returncode == -signal.SIGKILL
     before = log.read_bytes().splitlines()
     again, others = look("killed", EngineConfig(workers=2))
     assert again.kept >= 4 * (len(before) - 1) > 0 and again.computed > 0

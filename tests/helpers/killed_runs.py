@@ -1,15 +1,14 @@
 """Commands that die at one of their writes, as a kill -9 or a power cut ends them, and trainings that Ctrl-C stops."""
 
 import ctypes
-import os
 import resource
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import CompletedProcess
 
+import forked
 import pytest
 
 RUN = """
@@ -31,31 +30,24 @@ main()
 """
 
 
-def run(words, cwd, at=0, cut=False, begin=None) -> subprocess.CompletedProcess[bytes]:
-    """`toolkit WORDS` in a folder; dies at its write number `at`, whose last bytes are missing where it is `cut`.
-
-    `begin` is called in the new process before anything else.
-    """
-    command = [sys.executable, "-c", RUN, str(at), "cut" if cut else "whole", *map(str, words)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, check=False, preexec_fn=begin,
-                          env=os.environ | {"OMP_NUM_THREADS": "1"})  # fmt: skip
+def run(words, cwd, at=0, cut=False, **how) -> CompletedProcess[bytes]:
+    """`toolkit WORDS` in a folder; dies at its write number `at`, whose last bytes are missing where it is `cut`."""
+    return forked.run(RUN, at, "cut" if cut else "whole", *words, cwd=cwd, **how)
 
 
-def train_killed(program: str, *arguments) -> None:
+def train_killed(program: str, *arguments: object, **how) -> None:
     """Run a program that imports `dying`, and check that it was killed."""
-    path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
-    ended = subprocess.run([sys.executable, "-c", program, *map(str, arguments)], capture_output=True, check=False,
-                           env=os.environ | {"PYTHONPATH": path}, timeout=300)  # fmt: skip
+    ended = forked.run(program, *arguments, **how)
     assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
 
 
-def end_in_spite_of_kills(words, cwd, kills: int) -> int:
+def end_in_spite_of_kills(words, cwd, kills: int, **how) -> int:
     """Run until the command ends, killed at its first write, whole and cut, then at its second; says how often it died.
 
     So each two kills go on by one write at least, and most writes are met in both ways.
     """
     for died in range(kills + 1):
-        done = run(words, cwd, 1 + died // 2 % 2 if died < kills else 0, cut=died % 2 == 1)
+        done = run(words, cwd, 1 + died // 2 % 2 if died < kills else 0, died % 2 == 1, **how)
         if done.returncode != -signal.SIGKILL:
             assert done.returncode == 0, done.stderr.decode()[-2000:]
             return died
@@ -79,8 +71,12 @@ def fill_the_disk() -> None:
 
 def be_nobody_special() -> None:
     """For `begin`: even root asks for permission, as everybody else."""
-    for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
-        ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP
+    version, found = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
+    kernel = ctypes.CDLL(None)
+    assert kernel.capget(version, found) == 0
+    for at in range(3):  # effective, permitted, inheritable
+        found[at] &= ~(1 << 1 | 1 << 2)  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
+    assert kernel.capset(version, found) == 0
 
 
 @contextmanager

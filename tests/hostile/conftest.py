@@ -7,21 +7,17 @@ import ctypes
 import os
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # One heap for all threads: at a bound on memory glibc looks for room in the heaps that threads of earlier tests left
 # behind, at every allocation anew, and a test takes minutes by what ran before it.
 if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
     mallopt(-8, 1)  # M_ARENA_MAX
 
-try:
-    from hypothesis import HealthCheck, settings
-except ImportError:
-    collect_ignore_glob = ["test_*.py"]  # needs the extra 'test'
-else:
-    QUIET = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}
-    settings.register_profile("plain", max_examples=15, derandomize=True, **QUIET)
-    settings.register_profile("fuzz", max_examples=int(os.environ.get("FUZZ", "200")), print_blob=True, **QUIET)
-    settings.load_profile("fuzz" if "FUZZ" in os.environ else "plain")
+QUIET = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}
+settings.register_profile("plain", max_examples=15, derandomize=True, **QUIET)
+settings.register_profile("fuzz", max_examples=int(os.environ.get("FUZZ", "200")), print_blob=True, **QUIET)
+settings.load_profile("fuzz" if "FUZZ" in os.environ else "plain")
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -8,7 +8,7 @@ import threading
 import pytest
 from hostile_checks import count, limited
 from hostile_inputs import values
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 msgpack = pytest.importorskip("msgpack")
@@ -108,6 +108,7 @@ def test_a_depth_beyond_single_precision_is_endless():
     assert depth.tolist() == [[1.0, math.inf], [math.inf, 2.0]]
 
 
+@example(part="orientation", axis="w", value=10**400)
 @given(part=st.sampled_from(sorted(POSE)), axis=st.sampled_from("wxyz"), value=ODD)
 def test_a_pose_that_is_none_is_a_line(part, axis, value):
     said_in_a_line(lambda: unpack_pose(POSE | {part: POSE[part] | {f"{axis}_val": value}}, "here"))

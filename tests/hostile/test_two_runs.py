@@ -1,17 +1,14 @@
 """Two runs at once, and outputs that were cut: no work twice, no line twice, nothing damaged taken for whole."""
 
 import json
-import subprocess
-import sys
 from collections import Counter
 
 import numpy as np
 import pytest
+from forked import TOOLKIT, Forked
 from PIL import Image
 
 from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
-
-SHOOT = "from toolkit.cli import main; main()"
 
 
 @pytest.fixture
@@ -26,9 +23,8 @@ def photos(tmp_path):
 
 def run_twice(*arguments, cwd):
     """The same command in two processes at once -> their exit codes."""
-    command = [sys.executable, "-c", SHOOT, *map(str, arguments)]
-    both = [subprocess.Popen(command, cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for _ in range(2)]
-    return [one.wait(300) for one in both]
+    both = [Forked(TOOLKIT, *arguments, cwd=cwd) for _ in range(2)]
+    return [one.wait().returncode for one in both]
 
 
 def count_lines(file):

@@ -2,30 +2,37 @@
 
 import io
 import json
-import os
 import signal
-import subprocess
-import sys
 import tarfile
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import Forked
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing import CameraConfig, CollectConfig
+from toolkit.landing import CollectConfig
 from toolkit.landing.collect import Collected, Collector, collect, plan_shards
 from toolkit.landing.dataset import Sample, encode_sample, open_dataset, read_shard, read_split, write_shard
 from toolkit.landing.site import draw_pad
 from toolkit.worlds.world import World
 
-SMALL = CollectConfig(
-    frames=30, places=5, times=("overcast",), shard_frames=10, optics=CameraConfig(image_px=48),
-    weathers=("clear", "fog:3"),
-)  # fmt: skip
+SETTINGS = {
+    "frames": 30, "places": 5, "times": ("overcast",), "shard_frames": 10, "optics": {"image_px": 48},
+    "weathers": ("clear", "fog:3"),
+}  # fmt: skip
+SMALL = CollectConfig(**SETTINGS)
+DRIVER = f"""
+import sys
+from pathlib import Path
+from toolkit.core.workspace import Workspace
+from toolkit.landing import CollectConfig
+from toolkit.landing.collect import collect
+collect(Workspace(Path(sys.argv[1])), CollectConfig(**{SETTINGS}), seed=3)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -110,20 +117,17 @@ def test_it_goes_on_where_it_stopped_to_the_same_bytes(made: tuple[Workspace, Co
 @pytest.mark.slow
 def test_a_kill_costs_no_more_than_a_shard(made: tuple[Workspace, Collected], tmp_path: Path) -> None:
     space = make_workspace(tmp_path / "work")
-    call = "from toolkit.cli import main; main()"
-    words = (
-        "landing collect --frames 30 --places 5 --time overcast --image-px 48 --weather clear --weather fog:3 --seed 3 "
-        f"--shard-frames 10 --workspace {space.root}"
-    )
-    run = subprocess.Popen([sys.executable, "-c", call, *words.split()], stderr=subprocess.DEVNULL)
+    run = Forked(DRIVER, space.root)
     folder = space.captures_dir / "landing" / "grass"
-    for _ in range(600):
+    for _ in range(3000):
         if list(folder.glob("*.tar")):
             break
-        time.sleep(0.1)
-    os.kill(run.pid, signal.SIGKILL)
-    run.wait()
-    collect(space, SMALL, seed=3)
+        time.sleep(0.02)
+    run.process.kill()
+    done = run.wait()
+    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+    left = len(list(folder.glob("*.tar")))
+    assert collect(space, SMALL, seed=3).made == 4 - left < 4
     expected = {path.name: sha256_file(path) for path in made[1].folder.glob("*.tar")}
     assert {path.name: sha256_file(path) for path in folder.glob("*.tar")} == expected
 

@@ -9,9 +9,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from test_frames import CAMERA, POSES, make_renderer
 
 import toolkit
 from toolkit.core.console import quietly
+from toolkit.core.files import sha256_bytes
 from toolkit.rig.kernel import compiled
 
 PACKAGE = Path(toolkit.__file__).parent
@@ -206,10 +208,12 @@ def test_a_cache_of_ones_own_is_used_whatever_the_umask(start, tmp_path):
 
 
 PROGRAM = """
-import gc, json
+import gc, json, sys
 from dataclasses import replace
 import numpy as np
+import test_frames as frames
 from numba.core.dispatcher import Dispatcher
+from toolkit.core.files import sha256_bytes
 from toolkit.objects.mesh import place_on_table
 from toolkit.content.modelling import assemble, box
 from toolkit.rig import raycast
@@ -239,22 +243,33 @@ for scene in (studio, world):
     pictures += [tone_map(light, (1,)) for light in renderer.render_many([(camera, pose)] * 2)]
     renderer.render_linear(camera, pose, mesh.materials[0].texture)
     renderer.buffers(camera, pose)
+renderer = frames.make_renderer(place_on_table(assemble(box((100.0, 60.0, 40.0), paint=(150, 150, 150)), {"paint": (0.8, 0.0)}, 128)))
+raycast.count_cores = lambda: int(sys.argv[1])
+views = renderer.render_many((frames.CAMERA, pose) for pose in frames.POSES[:4])
+found = [sha256_bytes(picture.tobytes()) for picture in views]
+found.append(renderer.render_linear(frames.CAMERA, frames.POSES[0], renderer._mesh.materials[0].texture).sha256)
 after, places = count()
-print(json.dumps({"prepared": prepared, "after": after, "places": sorted(map(str, places)), "mean": float(np.mean(pictures))}))
+print(json.dumps({"prepared": prepared, "after": after, "places": sorted(map(str, places)), "mean": float(np.mean(pictures)), "found": found}))
 """  # noqa: E501
 
 
-def run_program(cache: Path) -> SimpleNamespace:
-    command = [sys.executable, "-c", PROGRAM]
-    environment = {**os.environ, "TOOLKIT_CACHE": str(cache)}
+def run_program(cache: Path, threads: int = 2) -> SimpleNamespace:
+    command = [sys.executable, "-c", PROGRAM, str(threads)]
+    path = f"{Path(__file__).parent}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    environment = {**os.environ, "TOOLKIT_CACHE": str(cache), "PYTHONPATH": path}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return SimpleNamespace(said=done.stderr.count("compiling"), stderr=done.stderr, **json.loads(done.stdout))
 
 
 @pytest.mark.slow
-def test_all_is_compiled_under_the_one_notice_and_loaded_by_the_next_start(tmp_path):
-    cold, warm = run_program(tmp_path), run_program(tmp_path)
+def test_all_is_compiled_under_the_one_notice_and_loaded_by_the_next_start_for_the_same_bytes(make_box, tmp_path):
+    """Once with an empty cache and two threads, once with what the first left and eight."""
+    renderer = make_renderer(make_box())
+    here = [sha256_bytes(renderer.render(CAMERA, pose).tobytes()) for pose in POSES[:4]]
+    here.append(renderer.render_linear(CAMERA, POSES[0], renderer._mesh.materials[0].texture).sha256)
+    cold, warm = run_program(tmp_path, 2), run_program(tmp_path, 8)
+    assert cold.found == warm.found == here
     assert (cold.said, warm.said) == (1, 0)
     assert cold.prepared == cold.after and sum(cold.prepared.values()) > 10  # nothing waits for the first picture
     assert set(warm.after.values()) == {0}

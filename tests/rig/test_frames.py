@@ -1,16 +1,11 @@
 """Many frames at once: the same bytes in the same order, however many threads, views or processes there are."""
 
-import os
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from toolkit.core.files import sha256_bytes
 from toolkit.rig import raycast
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.lighting import BakeDetail
@@ -125,34 +120,3 @@ def test_nothing_is_made_before_it_is_asked_for():
     made = []
     map_frames(made.append, range(5), threads=2)
     assert made == []
-
-
-PROGRAM = """
-import sys
-import numpy as np
-from toolkit.core.files import sha256_bytes
-from toolkit.objects.mesh import place_on_table
-from toolkit.content.modelling import assemble, box
-import test_frames as t
-
-mesh = place_on_table(assemble(box((100.0, 60.0, 40.0), paint=(150, 150, 150)), {"paint": (0.8, 0.0)}, 128))
-renderer = t.make_renderer(mesh)
-t.raycast.count_cores = lambda: int(sys.argv[1])
-for picture in renderer.render_many((t.CAMERA, pose) for pose in t.POSES[:4]):
-    print(sha256_bytes(picture.tobytes()))
-print(renderer.render_linear(t.CAMERA, t.POSES[0], mesh.materials[0].texture).sha256)
-"""
-
-
-@pytest.mark.slow
-def test_another_process_with_a_kernel_compiled_anew_makes_the_same_bytes(renderer, tmp_path):
-    """Once with an empty cache and two threads, once with what the first left and eight."""
-    here = [sha256_bytes(renderer.render(CAMERA, pose).tobytes()) for pose in POSES[:4]]
-    here.append(renderer.render_linear(CAMERA, POSES[0], renderer._mesh.materials[0].texture).sha256)
-    path = f"{Path(__file__).parent}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    environment = {**os.environ, "TOOLKIT_CACHE": str(tmp_path), "PYTHONPATH": path}
-    for threads in ("2", "8"):
-        command = [sys.executable, "-c", PROGRAM, threads]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-        assert done.stdout.split() == here, done.stderr
-        assert ("compiling" in done.stderr) == (threads == "2")

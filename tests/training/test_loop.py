@@ -34,7 +34,7 @@ def test_a_regressor_finds_the_line_that_its_data_lie_on():
 
 
 def test_kill_9_then_the_same_again_ends_with_the_same_bytes(tmp_path):
-    train_killed(KILLED, tmp_path / "killed")
+    train_killed(KILLED, tmp_path / "killed", is_forked=False)
     whole, resumed = (train_regressor(tmp_path / name) for name in ("whole", "killed"))
     assert (whole.resumed_from, resumed.resumed_from) == (0, 9)
     assert all(np.array_equal(whole.made[name], resumed.made[name]) for name in whole.made)

@@ -11,6 +11,7 @@ import pytest
 import shared_training
 import torch
 from colour_folder import write_colours
+from forked import TOOLKIT, run_two
 from tiny_network import write_photos
 from tiny_regressor import CONFIG, Regressor
 
@@ -54,9 +55,10 @@ def test_two_processes_have_the_gradients_of_one(make_crate_space, colours, tmp_
             monkeypatch.setattr(owner, name, getattr(owner, name))  # put back afterwards
     photos = write_photos(tmp_path / "photos", 10)
     spaces = [make_crate_space(tmp_path / name) for name in ("one", "two")]
-    done = torchrun(HELPERS / "shared_training.py", spaces[1].root, colours, photos, tmp_path / "found")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "process 0 is done\n", "the others say nothing"
+    program = (HELPERS / "shared_training.py").read_text()
+    both = run_two(program, spaces[1].root, colours, photos, tmp_path / "found")
+    assert [one.returncode for one in both] == [0, 0], [one.stderr.decode() for one in both]
+    assert [one.stdout for one in both] == [b"process 0 is done\n", b""], "the others say nothing"
     alone = shared_training.train_all(spaces[0], colours, photos)
     with np.load(tmp_path / "found-0.npz") as stored:
         shared = dict(stored)
@@ -72,19 +74,23 @@ def test_two_processes_have_the_gradients_of_one(make_crate_space, colours, tmp_
 
 @pytest.mark.slow
 def test_the_command_speaks_and_writes_once(colours, tmp_path):
+    """Started by torchrun where it trains; before and after by us."""
     space = make_workspace(tmp_path / "space")
-    command = ["-m", "toolkit", "train-classifier", "--data", colours, "--name", "own", "--arch", "shufflenet_v2_x0_5"]
+    command = ["train-classifier", "--data", colours, "--name", "own", "--arch", "shufflenet_v2_x0_5"]
     command += ["--image-px", "32", "--epochs", "1", "--device", "cpu", "--workspace", space.root]
-    refused = torchrun(*command, "--batch", "15")
-    errors = [line for line in refused.stderr.splitlines() if line.startswith("error:")]
-    assert refused.returncode and errors == ["error: --batch 15: expected a multiple of 2, the processes that share it"]
-    done = torchrun(*command, "--batch", "16")
+    refused = run_two(TOOLKIT, *command, "--batch", "15")
+    errors = [line for one in refused for line in one.stderr.decode().splitlines() if line.startswith("error:")]
+    assert refused[0].returncode and errors == [
+        "error: --batch 15: expected a multiple of 2, the processes that share it"
+    ]
+    done = torchrun("-m", "toolkit", *command, "--batch", "16")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("own.safetensors: shufflenet_v2_x0_5, 3 classes") == 1
     assert done.stderr.count("to train on") == 1
     assert sorted(file.name for file in space.classifiers_dir.iterdir()) == ["own.json", "own.safetensors"]
-    again = torchrun(*command, "--batch", "16")
-    assert again.returncode == 0 and "nothing to do" in again.stdout
+    again = run_two(TOOLKIT, *command, "--batch", "16")
+    assert [one.returncode for one in again] == [0, 0]
+    assert b"nothing to do" in again[0].stdout and not again[1].stdout
 
 
 @pytest.mark.parametrize(("rank", "printed"), [("0", __version__), ("1", "")])

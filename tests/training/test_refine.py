@@ -1,15 +1,13 @@
 """A refined network: its loss and gradient, flat minima by their formulas, what is written and found by one name."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import torch
 from colour_folder import write_colours
+from forked import TOOLKIT, run, run_two
 from killed_runs import train_killed
 from PIL import Image
 from safetensors.torch import load_file, save_file
@@ -358,13 +356,11 @@ def test_two_processes_make_the_network_of_one(colours, tmp_path):
     spaces = [make_space(tmp_path / name) for name in ("one", "two")]
     typed = ["refine-network", "new", "--data", colours, "--model", "own", "--device", "cpu", "--steps", "6"]
     typed += ["--batch", "6", "--lr", "0.05", "--flat", "sam", "--robust", "l2:0.5", "--workspace"]
-    torchrun = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "toolkit"]
-    for start, space in zip(([sys.executable, "-m", "toolkit"], torchrun), spaces, strict=True):
-        done = subprocess.run(
-            [*map(str, (*start, *typed, space.root))], env=os.environ | {"OMP_NUM_THREADS": "1"},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0 and done.stdout.count("new: held-out photographs") == 1, done.stderr
+    for done, *others in ([run(TOOLKIT, *typed, spaces[0].root)], run_two(TOOLKIT, *typed, spaces[1].root)):
+        assert done.returncode == 0 and done.stdout.count(b"new: held-out photographs") == 1, done.stderr
+        assert not any(one.returncode or one.stdout for one in others)
+    refused, _ = run_two(TOOLKIT, *typed, spaces[1].root, "--batch", "5")
+    assert b"error: --batch 5: expected a multiple of 2, the processes that share it" in refused.stderr
     own, *both = (
         load_file(space.classifiers_dir / f"{name}.safetensors")
         for space, name in ((spaces[0], "own"), (spaces[0], "new"), (spaces[1], "new"))

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 8
+METHOD_VERSION = 9
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8

@@ -40,6 +40,10 @@ class Network(AnyNetwork, Protocol):
         """Index of a class by label, index or WordNet id."""
 
 
+PER_THREAD = 4
+"""Photographs for each of a CPU's threads that a network is asked about at a time: more are no faster."""
+
+
 @dataclass(frozen=True)
 class Target:
     """A network and the class that it shall see.
@@ -72,7 +76,12 @@ class Target:
 
     def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
-        return int((self.logits(photos).argmax(1) == self.class_index).sum())
+        return sum(int((self.logits(part).argmax(1) == self.class_index).sum()) for part in _in_parts(photos))
+
+
+def _in_parts(photos: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Of (b, 3, m, m) photographs as many at a time as a network is asked about; all on a GPU, which needs many."""
+    return photos.split(PER_THREAD * torch.get_num_threads()) if photos.device.type == "cpu" else (photos,)
 
 
 def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
@@ -177,6 +186,20 @@ def judge_photos(
     return loss, recognised / len(targets)
 
 
+def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tuple[torch.Tensor, float]:
+    """`judge_photos` of one network, a part at a time: what it keeps of photographs for the way back is much memory."""
+    if not photos.requires_grad:
+        return judge_photos(photos, [target], objective)
+    value, recognised = photos.new_zeros(()), 0.0
+    gradients: list[torch.Tensor] = []
+    for part in _in_parts(photos.detach()):
+        loss, hits = judge_photos(part.requires_grad_(True), [target], objective)
+        share = len(part) / len(photos)
+        gradients += torch.autograd.grad(loss * share, part)
+        value, recognised = value + loss.detach() * share, recognised + hits * share
+    return _stand_in(photos, torch.cat(gradients), value), recognised
+
+
 def judge_ensemble(
     photos: torch.Tensor, targets: Sequence[Target], config: PixelConfig, draws: Draws,
     clean: torch.Tensor | None = None,
@@ -204,13 +227,14 @@ def judge_ensemble(
         # drawn for each network by its number: they do not look at the same cut
         for one in config.transforms("network"):
             seen = one.change(seen, one.rng(draws, f" {number}"))
+        if clean is None:
+            return judge_in_parts(current().share(seen), target, config.objective)
+        network, see_clean = target.classifier, partial(judge_photos, clean, [target])
+        assert isinstance(network, Classifier)
         with ExitStack() as acting:
-            if clean is not None:
-                network, see_clean = target.classifier, partial(judge_photos, clean, [target])
-                assert isinstance(network, Classifier)
-                for one in config.transforms("features"):
-                    side = network.preprocessing.crop_px
-                    acting.enter_context(one.inside(network.module, side, see_clean, draws, f" {number}"))
+            for one in config.transforms("features"):
+                side = network.preprocessing.crop_px
+                acting.enter_context(one.inside(network.module, side, see_clean, draws, f" {number}"))
             return judge_photos(current().share(seen), [target], config.objective)
 
     if config.ensemble == "turns":
@@ -244,9 +268,13 @@ def _normalise(
     lengths = current().add(torch.stack([one.square().sum() for one in gradients])).sqrt()
     scales = lengths.mean() / lengths.clamp_min(1e-30)
     joined = sum((one * scale for one, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos))
-    # a scalar whose gradient by the photographs is `joined`, and whose value is the sum of the losses
-    along = (photos * joined).sum()
-    return along - along.detach() + value, _mean(recognised)
+    return _stand_in(photos, joined, value), _mean(recognised)
+
+
+def _stand_in(photos: torch.Tensor, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
+    """A scalar of this value whose gradient by the photographs is this one."""
+    along = (photos * gradient).sum()
+    return along - along.detach() + value
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -77,6 +77,12 @@ class Capture:
         """OBJECT/VARIANT/FILE."""
         return self.path.split("/", 1)[1]
 
+    @property
+    def source_dir(self) -> Path:
+        """As many folders up as `path_in_source` has, absolute: where the source's manifest lies."""
+        above = self.file.absolute().parents
+        return above[min(self.path_in_source.count("/"), len(above) - 1)]
+
     def tell_cameras_apart(self, other: "Capture") -> str | None:
         """How another image's camera stands elsewhere, in words; None where it does not, or one is not known.
 

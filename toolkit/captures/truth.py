@@ -92,10 +92,10 @@ def outline_captures(
     seen: dict[tuple[object, ...], ObjectMask | None] = {}
     found, unknown = {}, []
     for one in captures:
-        source = one.file.parents[2]
+        source = one.source_dir
         if source not in manifests:
             manifests[source] = read_manifest(source)
-        record = manifests[source].get(one.file.relative_to(source).as_posix())
+        record = manifests[source].get(one.file.absolute().relative_to(source).as_posix())
         camera = record.camera if record is not None else None
         if record is None or camera is None or record.T_world_camera is None:
             unknown.append((one.path, "the manifest does not say where the camera stood"))

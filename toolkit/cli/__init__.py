@@ -14,7 +14,9 @@ from toolkit.core.text import shorten
 from toolkit.training.processes import LAUNCHED, joined
 
 INTERRUPTED, BAD_INPUT, DEFECT = 130, 2, 1
-TRAINED_TOGETHER = ("train-patch", "train-patches", "train-texture", "train-wrap", "train-classifier")
+TRAINED_TOGETHER = (
+    "train-patch", "train-patches", "train-texture", "train-wrap", "train-classifier", "refine-network",
+)  # fmt: skip
 app = make_app()
 
 

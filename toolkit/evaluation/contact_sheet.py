@@ -13,7 +13,7 @@ from PIL import Image
 from toolkit.captures.read import Capture
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
-from toolkit.evaluation.predict import CPU_BATCH, Prediction, decode_ahead, find_pending
+from toolkit.evaluation.predict import Prediction, choose_batch_size, decode_ahead, find_pending
 from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
@@ -159,7 +159,7 @@ def make_thumbnails(
     with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
         made = pool.map(lambda one: _make(one, side_px), plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
-    shown = decode_ahead(corrupted, classifier, CPU_BATCH) if classifier else ()
+    shown = decode_ahead(corrupted, classifier, choose_batch_size(classifier)) if classifier else ()
     for capture, pixels in zip(corrupted, shown, strict=classifier is not None):
         if not isinstance(pixels, str):
             uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)

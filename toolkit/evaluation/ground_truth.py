@@ -35,8 +35,7 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
     logs: dict[Path, dict[str, CheckLine]] = {}
     captures: list[Capture] = []
     for one in folder.captures:
-        # as many folders up as the path below the source has parts
-        source_dir = one.file.parents[one.path_in_source.count("/")]
+        source_dir = one.source_dir
         if source_dir not in logs:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
         # files are hashed only where some photograph of that name was judged: most folders have no gates

@@ -28,9 +28,9 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
 
 OK = "ok"
-CPU_BATCH, CUDA_BATCH = 16, 128
+CUDA_BATCH = 128
 MAX_DECODERS = 8
-CPU_PART = 8
+CPU_PART = 4
 """Images that one thread classifies at once. Passes of one shape on one thread give the same numbers whatever else is
 classified, however many threads there are."""
 Tag = TypeVar("Tag")
@@ -129,7 +129,10 @@ def predict_captures(
 
 def choose_batch_size(classifier: Classifier, batch_size: int | None = None) -> int:
     """Images per pass of the network: as asked for, else what suits its device."""
-    return batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_BATCH)
+    import torch
+
+    # on a CPU a pass for each thread: what more are held costs memory alone
+    return batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_PART * torch.get_num_threads())
 
 
 def classify_images(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:

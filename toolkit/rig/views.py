@@ -358,6 +358,7 @@ class ViewStream:
 
     def held_out(self, blocks: int, first: int = 0) -> list[RenderedView]:
         """Views that no group holds, each beside the object in its own paint; `first` numbers the first block."""
+        self._current = None  # frees the group that was used last
         return [view for future in self._start(HELD_OUT, range(first, first + blocks)) for view in future.result()]
 
     def _start(self, kind: str, blocks: range) -> "list[Future[list[RenderedView]]]":

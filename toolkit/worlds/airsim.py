@@ -5,6 +5,7 @@ Functions, their arguments and the replies are as in the servers' sources: `AirL
 """
 
 import contextlib
+import math
 import re
 import reprlib
 import socket
@@ -253,7 +254,10 @@ def unpack_pose(found: object, where: str) -> np.ndarray:
 
 
 def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else float("nan")
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:  # a whole number of a reply has any length
+        return math.inf
 
 
 def show(found: object) -> str:

@@ -4,14 +4,13 @@ import json
 import shutil
 import signal
 import struct
-import subprocess
-import sys
 import time
 import zlib
 from itertools import product
 
 import numpy as np
 import pytest
+from forked import Forked, run
 from typer.testing import CliRunner
 
 from toolkit.cli import app
@@ -42,11 +41,12 @@ from toolkit.objects.records import encode_png
 from toolkit.rig.plan import read_plan
 
 UNSEEN_SHA = "a" * 64
+FEW = ("eggnog", "racer")
 PICTURE = encode_png(np.full((24, 32, 3), 90, np.uint8))
-DRIVER = """
+DRIVER = f"""
 import sys
 from toolkit.experiments.challenge import entry
-entry.POSES = 1
+entry.POSES, entry.CLOSED_OBJECTS = 1, {FEW}
 from toolkit.cli import app
 space, *folders = sys.argv[1:]
 for one in folders:
@@ -66,6 +66,13 @@ def entered(tmp_path_factory):
 @pytest.fixture
 def entry(entered, tmp_path):
     return shutil.copytree(entered, tmp_path / "ours")
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Entries of two objects, in one pose of each kind."""
+    monkeypatch.setattr(entries, "POSES", 1)
+    monkeypatch.setattr(entries, "CLOSED_OBJECTS", FEW)
 
 
 def edit(folder, **changes):
@@ -252,8 +259,9 @@ def read_folder(folder):
 
 
 @pytest.mark.slow
-def test_a_second_run_and_two_workers_give_the_same_bytes(entry, tmp_path, monkeypatch):
-    monkeypatch.setattr(entries, "POSES", 1)
+def test_a_second_run_and_two_workers_give_the_same_bytes(few, tmp_path, forked_workers):
+    entry = tmp_path / "ours"
+    init_entry(make_workspace(tmp_path / "own"), entry, EntryConfig())
     judge, spaces = load_classifier("rig18"), [make_workspace(tmp_path / name) for name in ("one", "two")]
     found = []
     with LocalPool(2) as pool:
@@ -262,7 +270,7 @@ def test_a_second_run_and_two_workers_give_the_same_bytes(entry, tmp_path, monke
             judged = run_entry(read_entry(entry), [judge], space, engine)
             found.append(read_folder(entry / SCORE))
     assert found[0] == found[1] == found[2]
-    assert sorted(found[0]) == [OUTCOMES, *(f"{PICTURES}/{name}.png" for name in CLOSED_OBJECTS), SCORE_FILE]
+    assert sorted(found[0]) == [OUTCOMES, *(f"{PICTURES}/{name}.png" for name in FEW), SCORE_FILE]
     assert {row.variant for row in judged.score.rows} == {
         "patched", "wrong-patch", "random-patch", "grey-patch", "patch-alone"
     }  # fmt: skip
@@ -270,20 +278,19 @@ def test_a_second_run_and_two_workers_give_the_same_bytes(entry, tmp_path, monke
 
 
 @pytest.mark.slow
-def test_entries_whose_runs_are_killed_end_with_the_same_bytes(tmp_path):
+def test_entries_whose_runs_are_killed_end_with_the_same_bytes(few, tmp_path):
     """Killed while shooting, while judging and between entries, of which each has another budget or set of patches."""
     source = make_workspace(tmp_path / "source")
     configs = {"ours": EntryConfig(), "small": EntryConfig(), "whole": EntryConfig(budget="texture")}
 
-    def start(name):
+    def prepare(name):
         space = make_workspace(tmp_path / name)
         folders = [space.root / one for one in configs]
         for folder, config in zip(folders, configs.values(), strict=True):
             if not folder.exists():
                 chosen = source.with_patches("rig18" if folder.name == "small" else None)
                 init_entry(chosen, folder, config)
-        words = [sys.executable, "-c", DRIVER, str(space.root), *map(str, folders)]
-        return space, subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        return space, (DRIVER, space.root, *folders)
 
     def count_done(space):
         home = space.eval_dir / "challenge"
@@ -291,17 +298,20 @@ def test_entries_whose_runs_are_killed_end_with_the_same_bytes(tmp_path):
         said = len(answers.read_bytes().splitlines()) if answers.exists() else 0
         return said + len(list(home.glob("*/captures/sim/*/*/*.png")))
 
-    space, straight = start("straight")
-    assert straight.wait() == 0, straight.stderr.read()
+    space, straight = prepare("straight")
+    done = run(*straight, is_forked=False)
+    assert done.returncode == 0, done.stderr.decode()
     wanted, most = read_folder(space.root), count_done(space)
     for share in (0.05, 0.3, 0.5, 0.8):
-        space, run = start("killed")
-        while count_done(space) < share * most and run.poll() is None:
+        space, words = prepare("killed")
+        killed = Forked(*words)
+        while count_done(space) < share * most and killed.process.is_alive():
             time.sleep(0.02)
-        run.send_signal(signal.SIGKILL)
-        assert run.wait() == -signal.SIGKILL, run.stderr.read()
-    space, run = start("killed")
-    assert run.wait() == 0, run.stderr.read()
+        killed.process.kill()
+        done = killed.wait()
+        assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+    done = run(*words)
+    assert done.returncode == 0, done.stderr.decode()
     found = read_folder(space.root)
     for kept in ("ours/", "small/", "whole/", "board/"):
         assert {name: found[name] for name in found if name.startswith(kept)} == {
