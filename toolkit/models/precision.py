@@ -100,6 +100,8 @@ def _bfloat16_on_cpu() -> Iterator[None]:
 
 def has_native_bfloat16() -> bool:
     """Whether this processor has instructions for products of bfloat16 (AVX-512 BF16 or AMX)."""
+    if not hasattr(torch.cpu, "get_capabilities"):  # torch 2.9 has a function for each
+        return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
     found = torch.cpu.get_capabilities()
     return any(found.get(name, False) for name in ("avx512_bf16", "amx_bf16", "amx_tile"))
 
