@@ -21,7 +21,7 @@ from toolkit.photos.photo import Photo, list_photos, load_pixels, read_photo
 from toolkit.photos.prints.align import PatchWarp
 from toolkit.photos.prints.features import Features, to_cv
 from toolkit.photos.prints.find import PatchSighting, SearchedPhoto, find_patch, search_photo, shrink_image
-from toolkit.photos.prints.look import KERNEL_PX, PrintedLook, Scene, fit_look
+from toolkit.photos.prints.look import PrintedLook, Scene, fit_look, no_spread
 from toolkit.rig.mount import size_on_paper
 from toolkit.rig.shading import SHOULDER, LinearView
 
@@ -273,10 +273,9 @@ def _view(
     )  # fmt: skip
     there = one.look.warp.scaled(scale)
     warp = PatchWarp(T @ there.homography, there.bend * T[0, 0])
-    crisp = np.zeros((3, KERNEL_PX, KERNEL_PX))
-    crisp[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
     picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
-    scene = Scene(picture, replace(one.look, warp=warp, kernels=crisp, wide=np.zeros((0, 4))), one.patch.pixels)
+    kernels, wide = no_spread()
+    scene = Scene(picture, replace(one.look, warp=warp, kernels=kernels, wide=wide), one.patch.pixels)
     return _make_linear(picture, scene, hidden, sheet)
 
 

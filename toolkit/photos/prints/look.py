@@ -132,11 +132,10 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
         ToolkitError: too little of the patch is to be seen.
     """
     n = patch_pixels.shape[0]
-    crisp = np.zeros((3, KERNEL_PX, KERNEL_PX))
-    crisp[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
+    kernels, wide = no_spread()
     look = PrintedLook(
         sighting.warp, ripple=np.zeros((RIPPLE_TERMS, 2)), nodes=np.zeros((0, 3)), light=np.zeros((0, 3)),
-        kernels=crisp, wide=np.zeros((0, 4)), noise=np.zeros((NOISE_LEVELS, 3)), grain_px=np.zeros(2),
+        kernels=kernels, wide=wide, noise=np.zeros((NOISE_LEVELS, 3)), grain_px=np.zeros(2),
         delta_e=0.0, shown=sighting.shown,
     )  # fmt: skip
     look = _refine_place(image, _fit_print(image, sighting, look, patch_pixels), patch_pixels)
@@ -148,6 +147,13 @@ def fit_look(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarra
     look = replace(look, kernels=kernels, wide=wide)
     noise, grain_px = _measure_noise(Scene(part, replace(look, warp=moved), patch_pixels), look.warp.side_px / n)
     return replace(look, noise=noise, grain_px=grain_px)
+
+
+def no_spread() -> tuple[np.ndarray, np.ndarray]:
+    """`kernels` and `wide` of a `PrintedLook` that leave every pixel as it is."""
+    kernels = np.zeros((3, KERNEL_PX, KERNEL_PX))
+    kernels[:, KERNEL_PX // 2, KERNEL_PX // 2] = 1
+    return kernels, np.zeros((0, 4))
 
 
 def _fit_print(image: np.ndarray, sighting: PatchSighting, look: PrintedLook, patch_pixels: np.ndarray) -> PrintedLook:
