@@ -3,7 +3,7 @@
 import csv
 import io
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from toolkit.captures.read import Capture
@@ -27,10 +27,11 @@ def make_prediction(folder, name, variant, pose, label="jet", right=True):
 
 
 @given(texts=st.lists(st.sampled_from(FORMULAS) | st.text(max_size=12), min_size=1))
+@example(texts=["a\0b"])
 def test_no_cell_is_a_formula_and_every_text_comes_back(texts):
     written = encode_csv(["text"] * len(texts), [texts])
     cells = list(csv.reader(io.StringIO(written, newline="")))[1]
-    assert [decode_cell(cell) for cell in cells] == texts
+    assert [decode_cell(cell) for cell in cells] == [text.replace("\0", "␀") for text in texts] and "\0" not in written
     assert not any(cell[:1] in tuple("=@\t\r") and cell for cell in cells)
     assert all(cell[:1] not in ("+", "-") or cell[1:].replace(".", "").replace("e", "").replace(" ", "").isdecimal()
                for cell in cells)  # fmt: skip

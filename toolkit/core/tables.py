@@ -84,7 +84,8 @@ def _minus(text: str) -> str:
 def encode_csv(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
     """The text of a CSV file; None is an empty cell, and a text that a spreadsheet would run has a `'` before it.
 
-    A formula may read other files and open addresses. `decode_cell` gives the text back. Numbers stay as they are.
+    A formula may read other files and open addresses. `decode_cell` gives the text back, but for `NUL`, in whose place
+    its symbol ␀ stands. Numbers stay as they are.
     """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
@@ -103,12 +104,11 @@ NUMBERS = re.compile(r"[+-]?[\d.]+(e[+-]?\d+)?( [+-]?[\d.]+)*")
 
 
 def _encode_cell(cell: object) -> object:
-    if cell is None:
-        return ""
+    if not isinstance(cell, str):
+        return "" if cell is None else cell
+    cell = cell.replace("\0", "\N{SYMBOL FOR NULL}")  # no spreadsheet reads it, nor does Python 3.10
     # a spreadsheet runs a cell that begins so; a number with a sign is none
-    if not isinstance(cell, str) or not FORMULA.match(cell) or NUMBERS.fullmatch(cell):
-        return cell
-    return f"'{cell}"
+    return f"'{cell}" if FORMULA.match(cell) and not NUMBERS.fullmatch(cell) else cell
 
 
 def decode_cell(text: str) -> str:

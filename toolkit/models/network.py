@@ -267,7 +267,11 @@ def choose_device(device: str) -> str:
     available = torch.cuda.is_available()
     if device == "cuda" and not available:
         raise FieldError("torch sees no CUDA device here: use the cpu, or repair the driver", {"device": "cuda"})
-    return "cuda" if available else "cpu"
+    if not available:
+        return "cpu"
+    # else cuDNN rounds the factors of convolutions to 10 bits, and answers would be others than on a CPU
+    torch.backends.cudnn.allow_tf32 = False
+    return "cuda"
 
 
 def check_hash(file: WeightsFile, own: LabelsFile) -> None:
