@@ -32,7 +32,7 @@ from toolkit.content.pieces import (
     wall_quads,
     xyz,
 )
-from toolkit.content.signs import billboard_skin
+from toolkit.content.street_furniture import billboard_skin
 from toolkit.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
 from toolkit.objects.mesh import Material
 from toolkit.worlds.world import SceneClass

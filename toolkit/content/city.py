@@ -7,10 +7,8 @@ import numpy as np
 from toolkit.content.buildings import KINDS, House, Lot
 from toolkit.content.countryside import surround, towers
 from toolkit.content.landmarks import building_site, church, cinema, filling_station, library, parking_house
-from toolkit.content.large_vehicles import Fleet, build_fleet
 from toolkit.content.pieces import Looks, Piece, Skin, boxes, floor_quads, merge, mesh_of, place
-from toolkit.content.signs import STREET_NAMES, billboard
-from toolkit.content.street_furniture import flag, fountain, monument
+from toolkit.content.street_furniture import STREET_NAMES, billboard, flag, fountain, monument
 from toolkit.content.streets import (
     KERB_M,
     PAVEMENT_M,
@@ -28,6 +26,7 @@ from toolkit.content.streets import (
     plan_city,
 )
 from toolkit.content.surfaces import grass, junction, pavement, plaza, wall
+from toolkit.content.vehicles import Fleet, build_fleet
 from toolkit.worlds.world import SceneClass, Spot, World
 
 LANDMARKS = ("square", "church", "parking", "site", "library", "park", "cinema", "station")

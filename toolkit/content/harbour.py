@@ -8,7 +8,6 @@ import numpy as np
 from toolkit.content.countryside import towers
 from toolkit.content.drawing import Canvas, Colour
 from toolkit.content.landmarks import tower_crane
-from toolkit.content.large_vehicles import BLUE, RED, lorry, van
 from toolkit.content.modelling import revolve
 from toolkit.content.pieces import (
     Looks,
@@ -28,9 +27,9 @@ from toolkit.content.pieces import (
     wall_quads,
     xyz,
 )
-from toolkit.content.signs import board, sheet
-from toolkit.content.street_furniture import street_lamp, traffic_cone
+from toolkit.content.street_furniture import board, sheet, street_lamp, traffic_cone
 from toolkit.content.surfaces import BRICKS, MARK_M, STONES, concrete_apron, pane_sheet, pane_uv, wall, water
+from toolkit.content.vehicles import BLUE, RED, lorry, van
 from toolkit.objects.mesh import Material
 from toolkit.worlds.world import SceneClass, Spot, World
 

@@ -28,7 +28,7 @@ from toolkit.content.pieces import (
     wall_quads,
     xyz,
 )
-from toolkit.content.signs import board, sheet
+from toolkit.content.street_furniture import board, sheet
 from toolkit.content.surfaces import BRICKS, STONES, wall
 from toolkit.objects.mesh import Material
 from toolkit.worlds.world import SceneClass

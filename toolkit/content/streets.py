@@ -9,12 +9,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from toolkit.content.countryside import shrub, street_tree
-from toolkit.content.large_vehicles import Fleet
 from toolkit.content.pieces import UNIT, Looks, Piece, Skin, bars, floor_quads, merge, place, quads
-from toolkit.content.signs import SIGN_KINDS, name_post, sign_post, traffic_light
-from toolkit.content.street_furniture import FURNITURE, old_lamp, street_lamp
+from toolkit.content.street_furniture import (
+    FURNITURE,
+    SIGN_KINDS,
+    name_post,
+    old_lamp,
+    sign_post,
+    street_lamp,
+    traffic_light,
+)
 from toolkit.content.surfaces import AVENUE_M, CROSSING_M, PARKING_M, STREET_M, crossing, junction, kerb, pavement, road
-from toolkit.content.vehicles import Vehicle
+from toolkit.content.vehicles import Fleet, Vehicle
 from toolkit.worlds.world import SceneClass
 
 PAVEMENT_M = 4.0

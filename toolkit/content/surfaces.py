@@ -11,6 +11,7 @@ from toolkit.content.pieces import Looks, Skin
 from toolkit.objects.mesh import Material
 
 SIDE_PX = 512
+SQUARE = (SIDE_PX, SIDE_PX)
 BRICKS: tuple[Colour, ...] = (
     (138, 66, 50), (112, 54, 44), (158, 92, 66), (176, 134, 98), (122, 84, 66), (96, 60, 52), (148, 74, 62),
     (188, 160, 128), (110, 104, 98), (164, 104, 84),
@@ -80,46 +81,42 @@ def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
 
 def paint_render(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Painted stucco with rain streaks, 4 m square."""
-    shape = (SIDE_PX, SIDE_PX)
-    wall = flat(shape, colour) * stains(rng, shape, 0.12) * (1 + 0.03 * fractal(rng, shape, 40, 4))[..., None]
-    return finish(wall + grain(rng, shape, 3))
+    wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.12) * (1 + 0.03 * fractal(rng, SQUARE, 40, 4))[..., None]
+    return finish(wall + grain(rng, SQUARE, 3))
 
 
 def paint_concrete(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Board-marked concrete panels with tie holes, 4 m square."""
-    shape = (SIDE_PX, SIDE_PX)
-    wall = flat(shape, colour) * stains(rng, shape, 0.2) * (1 + 0.05 * fractal(rng, shape, 16, 5))[..., None]
+    wall = flat(SQUARE, colour) * stains(rng, SQUARE, 0.2) * (1 + 0.05 * fractal(rng, SQUARE, 16, 5))[..., None]
     wall[:4] *= 0.62
     wall[:, :3] *= 0.66
     wall[SIDE_PX // 2 : SIDE_PX // 2 + 3] *= 0.74
     for x in (64, 192, 320, 448):
         for y in (64, 192, 320, 448):
             cv2.circle(wall, (x, y), 4, tuple(float(c) * 0.45 for c in colour), -1, cv2.LINE_AA)
-    return finish(wall + grain(rng, shape, 4))
+    return finish(wall + grain(rng, SQUARE, 4))
 
 
 def paint_cladding(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Ribbed sheet metal with rust runs, 3 m square."""
-    shape = (SIDE_PX, SIDE_PX)
     x = np.arange(SIDE_PX)
     rib = 1 + 0.16 * np.sign(np.sin(2 * np.pi * x * 16 / SIDE_PX)) * np.abs(np.sin(2 * np.pi * x * 16 / SIDE_PX)) ** 0.3
-    wall = flat(shape, colour) * rib[None, :, None] * stains(rng, shape, 0.12)
+    wall = flat(SQUARE, colour) * rib[None, :, None] * stains(rng, SQUARE, 0.12)
     wall[::170] *= 0.8
-    rust = np.clip(noise(rng, shape, (3, 40)) * 1.4 - 0.75, 0, 1)[..., None]
-    return finish(wall * (1 - rust) + np.array((120, 72, 44)) * rust + grain(rng, shape, 3))
+    rust = np.clip(noise(rng, SQUARE, (3, 40)) * 1.4 - 0.75, 0, 1)[..., None]
+    return finish(wall * (1 - rust) + np.array((120, 72, 44)) * rust + grain(rng, SQUARE, 3))
 
 
 def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Roofing felt or gravel with seams, patches and puddle rims, 6 m square."""
-    shape = (SIDE_PX, SIDE_PX)
-    roof = flat(shape, colour) * (1 + 0.1 * fractal(rng, shape, 4, 5))[..., None] + grain(rng, shape, 9)
+    roof = flat(SQUARE, colour) * (1 + 0.1 * fractal(rng, SQUARE, 4, 5))[..., None] + grain(rng, SQUARE, 9)
     for row in range(0, SIDE_PX, 128):
         roof[row : row + 3] *= 0.74
         roof[row + 3 : row + 5] *= 1.1
     for _ in range(5):
         y, x, h, w = rng.integers(0, 400), rng.integers(0, 400), rng.integers(30, 100), rng.integers(30, 110)
         roof[y : y + h, x : x + w] *= rng.uniform(0.84, 1.08)
-    puddle = np.abs(fractal(rng, shape, 3, 3) - 0.55) < 0.05
+    puddle = np.abs(fractal(rng, SQUARE, 3, 3) - 0.55) < 0.05
     return finish(roof * (1 - 0.12 * puddle[..., None]))
 
 

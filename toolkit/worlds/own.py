@@ -58,7 +58,7 @@ NAMED = {
 WORLDS = {
     "city": "toolkit.content.city:build_city",
     "grass": "toolkit.content.countryside:build_grass",
-    "apron": "toolkit.content.airfield:build_apron",
+    "apron": "toolkit.content.countryside:build_apron",
     "harbour": "toolkit.content.harbour:build_harbour",
 }
 """Name -> the function that builds it from a seed, looked up when it is first asked for."""
