@@ -223,6 +223,18 @@ def test_the_paint_of_ones_own_coordinates_is_the_picture_itself():
     np.testing.assert_array_equal(take_paint(make_atlas(mesh, n), mesh), colours(n))
 
 
+def test_paint_of_one_colour_is_that_colour_and_needs_no_looking(monkeypatch):
+    plain = np.full((8, 8, 3), (200, 90, 10), np.uint8)
+    spotted = plain.copy()
+    spotted[0, 0] = 0  # where the square below does not reach, so that each texel is looked up
+    square = np.array(UNIT_SQUARE) * 0.5
+    looked_up = a_square(square, spotted)
+    wanted = take_paint(make_atlas(looked_up, 16), looked_up)
+    monkeypatch.setattr("toolkit.objects.atlas._middles", None)
+    mesh = a_square(square, plain)
+    np.testing.assert_array_equal(take_paint(make_atlas(mesh, 16), mesh), wanted)
+
+
 def test_paint_of_finer_pictures_is_their_mean_light():
     """A chessboard of two squares a texel is as bright as half of the light: 188 of 255, not 128."""
     board = np.indices((32, 32)).sum(axis=0) % 2 * 255

@@ -310,9 +310,12 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
         (n, n, 3) uint8, sRGB-encoded, row 0 at v = 1; what no triangle covers has the colour of the nearest that one
         does.
     """
-    n = atlas.n
+    n, material = atlas.n, mesh.face_material
+    worn = [mesh.materials[k].texture.reshape(-1, 3) for k in np.unique(material[atlas.trained])]
+    if all((one == worn[0][0]).all() for one in worn):  # of one colour, wherever one looks
+        return np.tile(worn[0][0], (n, n, 1))
     light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
-    own_uv, material = mesh.uv[mesh.faces].astype(np.float64), mesh.face_material
+    own_uv = mesh.uv[mesh.faces].astype(np.float64)
     sheet_uv = atlas.corner_uv.astype(np.float64)
     sides = n * np.linalg.norm(sheet_uv - np.roll(sheet_uv, 1, axis=1), axis=2).max(axis=1)
     # a texel's colour is the mean of light, not of code values, weighted by the area that each triangle has in it
