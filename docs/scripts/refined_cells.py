@@ -1,7 +1,7 @@
 """What each way of training is worth to networks that did not train: refined_cells.py CSV WORKSPACE, see run-refined.
 
 Each run in WORKSPACE/eval is one of `toolkit eval captures`, with sources `sim-FORM-FILL`. A form is compared with the
-bare object, and with the form `plain`, pose by pose.
+bare object, and with the form `plain`, pose by pose. Forms of the CSV that were not run again stay.
 """
 
 import csv
@@ -9,7 +9,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-from tables import Row, read_summaries, write_table
+from tables import Row, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.workspace import open_workspace
@@ -54,7 +54,7 @@ def main(table: str, folder: str) -> None:
                     **compare(some, found[form, fill, BARE], "bare_"),
                     **compare(some, found[PLAIN, fill, variant], "plain_"),
                 })  # fmt: skip
-    write_table(Path(table), rows)
+    write_table(Path(table), rows + read_others(Path(table), rows, "form"))
 
 
 if __name__ == "__main__":

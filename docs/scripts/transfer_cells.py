@@ -3,7 +3,7 @@
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
 `toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
 `toolkit transfer`, whose sets are called `without NETWORK`, and `without NETWORK, painted freely` where textures were
-trained without `--max-change`.
+trained without `--max-change`. Sets of the CSV that no source names stay.
 """
 
 import json
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tables import Row, list_changes, read_summaries, write_table
+from tables import Row, list_changes, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
@@ -77,6 +77,8 @@ def main(table: str, *sources: str) -> None:
         name, is_set, folder = source.partition("=")
         rows = [{"set": name, **row} for row in read_workspace(Path(folder))] if is_set else read_matrix(Path(source))
         found += rows
+    others = read_others(Path(table), found, "set")
+    found += [row | {"seen": row["seen"] == "True"} | {key: int(row[key]) for key in COUNTS} for row in others]
     # a pose that two runs asked the same network about has the same answer
     kept = list({tuple(row[key] for key in KEY): row for row in found}.values())
     kept.sort(
