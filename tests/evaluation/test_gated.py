@@ -9,6 +9,7 @@ from rich.console import Console
 from toolkit.core.files import sha256_file
 from toolkit.core.statistics import PairedOutcomes
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.predictions_csv import predictions_table
 from toolkit.evaluation.tables import print_tables
 from toolkit.evaluation.verdict import judge_change
 from toolkit.photos.gates import Gate
@@ -54,6 +55,7 @@ def test_a_failed_photograph_is_marked_and_counted_both_ways(judged, colour_clas
     rows = list(csv.DictReader((done.run_dir / "predictions.csv").open()))
     marked = {row["path"]: row["failed_gates"] for row in rows if row["failed_gates"]}
     assert marked == {"real/racer/patched/pose_2.jpg": "over-exposure 64 % of the object clipped"}
+    assert predictions_table(done)["failed_gates"].tolist() == [row["failed_gates"] for row in rows]
     page = done.report_file.read_text()
     assert page.count("⚠ over-exposure 64 % of the object clipped") == 2  # on the flip and on the contact sheet
     assert "1 photograph failed a gate" in page and '<span class="gate">⚠ 1</span>' in page

@@ -124,6 +124,7 @@ def test_turning_is_a_rotation_that_brings_the_named_axes_home(make_box, up, fro
         ("a.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 of 3 vertices are NaN or infinite"),
         ("a.ply", PLY.format(faces=FACES, x="inf", row="3 0 1 2\n"), "1 of 3 vertices are NaN or infinite"),
         ("a.ply", PLY.format(faces=FACES, x=1, row="3 0 1 99999999\n"), "names vertex 99999999, the mesh has 3"),
+        ("a.ply", PLY.format(faces=FACES, x=1, row="3 0 1 3\n"), "names vertex 3, the mesh has 3"),
         ("a.ply", PLY.format(faces=FACES, x=1, row="3 0 1 -7\n"), "names vertex -7, the mesh has 3"),
         ("a.obj", "v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertices of 2 numbers, expected 3"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999\n", "not a readable .obj mesh"),

@@ -14,7 +14,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import PatchMount
 from toolkit.rig import Pattern
-from toolkit.rig.camera import Camera
+from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.fit import describe_misfit, measure_fit, sheet_points
 from toolkit.rig.plan import list_misfits, make_plan, plan_poses, seen_share, write_plan
 
@@ -64,6 +64,14 @@ def test_sheet_and_object_are_framed_together(make_box):
     assert min(seen_share(points, camera, pose) for pose in bare) < 0.95
     assert [seen_share(points, camera, pose) for pose in both] == [1.0] * len(both)
     assert plan_poses(item, camera, pattern, points * 0.1) == bare  # a sheet within the object changes nothing
+
+
+def test_the_frame_holds_what_falls_on_its_first_and_last_pixel(make_box):
+    camera = Camera.from_fov(64, 48, 60)
+    pose = plan_poses(as_object(make_box()), camera, Pattern(fill=0.9))[0]
+    rays = pixel_rays(camera, pose.matrix(), np.array([(0.4, 0.4), (63.6, 47.6), (-0.4, 20), (64.4, 20)]))
+    points = rays[:, :3] + 300 * rays[:, 3:]
+    assert [seen_share(np.array([point]), camera, pose) for point in points] == [1, 1, 0, 0]
 
 
 def test_the_commands_say_so(tmp_path, make_crate_space, monkeypatch):
