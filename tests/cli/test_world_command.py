@@ -79,6 +79,7 @@ def test_a_world_of_ones_own_that_cannot_be_used_is_listed_with_the_reason(space
     assert "grass" in result.stdout and "skipped broken: " in result.output
 
 
+@pytest.mark.slow
 def test_a_preview_says_what_was_made_and_does_nothing_twice(space) -> None:
     words = ("preview", "grass", "--time", "overcast", "--weather", "rain:5", *QUICK)
     result = call(space, *words)

@@ -87,6 +87,7 @@ def test_a_worker_that_dies_once_costs_nothing(tmp_path):
     assert found == [(at, at, "") for at in range(4)]
 
 
+@pytest.mark.slow
 def test_workers_are_others_and_use_one_core_each():
     pool = LocalPool(2)
     with pool:

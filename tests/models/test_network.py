@@ -204,6 +204,7 @@ def test_preprocess_gives_what_logits_takes(classifier):
     assert torch.equal(tensor, torch.ones(3, 224, 224))
 
 
+@pytest.mark.slow
 def test_torchs_compiler_is_loaded_where_it_is_asked_for(files):
     """It takes 160 MB, and no evaluation needs it, nor whatever else of the kit needs torchvision."""
     code = (

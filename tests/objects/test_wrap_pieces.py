@@ -206,6 +206,7 @@ def test_faces_without_value_or_out_of_reach_are_left_out() -> None:
     assert flat_areas(pieces[0].flat_mm).sum() == pytest.approx(60 * 40)
 
 
+@pytest.mark.slow
 def test_many_triangles_give_the_piece_that_few_give() -> None:
     few = pipe(20, 60, 28)
     vertices, faces = few.vertices, few.faces

@@ -196,6 +196,7 @@ def test_a_whole_session_follows_the_shot_list(space, folder):
     assert {record.booster_sha256 for record in result.imported if record.variant == "unpatched"} == {None}
 
 
+@pytest.mark.slow
 def test_a_part_of_a_session_says_where_it_begins(space, folder):
     steps = shoot_list(space, folder, count=5)
     result = run(space, folder, ImportSettings())

@@ -128,6 +128,7 @@ def test_a_session_of_twelve_with_one_missing_imports_eleven(session, gone):
     assert list(imported(result).values()) == [late.name] and len(result.before) == 11
 
 
+@pytest.mark.slow
 def test_what_is_open_is_asked_between_the_shots_that_it_may_be(session):
     """Without a board the noise in the pictures says nothing; the first photograph of eleven is shot 1 or 2."""
     space, folder, steps, _ = session  # noqa: F811

@@ -168,6 +168,7 @@ def test_what_hides_the_patch_stays(tmp_path: Path) -> None:
     assert np.median(apart(predicted, image)[round_it]) > 10
 
 
+@pytest.mark.slow
 def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Workspace) -> None:
     old, new = save(tmp_path / "old.png", make_patch(1)), save(tmp_path / "new.png", make_patch(2))
     exif = Image.Exif()
@@ -253,6 +254,7 @@ def desk(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "desk", save(tmp_path / "old.png", make_patch(1))
 
 
+@pytest.mark.slow
 def test_views_of_photographs_show_a_patch_where_the_printed_one_was_found(
     workspace: Workspace, desk, monkeypatch
 ) -> None:
@@ -288,6 +290,7 @@ def test_views_of_photographs_show_a_patch_where_the_printed_one_was_found(
     assert changed[deep].min() > 0.3 and np.abs(changed[far]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_patch_is_trained_in_photographs_alone(workspace: Workspace, desk, monkeypatch, capsys) -> None:
     """No object, no mesh: the place is where the printed patch was found, and the record says what was seen."""
     from toolkit.cli import main
@@ -371,6 +374,7 @@ def test_real_photographs_predict_each_other() -> None:
     assert summarise(found.own)["delta_e_median"] < 2.0
 
 
+@pytest.mark.slow
 def test_a_profile_of_photographed_patches_prints_as_their_printer_does(tmp_path: Path) -> None:
     from toolkit.imaging.printer import print_colours, white_paper
     from toolkit.photos.prints.profile_photos import profile_patches

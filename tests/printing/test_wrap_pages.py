@@ -234,6 +234,7 @@ def test_cut_files_hold_the_outlines_of_the_record(space, wrap, printed, kind, r
         assert found[one.number].symmetric_difference(truth).area < 1e-4 * truth.length
 
 
+@pytest.mark.slow
 def test_the_same_wrap_gives_the_same_bytes(space, printed, tmp_path):
     again = print_wrap(space, "ring", wanted=WrapSettings(cut="dxf"), out=tmp_path)
     for one, other in zip((printed.file, *printed.cut_files), (again.file, *again.cut_files), strict=True):
@@ -278,6 +279,7 @@ def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     assert height / 72 * MM_PER_INCH < max(max(tops), 100) + 60
 
 
+@pytest.mark.slow
 def test_a_piece_larger_than_the_page_is_tiled(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", PrintSettings(paper="135x135mm"), out=tmp_path)
     tiled = [one for one in printed.placed if one.tiles != (1, 1)]

@@ -40,6 +40,7 @@ def test_objects_have_the_size_of_what_they_are_models_of(name: str, length_m: f
         real(name, -1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("world", "name"), [("city", "warplane"), ("city", "racer"), ("harbour", "racer")])
 def test_it_touches_the_ground_and_nothing_is_in_its_box(world: str, name: str, city: World) -> None:
     place = city if world == "city" else build_world(world)
@@ -114,6 +115,7 @@ def _middle_of_a_wall(city: World) -> tuple[float, float]:
     return float(box[0]), float((box[1] + box[4]) / 2)
 
 
+@pytest.mark.slow
 def test_every_variant_stands_in_the_same_place_and_is_seen_there() -> None:
     grass = build_world("grass")
     item = load_object(PACKAGE_DATA / "objects" / "racer.toml")

@@ -200,6 +200,7 @@ world_run.evaluate_world(Workspace(Path({root!r})), network, make_config(batch_s
 """
 
 
+@pytest.mark.slow
 def test_it_survives_kill_9(in_field, make_crate_space, tmp_path) -> None:
     space = make_crate_space(tmp_path / "killed")
     helpers = str(Path(__file__).parents[2] / "helpers")
