@@ -312,7 +312,7 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     """
     n, material = atlas.n, mesh.face_material
     worn = [mesh.materials[k].texture.reshape(-1, 3) for k in np.unique(material[atlas.trained])]
-    if all((one == worn[0][0]).all() for one in worn):  # of one colour, wherever one looks
+    if worn and all((one == worn[0][0]).all() for one in worn):  # of one colour, wherever one looks
         return np.tile(worn[0][0], (n, n, 1))
     light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
     own_uv = mesh.uv[mesh.faces].astype(np.float64)
