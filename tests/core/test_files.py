@@ -169,3 +169,15 @@ def test_links_in_a_circle_have_a_place(tmp_path):
     assert real_path(tmp_path / "first").parent == tmp_path.resolve()
     (tmp_path / "there").symlink_to(tmp_path)
     assert real_path(tmp_path / "there") == tmp_path.resolve()
+
+
+@pytest.mark.parametrize(("length", "found"), [(78, f'"{"x" * 78}"'), (79, f'"{"x" * 76}...')])
+def test_what_is_found_in_place_of_a_number_is_said_as_far_as_a_line_holds(length, found, tmp_path):
+    class Sheet(BaseModel):
+        size_mm: float
+
+    file = tmp_path / "sheet.json"
+    file.write_text(json.dumps({"size_mm": "x" * length}))
+    with pytest.raises(ToolkitError) as raised:
+        read_json(file, Sheet)
+    assert f", found {found}: correct the file" in str(raised.value)

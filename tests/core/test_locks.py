@@ -43,6 +43,12 @@ def test_a_second_run_waits_and_says_for_whom(tmp_path, capsys):
     assert not list(tmp_path.iterdir()), "nothing stays behind"
 
 
+def test_the_lock_names_the_command_that_holds_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["toolkit", "train-patch", "--object", "racer"])
+    with hold_folder(tmp_path):
+        assert (tmp_path / LOCK).read_text() == f"{os.getpid()} (toolkit train-patch)"
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_nobody_waits_for_the_dead(tmp_path, how):
     first = start(tmp_path, 60)

@@ -59,6 +59,13 @@ def test_rank_correlation_is_scipys_and_its_interval_bonett_and_wrights():
     assert found.rho == pytest.approx(spearmanr(x, y).statistic) and found.n == 18
     z = np.arctanh(found.rho) + np.array([-1, 1]) * 1.959964 * np.sqrt((1 + found.rho**2 / 2) / 15)
     assert found.ci95 == pytest.approx(np.tanh(z), abs=1e-6)
+    few = [rank_correlation(range(n), [1, 0, *range(2, n)]) for n in (2, 3, 4, 5)]
+    assert [(one.rho is None, one.ci95 is None) for one in few] == [
+        (True, True),
+        (False, True),
+        (False, True),
+        (False, False),
+    ]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.7])
