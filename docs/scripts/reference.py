@@ -141,7 +141,7 @@ def write_fields(model: type[BaseModel]) -> Iterator[str]:
 
 
 def _say_default(field: FieldInfo) -> str:
-    value = field.get_default(call_default_factory=True, validated_data={})
+    value = field.get_default(call_default_factory=True)
     if value is None or isinstance(value, BaseModel):
         return ""
     return f"`{list(value) if isinstance(value, tuple) else value!r}`".replace("'", '"')

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import board_photos as bp
 import numpy as np
@@ -25,7 +24,7 @@ class CrateBench:
     expecter: ExpectationBuilder
 
     @classmethod
-    def make(cls, folder: Path, crate: Mesh, sheets: str = "") -> Self:
+    def make(cls, folder: Path, crate: Mesh, sheets: str = "") -> "CrateBench":
         """In a folder; `sheets` are the tables [patch] of its spec."""
         space = make_workspace(folder)
         lines = [f"v {x} {y} {z}" for x, y, z in crate.vertices] + [f"f {a} {b} {c}" for a, b, c in crate.faces + 1]

@@ -40,7 +40,7 @@ def test_metadata_names_class_size_and_pixels(patch):
     assert info.creator == f"toolkit {__version__}"
     assert "250 %" in info.subject
     for words in ("class=warplane", "size_mm=17.639", "n_px=20", f"patch_sha256={patch.record.png_sha256}"):
-        assert words in info.keywords
+        assert words in info["/Keywords"]
     assert "/CreationDate" not in info
     assert "/ModDate" not in info
 

@@ -123,7 +123,8 @@ def test_no_texture(tmp_path: Path) -> None:
 def test_a_million_tiny_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load, "MAX_PARTS", 5)
     parts = [painted(block((60, 40, 1)))] + [painted(block((1, 1, 1), x=k, z=1)) for k in range(6)]
-    with pytest.raises(ToolkitError, match="7 parts, more than 5: join them"):
+    # trimesh before 5 writes a node around all
+    with pytest.raises(ToolkitError, match=r"[78] parts, more than 5: join them"):
         load_world(write(tmp_path / "crumbs.glb", parts))
 
 

@@ -285,14 +285,24 @@ def chart_points(net: np.ndarray, width: int, height: int) -> tuple[np.ndarray, 
     row = np.interp((1 - (np.arange(height) + 0.5) / height) * v[-1], v, np.arange(len(v)))
     normals = np.cross(np.gradient(net, axis=1), np.gradient(net, axis=0))
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
-    where = np.broadcast_arrays(column[None].astype(np.float32), row[:, None].astype(np.float32))
-    maps = [np.ascontiguousarray(m) for m in where]
-    edge = cv2.BORDER_REPLICATE
-    points, turned = (
-        cv2.remap(np.ascontiguousarray(field, np.float32), maps[0], maps[1], cv2.INTER_LINEAR, borderMode=edge)
-        for field in (net, normals)
-    )
+    # not OpenCV's remap, whose version 4 rounds places to a 32nd
+    across, down = (_Neighbours(places.astype(np.float32)) for places in (column, row))
+    points, turned = (down.blend(across.blend(field.astype(np.float32), 1), 0) for field in (net, normals))
     return points, turned
+
+
+class _Neighbours:
+    """Places between the rows or columns of a table: blends those on both sides of each."""
+
+    def __init__(self, places: np.ndarray) -> None:
+        self.low = np.floor(places).astype(int)
+        self.share = places.astype(float) - self.low
+
+    def blend(self, table: np.ndarray, axis: int) -> np.ndarray:
+        high = np.minimum(self.low + 1, table.shape[axis] - 1)
+        first, second = table.take(self.low, axis), table.take(high, axis)
+        share = np.expand_dims(self.share, [k for k in range(table.ndim) if k != axis])
+        return (first + share * (second - first)).astype(np.float32)
 
 
 def draw(rng: np.random.Generator, low: float, high: float) -> float:

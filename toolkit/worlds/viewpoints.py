@@ -298,9 +298,9 @@ class _Grid:
             starts.append(one)
             ends.append(other)
             costs.append(length * (cost_at[one] + cost_at[other]) / 2)
-        ways = coo_array(
-            (np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))), (len(points), len(points))
-        ).tocsr()
+        # SciPy's graphs before 1.14 take no numbers of 64 bits
+        pairs = tuple(np.concatenate(one).astype(np.int32) for one in (starts, ends))
+        ways = coo_array((np.concatenate(costs), pairs), (len(points), len(points))).tocsr()
         points = np.where(free[:, None], points, np.inf)
         return cls(points, ways)
 
