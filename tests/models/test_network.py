@@ -205,16 +205,15 @@ def test_preprocess_gives_what_logits_takes(classifier):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(torch.__version__.startswith("2.9."), reason="torch 2.9 loads it by itself")
 def test_torchs_compiler_is_loaded_where_it_is_asked_for(files):
     """It takes 160 MB, and no evaluation needs it, nor whatever else of the kit needs torchvision."""
     code = (
-        "import sys; from pathlib import Path; import torch; with_torch = 'sympy' in sys.modules; "
-        "from toolkit.models.load import load_classifier; "
+        "import sys; from pathlib import Path; from toolkit.models.load import load_classifier; "
         "import toolkit.landing.fly, toolkit.models.load_detector, toolkit.models.programs, toolkit.training.refine; "
         f"load_classifier('resnet18', Path({str(files / 'imagenet.pth')!r}), 'cpu'); before = 'sympy' in sys.modules; "
         "import torchvision.ops.roi_align; roi = sys.modules['torchvision.ops.roi_align']; "
-        "print(with_torch, before, getattr(roi, 'is_compile_supported', lambda _: True)('cpu'))"
+        "print(before, getattr(roi, 'is_compile_supported', lambda _: True)('cpu'))"
     )
     done = run_python(code)
-    with_torch, before, is_supported = done.stdout.split()  # torch before 2.10 brings it in any case
-    assert before == with_torch and is_supported == b"True", done.stderr.decode()
+    assert done.stdout.split() == [b"False", b"True"], done.stderr.decode()

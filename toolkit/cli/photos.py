@@ -253,7 +253,8 @@ def studio(
         bool, typer.Option("--lan", help="For a phone in the same network: a URL with a token, and its QR code.")
     ] = False,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Default: 8765, or a free one.", show_default=False)
+        int | None,
+        typer.Option(metavar="N", min=1, max=65535, help="Default: 8765, or a free one.", show_default=False),
     ] = None,
     address: Annotated[
         str | None,
