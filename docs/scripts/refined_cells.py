@@ -9,12 +9,24 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-from tables import Row, read_others, read_summaries, write_table
+from figures import load_font
+from PIL import Image, ImageDraw
+from tables import DOCS, Row, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import mcnemar_p, wilson_interval
-from toolkit.core.workspace import open_workspace
+from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.objects.records import read_patch
 
+FIGURES = DOCS / "figures"
 PLAIN, BARE = "plain", "unpatched"
+SHOWN = {
+    PLAIN: "as it is",
+    "flat": "flat, SAM",
+    "path": "10 checkpoints",
+    "robust": "robust, 0.25",
+    "robust1": "robust, 1",
+}
+TILE_PX, CAPTION_PX = 144, 28
 Answers = dict[tuple[str, str], bool]
 """Whether a network is right, by object and pose."""
 
@@ -38,8 +50,21 @@ def compare(answers: Answers, others: Answers, prefix: str = "") -> Row:
     }  # fmt: skip
 
 
+def draw_patches(space: Workspace) -> Image.Image:
+    """The patches of some forms, an object in each row."""
+    objects = ("racer", "warplane", "coffeepot", "eggnog")
+    sheet = Image.new("RGB", (len(SHOWN) * TILE_PX, len(objects) * TILE_PX + CAPTION_PX), "white")
+    for column, (form, caption) in enumerate(SHOWN.items()):
+        ImageDraw.Draw(sheet).text((column * TILE_PX, 4), caption, fill=(28, 30, 34), font=load_font(16))
+        for row, name in enumerate(objects):
+            patch = read_patch(space.root / "print" / "patches" / form / f"{name}.png")
+            picture = Image.fromarray(patch.pixels).resize((TILE_PX - 4, TILE_PX - 4), Image.Resampling.LANCZOS)
+            sheet.paste(picture, (column * TILE_PX, row * TILE_PX + CAPTION_PX))
+    return sheet
+
+
 def main(table: str, folder: str) -> None:
-    """Write the table."""
+    """Write the table, and a picture of the patches beside the other figures."""
     space, rows = open_workspace(Path(folder)), []
     for run, summary in read_summaries(space).items():
         found = read_answers(space.eval_dir / run / "predictions.csv")
@@ -55,6 +80,7 @@ def main(table: str, folder: str) -> None:
                     **compare(some, found[PLAIN, fill, variant], "plain_"),
                 })  # fmt: skip
     write_table(Path(table), rows + read_others(Path(table), rows, "form"))
+    draw_patches(space).save(FIGURES / "refined-patches.jpg", quality=80)
 
 
 if __name__ == "__main__":
