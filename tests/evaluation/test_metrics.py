@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p, wilson_interval
-from toolkit.core.tables import format_p, format_test
+from toolkit.core.tables import format_count, format_interval, format_p, format_test
 from toolkit.evaluation.metrics import (
     compare_unpatched,
     explain_unpaired,
@@ -175,6 +175,8 @@ def test_an_object_that_was_shot_bare_alone_is_not_counted_against_the_patch():
 
 def test_p_in_words():
     assert [format_p(p) for p in (1.0, 0.03125, 2e-6, None)] == ["1", "0.031", "< 0.0001", ""]
+    assert [format_interval(one) for one in ((0.55, 0.67), (0.0, 1.0), None)] == ["55–67", "0–100", ""]
+    assert format_count(13, 18) == "13 of 18 (72 %, 95 % interval 49–88 %)" and format_count(0, 0) == "0 of 0"
     assert [format_test(p) for p in (1.0, 2e-6)] == ["exact McNemar p = 1", "exact McNemar p < 0.0001"]
 
 
