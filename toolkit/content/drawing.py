@@ -286,23 +286,17 @@ def chart_points(net: np.ndarray, width: int, height: int) -> tuple[np.ndarray, 
     normals = np.cross(np.gradient(net, axis=1), np.gradient(net, axis=0))
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
     # not OpenCV's remap, whose version 4 rounds places to a 32nd
-    across, down = (_Neighbours(places.astype(np.float32)) for places in (column, row))
-    points, turned = (down.blend(across.blend(field.astype(np.float32), 1), 0) for field in (net, normals))
+    across = (_between(field.astype(np.float32), column, 1) for field in (net, normals))
+    points, turned = (_between(field, row, 0) for field in across)
     return points, turned
 
 
-class _Neighbours:
-    """Places between the rows or columns of a table: blends those on both sides of each."""
-
-    def __init__(self, places: np.ndarray) -> None:
-        self.low = np.floor(places).astype(int)
-        self.share = places.astype(float) - self.low
-
-    def blend(self, table: np.ndarray, axis: int) -> np.ndarray:
-        high = np.minimum(self.low + 1, table.shape[axis] - 1)
-        first, second = table.take(self.low, axis), table.take(high, axis)
-        share = np.expand_dims(self.share, [k for k in range(table.ndim) if k != axis])
-        return (first + share * (second - first)).astype(np.float32)
+def _between(table: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
+    places = places.astype(np.float32).astype(float)
+    low = np.floor(places).astype(int)
+    first, second = (table.take(np.minimum(low + k, table.shape[axis] - 1), axis) for k in (0, 1))
+    share = np.expand_dims(places - low, [k for k in range(table.ndim) if k != axis])
+    return (first + share * (second - first)).astype(np.float32)
 
 
 def draw(rng: np.random.Generator, low: float, high: float) -> float:

@@ -298,7 +298,7 @@ class _Grid:
             starts.append(one)
             ends.append(other)
             costs.append(length * (cost_at[one] + cost_at[other]) / 2)
-        # SciPy's graphs before 1.14 take no numbers of 64 bits
+        # graphs of SciPy 1.13 take no numbers of 64 bits
         pairs = tuple(np.concatenate(one).astype(np.int32) for one in (starts, ends))
         ways = coo_array((np.concatenate(costs), pairs), (len(points), len(points))).tocsr()
         points = np.where(free[:, None], points, np.inf)
