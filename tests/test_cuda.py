@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 from colour_folder import write_colours
-from PIL import Image
 from texture_parts import make_crate, render_linear
+from tiny_network import write_photos
 
 import toolkit as tk
 from toolkit.boosters import patch_config, texture_config
@@ -128,10 +128,7 @@ def test_networks_lead_photographs_the_same_way(options, networks, pictures):
 def test_a_network_is_refined(settings, networks, tmp_path):
     space, folder = tk.make_workspace(tmp_path / "w"), tmp_path / "photos"
     for k, label in enumerate(("racer", "warplane")):
-        (folder / label).mkdir(parents=True)
-        for i in range(10):
-            pixels = np.random.default_rng([k, i]).integers(0, 256, (8, 8, 3), np.uint8)
-            Image.fromarray(pixels).resize((256, 256)).save(folder / label / f"{i}.png")
+        write_photos(folder / label, 10, k, (256, 256))
     config = RefineConfig(name="fine", data=(str(folder),), steps=4, batch=8, **settings)
     with tk.quietly():
         made = refine_network(config, space, networks["cuda"])
