@@ -112,6 +112,18 @@ def test_the_command_changes_nothing_unless_it_is_asked_to(typed):
     assert read_spec(file).mounts[0].size_mm == 30 and read_spec(file).class_name == "crate"
 
 
+def test_a_place_that_stands_in_the_file_is_tried_beside_the_grid(typed):
+    """Between two places of the grid, and seen better than both: --write must not put a worse one in its stead."""
+    space, run = typed
+    file = space.objects_dir / "crate.toml"
+    between = PatchMount(at="top", size_mm=30, offset_mm=(-30, 0))
+    asked = ("--object", "crate", "--size-mm", "30", "--side", "top", "--write", "--json")
+    on_grid = json.loads(run(*asked).stdout)["places"][0]
+    write_mounts(file, file, [between])
+    kept = json.loads(run(*asked).stdout)["places"][0]
+    assert kept["score"] > on_grid["score"] and read_spec(file).mounts == (between,)
+
+
 def test_a_place_is_written_beside_what_else_the_file_says(tmp_path):
     file = tmp_path / "moka.toml"
     file.write_text('class = "coffeepot"  # a moka pot\nmesh = "moka.glb"\nlength_mm = 184\n\n[patch]\nat = "top"\n')

@@ -170,7 +170,7 @@ def suggest_places(
     now = tuple(judge_place(item, scene, plan.camera, poses, mount) for mount in own)
     sizes = config.sizes_mm or (round(own_mm[0], 1), round(own_mm[0] * 2 / 3, 1))
     find = find_sheets if together else find_places
-    places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
+    places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True), own)
     if not places:
         asked = " or ".join(f"{size:g}" for size in sizes)
         raise FieldError(

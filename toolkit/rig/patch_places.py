@@ -77,8 +77,9 @@ class Place:
 
 
 def find_places(
-    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
-) -> list[Place]:
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float],
+    today: Sequence[PatchMount] = (),
+) -> list[Place]:  # fmt: skip
     """The best places for each size, best first; of two that overlap only the better one.
 
     Where a sheet does not lie, see `SheetFit.lies`, is no place.
@@ -88,14 +89,16 @@ def find_places(
         camera, poses: of the plan.
         config: which places are tried.
         sizes_mm: printed sides of the patch.
+        today: places that are tried at each size beside those of the grid.
     """
-    found = _judge_all(item, camera, poses, config, sizes_mm)
+    found = _judge_all(item, camera, poses, config, sizes_mm, today)
     return [place for size in sizes_mm for place in _pick(found, size, config.best)]
 
 
 def find_sheets(
-    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
-) -> list[Place]:
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float],
+    today: Sequence[PatchMount] = (),
+) -> list[Place]:  # fmt: skip
     """Places for `config.sheets` sheets that go on together, the best alone first; fewer where no more find room.
 
     Each next one is where it adds most to the score of all, the mean over the poses of the side of a square as large as
@@ -106,8 +109,9 @@ def find_sheets(
         camera, poses: what looks at it: `draw_poses` for a choice that no plan decides.
         config: which places are tried.
         sizes_mm: printed sides of the patch.
+        today: places that are tried at each size beside those of the grid.
     """
-    found = _judge_all(item, camera, poses, config, sizes_mm)
+    found = _judge_all(item, camera, poses, config, sizes_mm, today)
     # squared, as the score is a length: the root of an area times the share that lies
     areas = np.array([one.areas_px * (1 - one.fit.floating) ** 2 for one in found]).reshape(len(found), -1)
     chosen: list[Place] = []
@@ -146,12 +150,16 @@ def draw_poses(item: TableObject, camera: Camera, count: int, seed: int) -> list
 
 
 def _judge_all(
-    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
-) -> list[Place]:
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float],
+    today: Sequence[PatchMount],
+) -> list[Place]:  # fmt: skip
     """Every place where a sheet lies, best first."""
     scene = make_ray_scene(item.mesh)
     step_mm = float(item.mesh.size_mm.max()) / config.steps
-    tried = [mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)]
+    tried = [
+        *(one.model_copy(update={"size_mm": size}) for size in sizes_mm for one in today if one.at in config.sides),
+        *(mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)),
+    ]
     found: list[Place] = []
     sides = " and ".join(f"{size:g}" for size in sizes_mm)
     with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
