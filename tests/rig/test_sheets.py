@@ -1,6 +1,7 @@
 """Several sheets on one object: against boxes on which every place is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from toolkit.cli.app import make_single
 from toolkit.cli.setup import list_objects
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import merge_meshes
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
@@ -115,6 +117,17 @@ def test_sheets_that_lie_on_one_another_are_a_line(crate, first, second, overlap
         return
     with pytest.raises(ToolkitError, match=r"crate: sheet 1 \(top\) and sheet 2 \(top\) lie on one another"):
         mount_sheets(crate.mesh, PX, mounts, [20, 20], "crate")
+
+
+def test_a_sheet_below_one_that_spans_two_ridges_is_under_it(make_box):
+    """Ridges of 15 mm, 84 mm apart: one of 80 + 10 mm rests on them, one of 40 mm lies between, with air above it."""
+    ridge = make_box((6.0, 100.0, 15.0))
+    ridges = [replace(ridge, vertices=ridge.vertices + np.float32([x, 0, 20])) for x in (-42, 42)]
+    tray = merge_meshes([make_box((200.0, 100.0, 20.0)), *ridges])
+    heights = [mount_sheets(tray, PX, [TOP], [size])[0].mesh.vertices[:, 2].mean() for size in (80, 40)]
+    assert heights[0] - heights[1] > 10
+    with pytest.raises(ToolkitError, match="lie on one another"):
+        mount_sheets(tray, PX, [TOP, TOP], [80, 40])
 
 
 def test_a_thin_plate_is_between_its_two_sides(make_box):

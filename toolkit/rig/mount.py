@@ -19,6 +19,8 @@ MAX_SLOPE_DEG = 38.0
 """A taped sheet does not hang down steeper than this; it bridges what falls away faster."""
 MAX_TILT_DEG = 50.0
 CLEARANCE_MM = 0.4
+ALIKE = 0.8
+"""Cosine of the angle up to which two sheets face one way."""
 SAMPLES = 81
 PAPER = (243, 243, 240)
 PAPER_MATERIAL, BACK_MATERIAL = "paper", "paper-back"
@@ -150,10 +152,17 @@ def mount_sheets(
 
 
 def do_overlap(one: MountedSheet, other: MountedSheet) -> bool:
-    """Whether two sheets lie on one another, or one pierces the other; edges that only touch do not count."""
+    """Whether two sheets lie on one another, or one pierces the other; edges that only touch do not count.
+
+    Of two that face about one way, one may also span the other, with air between them: both are looked at from there.
+    """
     from scipy.spatial import cKDTree
 
     (points, normals), (other_points, other_normals) = _survey(one), _survey(other)
+    outward, other_outward = one.T_object_sheet[:3, 2], other.T_object_sheet[:3, 2]
+    if outward @ other_outward > ALIKE:
+        middle = (outward + other_outward) / np.linalg.norm(outward + other_outward)
+        points, other_points = (each - np.outer(each @ middle, middle) for each in (points, other_points))
     near = (max(one.size_mm, other.size_mm) + 2 * TAPE_MARGIN_MM) / (SAMPLES - 1)
     distance, which = cKDTree(other_points).query(points, distance_upper_bound=near)
     close = np.flatnonzero(np.isfinite(distance))
