@@ -164,21 +164,24 @@ def _judge_all(
     sides = " and ".join(f"{size:g}" for size in sizes_mm)
     with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
         for mount in tried:
-            place = judge_place(item, scene, camera, poses, mount)
-            found += [place] if place is not None and place.fit.lies else []
+            place = judge_place(item, scene, camera, poses, mount, only_lying=True)
+            found += [place] if place is not None else []
             bar.advance()
     found.sort(key=lambda place: -place.score)
     return found
 
 
 def judge_place(
-    item: TableObject, scene: "RaycastingScene", camera: Camera, poses: Sequence[Pose], mount: PatchMount
-) -> Place | None:
-    """What the poses see of a sheet there; None where it cannot be mounted at all."""
+    item: TableObject, scene: "RaycastingScene", camera: Camera, poses: Sequence[Pose], mount: PatchMount,
+    only_lying: bool = False,
+) -> Place | None:  # fmt: skip
+    """What the poses see of a sheet there; None where it cannot be mounted, or does not lie and should."""
     assert mount.size_mm is not None
     try:
         fit = measure_fit(item, mount.size_mm, mount, scene)
     except ToolkitError:
+        return None
+    if only_lying and not fit.lies:
         return None
     points, normals = _grid(fit, mount.at)
     seen = [_see(scene, camera, pose.matrix(), points, normals) for pose in poses]
