@@ -17,6 +17,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from toolkit.cli.app import write_bounds
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
@@ -123,7 +125,7 @@ def _describe(parameter: Any, context: Any) -> tuple[str, str]:
     """An option's flags with its type, or an argument's name; and its help, which ends with its default."""
     flags, text = parameter.get_help_record(context) or ("", "")
     shown = _name_argument(parameter, context) if parameter.param_type_name == "argument" else flags
-    return f"`{shown.replace('|', '/')}`", _cell(text)
+    return f"`{shown.replace('|', '/')}`", _cell(write_bounds(text))
 
 
 def _cell(text: str) -> str:

@@ -169,7 +169,7 @@ class GroupedCommand(TyperCommand):
                 heading, name = "Arguments", _name_parameter(parameter)
             elif parameter.name in ("help", "seed"):
                 heading = SHARED
-            sections.setdefault(heading, []).append((name, _write_bounds(row[1])))
+            sections.setdefault(heading, []).append((name, write_bounds(row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
             if rows:
@@ -212,7 +212,8 @@ def show_typed(flag: str, value: object) -> str:
     return f"{flag} {show_value(value)}"
 
 
-def _write_bounds(text: str) -> str:
+def write_bounds(text: str) -> str:
+    """Help with ranges in words: `1<=x<=5` as `1 to 5`."""
     text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # these go without saying
     return re.sub(r"x>=(\d+)", r"at least \1", re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text))
 
