@@ -136,9 +136,36 @@ def test_a_patch_that_does_not_lie_on_top_is_put_where_place_finds_it_lying(spac
     mount = item.spec.mounts[0]
     assert mount.at in ("front", "back") and mount.size_mm == 40 and measure_fit(item, 40).lies
     assert f"it goes on its {mount.at}, 40 mm" in made["moved"] and not made["trouble"]
+    assert made["moved"].endswith("toolkit place --object board --sheets 3 --write"), "no camera behind it sees it"
     asked = ("../board.stl", "--class", "crate", "--length-mm", 100, "--print-side", "top", "--replace", "--json")
     made = json.loads(call(*asked).stdout)
     assert not made["moved"] and "'toolkit place --object board' shows where one lies" in made["trouble"]
+
+
+@pytest.mark.slow
+def test_a_patch_beside_a_knob_stays_on_top(space, tmp_path):
+    knob = trimesh.creation.cylinder(12, 40).apply_translation((0, 0, 40))
+    trimesh.util.concatenate([trimesh.creation.box((200, 160, 60)), knob]).export(tmp_path / "tin.stl")
+    asked = (
+        "../tin.stl",
+        "--class",
+        "crate",
+        "--length-mm",
+        200,
+        "--size-mm",
+        40,
+        "--up",
+        "z",
+        "--front",
+        "x",
+        "--json",
+    )
+    made = json.loads(call(*asked).stdout)
+    (mount,) = load_object(space.object_spec("tin")).spec.mounts
+    right, up = mount.offset_mm
+    assert mount.at == "top" and max(abs(right), abs(up)) > 30
+    assert f"in the middle of its top: it goes {right:g} mm to the right of it and {up:g} mm up, 40 mm" in made["moved"]
+    assert "--sheets" not in made["moved"], "from above every camera sees it"
 
 
 def test_a_mesh_is_read_once(space, monkeypatch):

@@ -268,10 +268,18 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
         for best in find_places(item, camera, poses, config, [size_mm]):
             file = workspace.object_spec(item.name)
             write_mounts(file, file, [best.mount])
-            return (
-                f"a patch of {wanted_mm:.3g} mm does not lie flat on its {mount.at}: it goes on its {best.mount.at}, "
-                f"{size_mm:g} mm wide, where half of it or more shows in {best.poses_seen} of {len(poses)} poses"
+            found, (x, y) = best.mount, best.mount.offset_mm
+            where = f"on its {mount.at}: it goes on its {found.at}"
+            if found.at == mount.at:
+                there = f"{x:g} mm to the right of it and {y:g} mm up" if x or y else "there"
+                where = f"in the middle of its {mount.at}: it goes {there}"
+            told = (
+                f"a patch of {wanted_mm:.3g} mm does not lie flat {where}, {size_mm:g} mm wide, where half of it or "
+                f"more shows in {best.poses_seen} of {len(poses)} poses"
             )
+            is_seldom_seen = 2 * best.poses_seen <= len(poses)
+            more = f"; for sheets on other sides too: toolkit place --object {item.name} --sheets 3 --write"
+            return told + more if is_seldom_seen else told
     return ""
 
 
