@@ -1,7 +1,8 @@
 """What each way of training is worth to networks that did not train: refined_cells.py CSV WORKSPACE, see run-refined.
 
 Each run in WORKSPACE/eval is one of `toolkit eval captures`, with sources `sim-FORM-FILL`. A form is compared with the
-bare object, and with the form `plain`, pose by pose. Forms of the CSV that were not run again stay.
+bare object, and with the form `plain`, pose by pose. Forms of the CSV that were not run again stay. The workspace's
+sweeps of the distance go into distances.csv beside it.
 """
 
 import csv
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from figures import load_font
 from PIL import Image, ImageDraw
-from tables import DOCS, Row, read_others, read_summaries, write_table
+from tables import DOCS, Row, list_sweeps, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.workspace import Workspace, open_workspace
@@ -80,6 +81,7 @@ def main(table: str, folder: str) -> None:
                     **compare(some, found[PLAIN, fill, variant], "plain_"),
                 })  # fmt: skip
     write_table(Path(table), rows + read_others(Path(table), rows, "form"))
+    write_table(Path(table).with_name("distances.csv"), list(list_sweeps(space)))
     draw_patches(space).save(FIGURES / "refined-patches.jpg", quality=80)
 
 

@@ -223,7 +223,7 @@ def test_for_an_object_class_name_and_sizes_come_from_its_spec(type_command, tmp
     assert "next: toolkit print --object crate, toolkit capture-sim --object crate" in said
     record = json.loads((tmp_path / "print/patches/crate.json").read_text())
     assert (record["class_name"], record["size_mm"]) == ("jet", 30)
-    # two steps of two pictures: not 240 views and 256 renders
+    # two steps of two pictures: not 480 views and 256 renders
     assert record["settings"]["mounted_views"] == 32 and record["data"]["train"] + record["data"]["held_out"] == 32
     assert record["data"]["sources"][0]["source"] == "rig:crate"
     code, _, told = type_command("--object", "crate", *quick, "--images", "40", "--mounted-views", "10", "--restart")
@@ -262,7 +262,7 @@ def test_the_sheet_met_in_training_is_as_large_as_the_specs():
     assert config.print_process.texel_mm == pytest.approx(0.45)
     assert limit_renders(config, data) == (config, data)  # 600 steps use all of them
     short, fewer = limit_renders(config.with_overrides(steps=20), data)
-    assert (short.mounted_views, fewer.images) == (240, 50)
+    assert (short.mounted_views, fewer.images) == (350, 50)  # 20 steps of 14 and 2, and a fifth held out
     paper = make_config("paper", size_by_spec({}, spec), data)
     assert paper.pose is None and limit_renders(paper, data) == (paper, data)
 

@@ -122,4 +122,4 @@ def test_a_recipe_in_a_world_has_its_ranges_unless_others_are_asked_for():
     assert "world" not in texture_config.make_config("default", {"objects": ("crate",)}).record()
     data = patch_config.DataConfig(sources=("rig:crate",))
     assert patch_config.make_config("default", {"world": "city"}, data).mounted_fill == (0.3, 1.0)
-    assert patch_config.make_config("default", {}, data).mounted_fill == (0.6, 0.95)
+    assert patch_config.make_config("default", {}, data).mounted_fill == (0.2, 0.95)

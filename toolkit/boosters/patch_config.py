@@ -85,10 +85,10 @@ class PatchConfig(PixelConfig):
         0.0, description="Share of each batch that shows the sheet on the object; 0 without --data rig."
     )
     mounted_views: Annotated[int, Field(ge=2), Flag(group=RIG)] = Field(
-        240, description="Views with the sheet on the object, a fifth of them held out."
+        480, description="Views with the sheet on the object, a fifth of them held out."
     )
     mounted_fill: Annotated[Range, Rising(0.05, 1), Flag(group=RIG)] = Field(
-        (0.6, 0.95), description="Share of the frame that the object fills in these views."
+        (0.2, 0.95), description="Share of the frame that the object fills in these views."
     )
     without_effect: dict[str, float] = Field({}, description="Named by the recipe's source; it has no effect.")
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
