@@ -146,21 +146,8 @@ def test_a_patch_that_does_not_lie_on_top_is_put_where_place_finds_it_lying(spac
 def test_a_patch_beside_a_knob_stays_on_top(space, tmp_path):
     knob = trimesh.creation.cylinder(12, 40).apply_translation((0, 0, 40))
     trimesh.util.concatenate([trimesh.creation.box((200, 160, 60)), knob]).export(tmp_path / "tin.stl")
-    asked = (
-        "../tin.stl",
-        "--class",
-        "crate",
-        "--length-mm",
-        200,
-        "--size-mm",
-        40,
-        "--up",
-        "z",
-        "--front",
-        "x",
-        "--json",
-    )
-    made = json.loads(call(*asked).stdout)
+    asked = "../tin.stl --class crate --length-mm 200 --size-mm 40 --up z --front x --json"
+    made = json.loads(call(*asked.split()).stdout)
     (mount,) = load_object(space.object_spec("tin")).spec.mounts
     right, up = mount.offset_mm
     assert mount.at == "top" and max(abs(right), abs(up)) > 30
