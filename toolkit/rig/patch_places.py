@@ -165,7 +165,8 @@ def _judge_all(
     with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
         for mount in tried:
             place = judge_place(item, scene, camera, poses, mount, only_lying=True)
-            found += [place] if place is not None else []
+            if place is not None:
+                found.append(place)
             bar.advance()
     found.sort(key=lambda place: -place.score)
     return found
