@@ -1,8 +1,10 @@
 """Every command and code block of README and docs does what it says, as far as that can be had in a minute."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from itertools import pairwise
@@ -63,6 +65,25 @@ def test_commands_in_the_prose_are_known(page: str) -> None:
     for words in list_mentions(read_page(page)):
         if words[1].islower() and words[1][0] != "-":  # neither COMMAND nor --help
             parse(words, whole=False)
+
+
+@pytest.mark.parametrize("script", sorted((DOCS / "scripts").glob("run-*")), ids=lambda file: file.name)
+def test_the_runs_behind_the_results_call_known_commands(script: Path, tmp_path: Path) -> None:
+    """Each runs to its end beside programs that do nothing, so that it changes nothing, and what it calls is parsed."""
+    calls = tmp_path / "calls"
+    for name in ("toolkit", "python", "cp", "rm", "mkdir"):
+        note = f'printf "%s\\0" "$@" >> {calls}; echo >> {calls}' if name == "toolkit" else ":"
+        (tmp_path / name).write_text(f"#!/bin/sh\n{note}\n")
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / "resnet18-imagenet.pth").touch()
+    settings = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "TOOLKIT_WEIGHTS": str(tmp_path)}
+    given = [str(tmp_path / "toolkit"), *[str(tmp_path)] * 3]
+    done = subprocess.run([script, *given], capture_output=True, env=settings, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    lines = calls.read_text().splitlines()
+    assert len(lines) > 1
+    for line in lines:
+        parse(["toolkit", *line.split("\0")[:-1]])
 
 
 @pytest.mark.parametrize(
