@@ -96,13 +96,13 @@ def write_table(file: Path, rows: Sequence[Row]) -> None:
     write_text(file, encode_csv(heads, ([_write_value(row.get(key)) for key in heads] for row in rows)))
 
 
-def read_others(file: Path, rows: Sequence[Row], key: str) -> list[Row]:
-    """Rows that a table has by now of what was not measured again: whose `key` none of the new rows has."""
+def read_others(file: Path, rows: Sequence[Row], *keys: str) -> list[Row]:
+    """Rows that a table has by now of what was not measured again: whose `keys` none of the new rows has."""
     if not file.is_file():
         return []
-    new = {row[key] for row in rows}
+    new = {tuple(row[key] for key in keys) for row in rows}
     with file.open(encoding="utf-8", newline="") as stream:
-        return [row for row in csv.DictReader(stream) if row[key] not in new]
+        return [row for row in csv.DictReader(stream) if tuple(row[key] for key in keys) not in new]
 
 
 def _write_value(value: object) -> object:

@@ -3,7 +3,7 @@
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
 `toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
 `toolkit transfer`, whose sets are called `without NETWORK`, and `without NETWORK, painted freely` where textures were
-trained without `--max-change`. Sets of the CSV that no source names stay.
+trained without `--max-change`. A set's patches, or its textures, of which no source has any stay in the CSV.
 """
 
 import json
@@ -77,7 +77,7 @@ def main(table: str, *sources: str) -> None:
         name, is_set, folder = source.partition("=")
         rows = [{"set": name, **row} for row in read_workspace(Path(folder))] if is_set else read_matrix(Path(source))
         found += rows
-    others = read_others(Path(table), found, "set")
+    others = read_others(Path(table), found, "set", "booster")
     found += [row | {"seen": row["seen"] == "True"} | {key: int(row[key]) for key in COUNTS} for row in others]
     # a pose that two runs asked the same network about has the same answer
     kept = list({tuple(row[key] for key in KEY): row for row in found}.values())
