@@ -31,7 +31,7 @@ def read_summaries(space: Workspace) -> dict[str, dict[str, Any]]:
 
 
 def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
-    """`runs`, `captures`, `pairs`, `answers` and `sweeps`: what a finished workspace holds."""
+    """`runs`, `captures`, `pairs`, `answers` and `sweeps`: what a finished workspace holds; other sweeps stay."""
     summaries, seen = read_summaries(space), list_networks(space)
     write_table(folder / "runs.csv", [describe_run(seen, run, each) for run, each in summaries.items()])
     write_table(folder / "captures.csv", [row for run, each in summaries.items() for row in list_groups(run, each)])
@@ -42,7 +42,8 @@ def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
         for one in each["controls"]["answers"]
     ]
     write_table(folder / "answers.csv", answers)
-    write_table(folder / "sweeps.csv", list(list_sweeps(space)))
+    sweeps = list(list_sweeps(space))
+    write_table(folder / "sweeps.csv", sweeps + read_others(folder / "sweeps.csv", sweeps, "run", "axis"))
 
 
 def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
