@@ -61,19 +61,20 @@ def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0, 1])
+@pytest.mark.parametrize(("share", "fill"), [(0, (0.2, 0.95)), (0, (0.6, 0.95)), (1, (0.2, 0.95))])
 def test_a_patch_that_gains_nothing_on_its_object_is_not_printed_unwarned(
-    type_command, make_crate_space, tmp_path, monkeypatch, share
+    type_command, make_crate_space, tmp_path, monkeypatch, share, fill
 ):
     make_crate_space(tmp_path / "w")
     monkeypatch.setattr("toolkit.boosters.pixels.Target.count_hits", lambda self, photos: share * len(photos))
-    few = ["--mounted-views", "5", "--images", "5", "--workspace", "w"]
+    few = ["--mounted-views", "5", "--images", "5", "--workspace", "w", "--mounted-fill", *map(str, fill)]
     code, said, told = type_command("--object", "crate", "--class", "jet", *few, *QUICK[:-1])
     assert code == 0, told
     assert said.index("tiny on the object, held-out views:") < said.index("pasted flat on"), "what a camera sees first"
     assert re.search(r"held-out views: \d+% \(.*\) with grey paper", told), "before it is trained"
     assert ("without a patch the object is never recognised" in told) == (share == 0)
     assert ("not shown to do better than grey paper" in told) == (share == 0)
+    assert ("--mounted-fill 0.6 0.95" in told) == (share == 0 and fill[0] < 0.6)
 
 
 @pytest.mark.slow

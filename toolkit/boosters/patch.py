@@ -79,6 +79,8 @@ UNKNOWN = (
 # renders are named by their own inputs, so that runs with other settings share them
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
+NEAR = (0.6, 0.95)
+"""How much of the frame an object that is hardly known bare shall fill in its views, so that its sheet learns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,9 +140,11 @@ class TrainedPatch(TrainedBooster):
     def warnings(self) -> Iterator[str]:
         """What should be known before it is printed."""
         if any(answer.falls_short for answer in self.on_object):
+            is_far = self.patch.record.settings["mounted_fill"][0] < NEAR[0]
+            nearer = f"views from nearer (--mounted-fill {NEAR[0]} {NEAR[1]}), " if is_far else ""
             yield (
-                "note: on the object the patch is not shown to do better than grey paper: before you print it, try a "
-                "larger sheet or another place ('toolkit place'), more --steps, or paint all of the object "
+                f"note: on the object the patch is not shown to do better than grey paper: before you print it, try "
+                f"{nearer}a larger sheet or another place ('toolkit place'), more --steps, or paint all of the object "
                 "('toolkit train-texture')"
             )
 
