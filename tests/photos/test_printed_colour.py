@@ -30,7 +30,8 @@ from toolkit.photos.prints.fit_profile import MODELS, fit_colours, read_strip
 from toolkit.printing.marks import STRIP
 from toolkit.printing.page import parse_paper
 
-PATCH = "warplane"
+PATCH, CLASS = "rig18/warplane", "warplane"
+"""A chart with colours enough: how well a printer is told depends on how many a patch holds."""
 # Sharma, Wu and Dalal (2005), table 1: L, a, b of both, and their difference
 SHARMA = [
     (50, 2.6772, -79.7751, 50, 0, -82.7485, 2.0425), (50, 3.1571, -77.2803, 50, 0, -82.7485, 2.8615),
@@ -214,7 +215,7 @@ def test_a_straightened_print_looks_like_its_file(page):
 def test_the_command_writes_a_profile_and_says_what_is_wrong(page, tmp_path):
     lab = tmp_path / "lab"
     (lab / "rig").mkdir(parents=True)
-    small = photograph_page(paint_page(shipped_patch(PATCH), 0.94), page_corners())
+    small = photograph_page(paint_page(shipped_patch(CLASS), 0.94), page_corners())
     Image.fromarray(small).save(tmp_path / "small.jpg", quality=92)
     Image.fromarray(np.full((99, 99, 3), 90, np.uint8)).save(tmp_path / "nothing.png")
     (tmp_path / "broken.jpg").write_bytes(b"no picture")
@@ -223,16 +224,16 @@ def test_the_command_writes_a_profile_and_says_what_is_wrong(page, tmp_path):
         return CliRunner().invoke(app, ["print-profile", *words, "--workspace", str(lab)])
 
     names = [str(tmp_path / name) for name in ("small.jpg", "nothing.png", "broken.jpg")]
-    result = run(*names, "--class", PATCH, "--name", "copier", "--by", "A. Tester", "--json")
+    result = run(*names, "--class", CLASS, "--name", "copier", "--by", "A. Tester", "--json")
     assert result.exit_code == 1, result.output  # two of three could not be used
     told = json.loads(result.stdout)
     assert [Path(one["path"]).name for one in told["skipped"]] == ["nothing.png", "broken.jpg"]
     assert told["photos"][0]["size_mm"] == pytest.approx(0.94 * PATCH_MM, rel=0.004)
     assert any("94.0%" in line or "93.9%" in line or "94.1%" in line for line in told["warnings"])
     profile = read_print_profile(lab / "print" / "profiles" / "copier.json")
-    assert profile.patch == PATCH and profile.made.by == "A. Tester" and profile.strip_cells == len(STRIP.swatches)
+    assert profile.patch == CLASS and profile.made.by == "A. Tester" and profile.strip_cells == len(STRIP.swatches)
     assert profile.held_out.median < 4 < 8 < profile.without.median  # chroma of a JPEG is coarser than its texels
 
     wrong = run(names[0], "--class", "racer")
     assert wrong.exit_code != 0 and "'racer' was not found in it" in str(wrong.exception)
-    assert "expected letters" in str(run(names[0], "--class", PATCH, "--name", "../x").exception)
+    assert "expected letters" in str(run(names[0], "--class", CLASS, "--name", "../x").exception)
