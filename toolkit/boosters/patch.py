@@ -143,7 +143,7 @@ class TrainedPatch(TrainedBooster):
             is_far = self.patch.record.settings["mounted_fill"][0] < NEAR[0]
             nearer = f"views from nearer (--mounted-fill {NEAR[0]} {NEAR[1]}), " if is_far else ""
             yield (
-                f"note: on the object the patch is not shown to do better than grey paper: before you print it, try "
+                "note: on the object the patch is not shown to do better than grey paper: before you print it, try "
                 f"{nearer}a larger sheet or another place ('toolkit place'), more --steps, or paint all of the object "
                 "('toolkit train-texture')"
             )
