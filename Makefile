@@ -58,7 +58,7 @@ docs-benchmark: setup
 	docs/scripts/run-benchmark $(BIN)/toolkit "$(PHOTOGRAPHS)" "$(CIFAR)"
 	docs/scripts/run-ablation $(BIN)/toolkit "$(PHOTOGRAPHS)"
 
-# What each part of a patch's training is worth, small sheets, and objects that are not of the kit; two hours.
+# What each part of a patch's training is worth, small sheets, and objects that are not of the kit; four hours.
 MESHES ?= ../shared/meshes
 CITY ?= ../shared/worlds/kaykit-city
 docs-training: setup

@@ -144,15 +144,14 @@ def test_half_a_patch_is_found_and_half_is_said_to_show():
 
 
 def test_the_straightened_patch_is_the_file():
-    patch = shipped_patch("eggnog")
+    patch = shipped_patch("racer")  # the eggnog's is much the same upright and turned
     photo = paste(patch, slanted(220, 35, 77))
     found = rectify_patch(photo, find_patch(photo, patch), 50)
     file = cv2.resize(patch, (50, 50), interpolation=cv2.INTER_AREA)
     assert found.shape == (50, 50, 3)
-    upright, *turned = (
-        np.corrcoef(found.ravel().astype(float), np.rot90(file, turns).ravel())[0, 1] for turns in range(4)
-    )
-    assert upright > 0.9 and max(turned) < upright - 0.3
+    assert np.corrcoef(found.ravel().astype(float), file.ravel())[0, 1] > 0.9
+    turned = np.corrcoef(found.ravel().astype(float), np.rot90(file).ravel())[0, 1]
+    assert turned < 0.5
 
 
 @pytest.mark.slow
