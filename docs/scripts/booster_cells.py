@@ -8,12 +8,10 @@ SWEEPS: a table of the workspace's sweeps.
 import sys
 from pathlib import Path
 
-from tables import list_changes, list_sweeps, read_summaries, write_table
+from tables import BOOSTERS, list_changes, list_sweeps, read_summaries, write_table
 
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
-from toolkit.experiments.transfer.leave_one_out import BOOSTED
-from toolkit.rig.variants import WRAPPED
 
 CHAIN = "-rehearsed"
 
@@ -31,8 +29,8 @@ def main(table: str, folder: str, sweeps: str | None = None) -> None:
             rows.append({
                 "set": source.removesuffix(CHAIN).partition("-")[2], "rehearsed": source.endswith(CHAIN),
                 "network": model["name"], "sha256": model["sha256"][:16],
-                "booster": (BOOSTED | {WRAPPED: "wrap"})[row["variant"]],
-                "object": row["object"], "n": row["n"], "bare": row["bare"], "boosted": row["boosted"],
+                "booster": BOOSTERS[row["variant"]], "object": row["object"],
+                "n": row["n"], "bare": row["bare"], "boosted": row["boosted"],
                 "gained": row["gained"], "lost": row["lost"], "p": row["p"], "low": low, "high": high,
             })  # fmt: skip
     write_table(Path(table), rows)

@@ -13,14 +13,18 @@ from toolkit.experiments.challenge.score import Score, describe_rank
 from toolkit.experiments.corruptions import CLEAN
 from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
 from toolkit.experiments.sweeps.axes import AXES
+from toolkit.experiments.transfer.leave_one_out import BOOSTED
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
+from toolkit.rig.variants import WRAPPED
 
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"
 TABLES = DOCS / "results"
 BENCHMARKS = ("photographs", "held", "cifar", "robust", "ablation")
 """Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
+BOOSTERS = BOOSTED | {WRAPPED: "wrap"}
+"""What the tables call the boosted variants."""
 Row = dict[str, Any]
 
 

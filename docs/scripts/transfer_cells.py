@@ -3,7 +3,7 @@
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
 `toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
 `toolkit transfer`, whose sets are called `without NETWORK`, and `without NETWORK, painted freely` where textures were
-trained without `--max-change`. A set's patches, or its textures, of which no source has any stay in the CSV.
+trained without `--max-change`. A set's patches, textures or wraps of which no source has any stay in the CSV.
 """
 
 import json
@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tables import Row, list_changes, read_others, read_summaries, write_table
+from tables import BOOSTERS, Row, list_changes, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON, SEVERITIES
-from toolkit.experiments.transfer.leave_one_out import BOOSTED, JudgedRow
+from toolkit.experiments.transfer.leave_one_out import JudgedRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")
@@ -34,11 +34,11 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
     head = {"network": model["name"], "sha256": model["sha256"][:16]}
     for row in list_changes(run, summary):
         source, name, variant = row["source"], row["object"], row["variant"]
-        if variant not in BOOSTED:
+        if variant not in BOOSTERS:
             continue
         counts = {key: row[key] for key in COUNTS}
         if source in AIRS:
-            what = {"seen": variant in seen, "booster": BOOSTED[variant], "air": AIRS[source], "object": name}
+            what = {"seen": variant in seen, "booster": BOOSTERS[variant], "air": AIRS[source], "object": name}
             yield head | what | counts | {"p": row["p"]}
         if source.removeprefix("sim-").rpartition("-")[0] in COMMON:
             cells.add(source)
@@ -46,7 +46,7 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
                 pooled[name, variant][key] += counts[key]
     if len(cells) == len(COMMON) * len(SEVERITIES):
         for (name, variant), counts in pooled.items():
-            what = {"seen": variant in seen, "booster": BOOSTED[variant], "air": ALL, "object": name}
+            what = {"seen": variant in seen, "booster": BOOSTERS[variant], "air": ALL, "object": name}
             yield head | what | counts | {"p": None}
 
 
