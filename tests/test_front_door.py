@@ -116,10 +116,14 @@ def test_an_unknown_name_is_an_attribute_error():
     assert not hasattr(tk, "torch")
 
 
-def test_the_version_is_the_packages():
+def test_the_version_is_the_packages(tmp_path):
     from importlib.metadata import version
 
     assert tk.__version__ == version("toolkit-boost")
+    # and where the sources were never installed: patches trained there once said that they were of 0.0.0
+    (tmp_path / "toolkit").symlink_to(SOURCE.parent)
+    alone = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import toolkit; print(toolkit.__version__)"
+    assert run(sys.executable, "-I", "-S", "-c", alone).strip() == tk.__version__
 
 
 def test_the_package_says_that_it_is_typed():

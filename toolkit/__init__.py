@@ -6,6 +6,8 @@ itself costs nothing. Its docstring says shapes, units and errors. The packages 
 their insides may move.
 """
 
+__version__ = "0.1.0"
+
 
 def _read_names():
     """Each name of the front door, and the module that it comes from."""
@@ -20,26 +22,13 @@ __all__ = ["__version__", *_HOMES]
 
 def __getattr__(name):
     """Load a name of the list when it is first asked for (PEP 562)."""
-    if name == "__version__":
-        value = _find_version()
-    elif name in _HOMES:
-        from importlib import import_module
-
-        value = getattr(import_module(_HOMES[name]), name)
-    else:
+    if name not in _HOMES:
         raise AttributeError(f"module 'toolkit' has no attribute '{name}'")
-    globals()[name] = value
+    from importlib import import_module
+
+    globals()[name] = value = getattr(import_module(_HOMES[name]), name)
     return value
 
 
 def __dir__():
     return sorted({*globals(), *__all__})
-
-
-def _find_version():
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("toolkit-boost")
-    except PackageNotFoundError:  # run from a source tree that was never installed
-        return "0.0.0"
