@@ -57,7 +57,12 @@ def test_the_readme_says_what_the_tables_say() -> None:
     unseen = {"set": "four-networks", "network": "mobilenet_v1_0.75_192", "object": "all"}
     texture = of.row("transfer", **unseen, booster="texture", air="clear")
     foreign = of.row("objects", object="all", booster="texture")
+    shipped = {"set": "resnet18", "booster": "patch", "air": "clear", "object": "all", "seen": "False"}
+    strangers = of.rows("transfer", **shipped)
+    assert len(strangers) == 5
+    (loses,) = [row for row in strangers if float(row["p"]) < 0.05]
     for said in (
+        f"one loses ({loses['bare']} → {loses['boosted']}, p = {float(loses['p']):.2g})",
         f"Over all {bare['n']} pairs it is right on {bare['correct']} bare ({percent(bare['top1'])} %",
         f"on {patched['correct']} patched ({percent(patched['top1'])} %",
         f"right on {texture['bare']} of {texture['n']} bare, on {texture['boosted']} in them",
