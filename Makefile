@@ -50,7 +50,7 @@ docs: setup .venv/.test
 	docs/scripts/run-results $(BIN)/toolkit $(DOCS_MODELS)
 	docs/scripts/run-transfer $(BIN)/toolkit $(DOCS_MODELS)
 
-# The corruption benchmark's numbers; three hours on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
+# The corruption benchmark's numbers; four hours on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
 # train/ and test/ with a folder per class.
 PHOTOGRAPHS ?= ../shared/images/nips2017
 CIFAR ?= cifar10
