@@ -15,7 +15,10 @@ NAMES = {
     "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
-SETS = {"four-networks": "four networks", "resnet18": "ResNet-18"}
+SETS = {
+    "four-networks": "four networks", "resnet18": "ResNet-18",
+    "resnet18, under corruption": "ResNet-18, under corruption",
+}  # fmt: skip
 """Sets of boosters that several networks judge, by what they were trained on."""
 Row = dict[str, str]
 PERCENT = "\N{NO-BREAK SPACE}%"
