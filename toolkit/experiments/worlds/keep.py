@@ -152,8 +152,10 @@ class KeptFrames:
         if before is not None and before.frame == task.frame:
             names = list(dict.fromkeys([*before.weathers, *names]))
         record = self._describe(path, task, names)
-        self._log.append(record)
-        self._known[path] = record
+        # a run that was killed before its answer was noted makes the frame again: its line is there
+        if record != before:
+            self._log.append(record)
+            self._known[path] = record
 
     def _name(self, task: PictureTask) -> str:
         return self._stage.places[task.place].spot.name
