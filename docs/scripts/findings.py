@@ -15,6 +15,8 @@ NAMES = {
     "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
+JUDGES = NAMES | {"timm-tf_efficientnet_lite2": "EfficientNet-Lite2"}
+"""With the one that judges sets of boosters and the challenge, and no run of `make docs` has."""
 SETS = {
     "four-networks": "four networks", "resnet18": "ResNet-18",
     "resnet18, under corruption": "ResNet-18, under corruption",
@@ -121,7 +123,9 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
     )  # fmt: skip
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p, "state_p": state_p}
     template = environment.get_template(PAGES[page])
-    return template.render(of=Findings(folder), names=NAMES, name_run=name_run, sets=SETS, rig18=read_bundled())
+    return template.render(
+        of=Findings(folder), names=NAMES, judges=JUDGES, name_run=name_run, sets=SETS, rig18=read_bundled()
+    )
 
 
 def write_pages() -> None:
