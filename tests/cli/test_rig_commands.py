@@ -98,7 +98,7 @@ def test_capture_sim_shoots_resumes_and_notes_what_is_stale(space):
     del plan["objects"]["crate"][1]
     space.plan_file.write_text(json.dumps(plan))
     result = call("capture-sim", "--backdrop", "white", "--variant", "unpatched", "--quiet")
-    assert "1 images are not of this plan" in result.stderr and "pose_02.jpg" in result.stderr
+    assert "1 image is not of this plan" in result.stderr and "pose_02.jpg" in result.stderr
 
 
 @pytest.mark.parametrize(

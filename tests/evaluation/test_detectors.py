@@ -203,7 +203,10 @@ def shot(tmp_path_factory):
     source = root / "captures/sim"
     lines = (source / "manifest.jsonl").read_text()
     shutil.copytree(source / "crate/unpatched", source / "crate/patched")
-    (source / "manifest.jsonl").write_text(lines + lines.replace("unpatched", "patched"))
+    boosted = lines.replace("unpatched", "patched").replace(
+        '"booster_sha256": null', f'"booster_sha256": "{"ab" * 32}"'
+    )
+    (source / "manifest.jsonl").write_text(lines + boosted)
     return space
 
 

@@ -196,9 +196,9 @@ def test_a_variant_that_was_shot_by_another_plan_is_set_aside():
     assert [pair.second.capture.pose_id for pair in pair_variants(poses, "unpatched", "textured")] == [1]
     reasons = dict(explain_unpaired(seen, poses))
     assert sorted(reasons) == ["sim/racer/textured/2.png", "sim/racer/unpatched/2.png"]
-    assert "9° apart" in reasons["sim/racer/textured/2.png"] and "with one plan" in reasons["sim/racer/textured/2.png"]
+    assert reasons["sim/racer/textured/2.png"] == "no pair: other cameras (9° apart) than sim/racer/unpatched/2.png"
     (line,) = list_unpaired(list(reasons.items()))
-    assert line.startswith("1 textured image of another plan than the unpatched: in the table, but not compared")
+    assert line == "1 pair not formed, sim/textured: other cameras than the unpatched: shoot both again"
     assert len(list_unpaired([*reasons.items(), ("sim/racer/textured/7.png", "no unpatched image of pose 7")])) == 3
 
 
@@ -217,4 +217,4 @@ def test_cameras_are_one_within_the_stated_tolerances(other, apart):
     """Renders by a plan closely, what is held by hand loosely, and an unknown camera by its number alone."""
     bare, second = seen_from(one(1, "unpatched", 9), 35), one(1, "patched", 1)
     second = seen_from(second, **other) if other else second
-    assert bare.capture.tell_cameras_apart(second.capture) == apart
+    assert bare.capture.compare_cameras(second.capture) == apart

@@ -95,7 +95,10 @@ def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
 
 
 def _describe(shot: CaptureRecord, path: str, sha256: str, of: str, corruption: Corruption) -> CaptureRecord:
-    made = {"corruption": corruption[0], "severity": corruption[1], "corruption_seed": SEED, "cut_px": CUT_PX, "of": of}
+    made = {
+        "corruption": corruption[0], "severity": corruption[1], "corruption_seed": SEED, "cut_px": CUT_PX,
+        "of": of, "of_sha256": shot.image_sha256,
+    }  # fmt: skip
     return shot.model_copy(
         update={
             "path": path,

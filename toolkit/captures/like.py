@@ -143,8 +143,10 @@ def read_measured(
             "were imported with 'toolkit import'",
             {"like": photos_dir},
         )
-    photos, skipped = [], []
-    for capture in read_captures(photos_dir, chosen).captures:
+    folder = read_captures(photos_dir, chosen)
+    photos = []
+    skipped = [(path.partition("/")[2], reason) for path, reason in folder.faults]
+    for capture in folder.captures:
         path = capture.file.relative_to(photos_dir).as_posix()
         record = records.get(path)
         if record is None or not record.T_world_camera or not record.intrinsics:

@@ -11,6 +11,8 @@ from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
+LEFT_OUT = "left_out"
+"""Field of `made`: why an image that lies there no longer counts, such as a pose that the plan does not have."""
 # a file that a user edits: NaN, infinity and absurd lengths are refused on reading
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]

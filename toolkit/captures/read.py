@@ -1,6 +1,5 @@
 """Read a capture folder: `captures/SOURCE/OBJECT/VARIANT/FILE`, with a manifest or sorted by hand."""
 
-import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -11,102 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.captures.capture import SETTINGS, UNPATCHED, Capture
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
+from toolkit.captures.reconcile import SetAside, SourceManifest, find_missing, reconcile
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import real_path, sha256_file
+from toolkit.core.text import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import FoundFiles, find_files, read_image, show_path
 
-UNPATCHED = "unpatched"
 POOLED = "all"
 LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
 # ImageNet's folders are called by WordNet ids: n and eight digits
 WNID = re.compile(r"^n\d{8}$")
 MAX_POSE_DIGITS = 5
-LEAST_PHOTO_BYTES = 20_000
-"""A smaller file is a drawing, not a photograph: two that are equal may well be two."""
-SAME_CAMERA = (3.0, 0.05)
-"""Two renders by plan are of one pose up to here: degrees seen from the object, share of distance and focal length."""
-SAME_PHOTOGRAPH = (15.0, 0.5)
-"""Likewise where one camera is held by hand, of a photograph or a rehearsal: degrees and share of distance alone."""
-
-
-@dataclass(frozen=True)
-class Capture:
-    """One image and what is known of it.
-
-    Attributes:
-        source, object, variant: the folders that it lies in.
-        pose_id: from the manifest, else the number in the file's name, else one for names that are equal; else None.
-        file: where it is.
-        path: how it is named in results: SOURCE/OBJECT/VARIANT/FILE.
-        refused: why it must not be opened, None when it may.
-        T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
-        focal_length: of the lens as a share of the image's longer side, where the manifest has it.
-        class_name: what the object should be recognised as, where the manifest says so.
-        booster_sha256: of what was on the object, where the manifest has it.
-        is_rendered: the manifest says that a renderer made it.
-        is_by_plan: likewise, and that its camera is the plan's: no photograph's (`--like`) and no rehearsal's.
-        is_retextured: by the manifest a true photograph, in which another patch was put in the printed one's place.
-        corruption: (name, severity) that it has, or gets where `cut_px` is None; None for an image as it was taken.
-        cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
-            that is corrupted when it is read, after it was resized and cut for the network.
-        failed_gates: what its photograph failed when it was judged, such as `over-exposure 64 % of the object clipped`.
-    """
-
-    source: str
-    object: str
-    variant: str
-    pose_id: int | None
-    file: Path
-    path: str
-    refused: str | None = None
-    T_world_camera: tuple[tuple[float, ...], ...] | None = None
-    focal_length: float | None = None
-    class_name: str | None = None
-    booster_sha256: str | None = None
-    is_rendered: bool = False
-    is_by_plan: bool = False
-    is_retextured: bool = False
-    corruption: tuple[str, int] | None = None
-    cut_px: int | None = None
-    failed_gates: tuple[str, ...] = ()
-
-    @property
-    def path_in_source(self) -> str:
-        """OBJECT/VARIANT/FILE."""
-        return self.path.split("/", 1)[1]
-
-    @property
-    def source_dir(self) -> Path:
-        """As many folders up as `path_in_source` has, absolute: where the source's manifest lies."""
-        above = self.file.absolute().parents
-        return above[min(self.path_in_source.count("/"), len(above) - 1)]
-
-    def tell_cameras_apart(self, other: "Capture") -> str | None:
-        """How another image's camera stands elsewhere, in words; None where it does not, or one is not known.
-
-        See `SAME_CAMERA` and `SAME_PHOTOGRAPH`. Cameras are compared as seen from the object, the world's origin.
-        """
-        if self.T_world_camera is None or other.T_world_camera is None:
-            return None
-        one, two = ([row[3] for row in rows[:3]] for rows in (self.T_world_camera, other.T_world_camera))
-        far, near = math.hypot(*one), math.hypot(*two)
-        if not far or not near:
-            return None
-        by_plan = self.is_by_plan and other.is_by_plan
-        most_deg, most_share = SAME_CAMERA if by_plan else SAME_PHOTOGRAPH
-        cosine = sum(a * b for a, b in zip(one, two, strict=True)) / (far * near)
-        # clamped: rounding may leave a cosine just outside of [-1, 1]
-        apart_deg = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-        if apart_deg > most_deg:
-            return f"{apart_deg:.0f}° apart"
-        if abs(far - near) > most_share * min(far, near):
-            return f"{far:.0f} and {near:.0f} mm away"
-        lens, second = self.focal_length, other.focal_length
-        if by_plan and lens and second and abs(lens - second) > most_share * min(lens, second):
-            return "with another lens"
-        return None
 
 
 @dataclass(frozen=True)
@@ -115,15 +32,26 @@ class CaptureFolder:
 
     Attributes:
         root: the folder.
-        captures: its images by source, object, variant and path.
+        captures: the images that count, by source, object, variant and path.
         refused_folders: (path, reason) of linked folders, whose images are missing.
         notes: what the reader should know and no image stands for: files passed over, several images of one pose.
+        set_aside: the images that do not count, each with its reason.
+        without_manifest: names of the sources that have none: their images are paired by name.
+        is_trusted: images that differ from their manifest were counted all the same.
     """
 
     root: Path
     captures: tuple[Capture, ...]
     refused_folders: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
+    set_aside: tuple[SetAside, ...] = ()
+    without_manifest: tuple[str, ...] = ()
+    is_trusted: bool = False
+
+    @property
+    def faults(self) -> list[tuple[str, str]]:
+        """(path, reason) of the images in which the folder contradicts itself."""
+        return [(one.path, one.reason) for one in self.set_aside if one.is_fault]
 
     @cached_property
     def objects(self) -> list[str]:
@@ -152,21 +80,27 @@ def find_captured(root: Path) -> FoundFiles:
     return found
 
 
-def read_captures(root: Path, selection: Selection | None = None) -> CaptureFolder:
+def read_captures(root: Path, selection: Selection | None = None, *, trust_files: bool = False) -> CaptureFolder:
     """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
 
     Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`), else
-    names that are equal in several variants.
-    Where the manifest knows both cameras they must agree too: see `Capture.tell_cameras_apart`.
+    names that are equal in several variants. What counts is decided by `toolkit.captures.reconcile`.
+
+    Args:
+        root: the folder.
+        selection: which part of it is meant.
+        trust_files: count images that are not as their manifest says, by their folder and name.
 
     Raises:
         ToolkitError: no folder, no images, images that are not sorted into folders, a broken manifest, an object called
-            `all`, or a selected source, object or variant that is not there.
+            `all`, a selected source, object or variant that is not there, folders that contradict the manifest, or
+            no image that counts.
     """
     root = Path(root)
     found = find_captured(root)
     prefix, depth, suffix = _read_layout(root, found)
     manifests: dict[Path, dict[str, CaptureRecord]] = {}
+    sources: dict[str, Path] = {}
     captures: list[Capture] = []
     stray: list[str] = []
     unread: list[tuple[str, str]] = []
@@ -182,18 +116,47 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
         source_dir = (root / parts[0], root, real_path(root).parent)[len(prefix)]
         if source_dir not in manifests:
             manifests[source_dir] = read_manifest(source_dir)
+        sources[show_path((full[0],))] = source_dir
         record = manifests[source_dir].get("/".join(full[1:]))
         captures.append(_capture(root / Path(*parts), full, record, refused))
-    chosen, copies = _drop_copies(_pair_by_stem(_select(captures, selection or Selection())))
-    chosen.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
-    if any(capture.object == POOLED for capture in chosen):
+    known = {name: _open_source(name, folder, manifests[folder]) for name, folder in sources.items()}
+    known = {name: one for name, one in known.items() if one.records}
+    wanted = [
+        replace(one, image_sha256=_hash_file(one)) if one.source in known else one
+        for one in _select(captures, selection or Selection())
+    ]
+    counted, aside = reconcile(_pair_by_stem(wanted), known, trust_files=trust_files)
+    if not trust_files:
+        aside += find_missing(wanted, known)
+    if wanted and not counted:
+        raise ToolkitError(f"{root}: none of {len(wanted)} images counts; {aside[0].path}: {aside[0].reason}")
+    counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
+    if any(capture.object == POOLED for capture in counted):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
+    notes = (*_note_files(found, stray), *_note_retextured(counted), *_note_doubles(counted), *_note_aside(aside))
+    without = sorted({one.source for one in counted} - known.keys())
     return CaptureFolder(
-        root,
-        tuple(chosen),
-        tuple(unread),
-        (*_note_files(found, stray), *_note_retextured(chosen), *_note_doubles(chosen), *copies),
+        root, tuple(counted), tuple(unread), notes, tuple(aside), tuple(without), is_trusted=trust_files and bool(known)
     )
+
+
+def _open_source(name: str, folder: Path, records: dict[str, CaptureRecord]) -> SourceManifest:
+    """The manifest of a source; of corrupted copies also that of the source beside it that they were made from."""
+    of = next((str(one.made["of"]) for one in records.values() if isinstance(one.made.get("of"), str)), "")
+    beside = of.partition("/")[0]
+    # a manifest may come from elsewhere: only a folder beside this one is meant
+    originals = read_manifest(folder.absolute().with_name(beside)) if is_folder_name(beside) else {}
+    return SourceManifest(name, folder, records, originals)
+
+
+def _hash_file(capture: Capture) -> str | None:
+    """Hash of an image's bytes; None if it must not or cannot be opened, which is told where it is read."""
+    if capture.refused is not None:
+        return None
+    try:
+        return sha256_file(capture.file)
+    except (OSError, ToolkitError):
+        return None
 
 
 def read_pose_id(name: str) -> int | None:
@@ -209,39 +172,6 @@ def read_pose_id(name: str) -> int | None:
     numbers = [re.fullmatch(r"[A-Za-z]*(\d+)" if len(words) == 1 else r"(\d+)", word) for word in words]
     match = named or next((number for number in reversed(numbers) if number), None)
     return int(match[1]) if match and len(match[1]) <= MAX_POSE_DIGITS else None
-
-
-def _size_bytes(file: Path) -> int:
-    """Of a file; 0 of a link that leads nowhere or in a circle, which is refused where it is read."""
-    try:
-        return file.stat().st_size
-    except OSError:
-        return 0
-
-
-def _drop_copies(captures: Sequence[Capture]) -> tuple[list[Capture], list[str]]:
-    """The captures, of photographs that lie there several times as one variant the first alone; a note of the others.
-
-    One bare photograph under eight names is one observation and not eight.
-    """
-    sizes: dict[tuple[str, str, str, int], list[Capture]] = {}
-    for one in captures:
-        # photographs alone: a renderer may well give two equal pictures
-        if one.refused is None and not one.is_rendered and (size := _size_bytes(one.file)) >= LEAST_PHOTO_BYTES:
-            sizes.setdefault((one.source, one.object, one.variant, size), []).append(one)
-    copies: dict[str, list[str]] = {}
-    for group in sizes.values():
-        first: dict[str, Capture] = {}
-        # hashed only where sizes are equal: most photographs are never read for this
-        for one in sorted(group, key=lambda capture: capture.path) if len(group) > 1 else ():
-            original = first.setdefault(sha256_file(one.file), one)
-            if original is not one:
-                copies.setdefault(original.path, []).append(one.path)
-    dropped = {path for paths in copies.values() for path in paths}
-    notes = [
-        f"{_some(paths)}: the same photograph as {original}, which counts once" for original, paths in copies.items()
-    ]
-    return [one for one in captures if one.path not in dropped], notes
 
 
 def _pair_by_stem(captures: Sequence[Capture]) -> list[Capture]:
@@ -306,8 +236,20 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         is_rendered="renderer" in record.made,
         is_by_plan="renderer" in record.made and not {"like", "rehearsed"} & record.made.keys(),
         is_retextured="retextured" in record.made,
+        settings=read_settings(record.made),
         **_read_corruption(record.made),
     )
+
+
+def read_settings(made: dict[str, Any]) -> dict[str, Any]:
+    """How an image was made, by the names of `toolkit.captures.capture.SETTINGS`, and the `booster`'s name."""
+    found = {name: made[name] for name in (*SETTINGS, "booster") if name in made}
+    if "renderer" not in made:  # a photograph's board and light are not the rig's
+        return {name: found[name] for name in ("class", "pose_sha256", "booster") if name in found}
+    # such as linen/studio/0-1810094345/board
+    backdrop, light, _, *board = (*str(made.get("studio", "")).split("/"), "", "", "")[:4]
+    named = {"backdrop": backdrop, "light": light, "board": board[0]} if light else {}
+    return {"rehearsed": False} | found | named
 
 
 def _read_corruption(made: dict[str, Any]) -> dict[str, Any]:
@@ -359,6 +301,15 @@ def _note_doubles(captures: list[Capture]) -> list[str]:
         for key, group in seen.items()
         if len(group) > 1 and len(variants[key[:2]]) > 1  # with one variant nothing is paired
     ]
+
+
+def _note_aside(aside: Sequence[SetAside]) -> list[str]:
+    """One note for each reason for which images were left out on purpose, or are copies."""
+    reasons: dict[str, list[str]] = {}
+    for one in aside:
+        if not one.is_fault:
+            reasons.setdefault(one.reason, []).append(one.path)
+    return [f"{_some(paths)}: {reason}" for reason, paths in reasons.items()]
 
 
 def _some(paths: Sequence[str], limit: int = 5) -> str:

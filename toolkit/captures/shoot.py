@@ -12,7 +12,14 @@ import numpy as np
 from toolkit import __version__
 from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
-from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
+from toolkit.captures.manifest import (
+    LEFT_OUT,
+    CaptureRecord,
+    append_record,
+    is_finished,
+    read_manifest,
+    write_transforms,
+)
 from toolkit.core.config import Config
 from toolkit.core.console import Ticker
 from toolkit.core.draws import Draws
@@ -35,7 +42,7 @@ from toolkit.rig.raycast import RENDERERS, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Sheets, Worn, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import Paint, Print, Sheets, Worn, apply_booster, describe_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import take_best
 
 NETWORK_PX = 224
@@ -45,6 +52,7 @@ LARGEST_SCALE = 10
 FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Shots of one scene that are made together."""
+NOT_WANTED = "of another plan or file format than the images that were shot last"
 LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
@@ -181,8 +189,31 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
     if sha256_bytes(content) != stored.record.image_sha256:
         return False
     write_bytes(Path(source_dir) / path, content, Path(source_dir))
-    append_record(source_dir, stored.record.model_copy(update={"path": path}))
+    append_record(source_dir, without_mark(stored.record).model_copy(update={"path": path}))
     return True
+
+
+def without_mark(record: CaptureRecord) -> CaptureRecord:
+    """The record of an image that counts, whether or not it was left out before."""
+    made = {name: value for name, value in record.made.items() if name != LEFT_OUT}
+    return record.model_copy(update={"made": made})
+
+
+def leave_out(source_dir: Path, reasons: Mapping[str, str]) -> None:
+    """Note in a source's manifest why images that lie there no longer count.
+
+    Args:
+        source_dir: the source's folder.
+        reasons: by path below it.
+
+    Raises:
+        ToolkitError: the manifest is broken or cannot be written.
+    """
+    known = read_manifest(source_dir)
+    for path, reason in reasons.items():
+        marked = {**known[path].made, LEFT_OUT: reason}
+        if known[path].made != marked:
+            append_record(source_dir, known[path].model_copy(update={"made": marked}))
 
 
 @dataclass(frozen=True)
@@ -249,7 +280,7 @@ class ShootResult:
     Attributes:
         source_dir: where the images are.
         shot, kept: images shot now, and kept from before.
-        stale: images of another plan that are still there.
+        stale: images of another plan that are still there; the manifest says that they no longer count.
         failed: (what, reason) of shots that could not be made; the next run tries them again.
     """
 
@@ -258,6 +289,11 @@ class ShootResult:
     kept: int
     stale: list[str]
     failed: tuple[tuple[str, str], ...] = ()
+
+    def joined(self, other: "ShootResult") -> "ShootResult":
+        """Both results, of runs that shot into one folder."""
+        counts = self.shot + other.shot, self.kept + other.kept
+        return ShootResult(self.source_dir, *counts, self.stale + other.stale, self.failed + other.failed)
 
 
 def shoot_plan(
@@ -296,7 +332,7 @@ def shoot_plan(
         shot
         for item in items.values()
         for variant in variants
-        for shot in _plan_scene(workspace, plan, item, variant, settings)
+        for shot in plan_scene(workspace, plan, item, variant, settings)
     ]
     source_dir = (captures_dir or workspace.captures_dir) / source
     return take_shots(workspace, shots, settings, source_dir, stored, engine=engine, bar=bar)
@@ -360,6 +396,9 @@ def take_shots(
             if not is_finished(source_dir, known.get(path), shot.inputs_sha256)
             and not _copy_stored(shot, stored or {}, source_dir)
         }
+        for path in wanted.keys() - missing.keys():
+            if path in known and LEFT_OUT in known[path].made:
+                append_record(source_dir, without_mark(known[path]))
         units = _list_units(workspace, missing, settings, planned)
         ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), bar=bar)
         records = read_manifest(source_dir)
@@ -367,6 +406,7 @@ def take_shots(
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
         # of folders that were shot into: other variants are left alone
         stale = [path for path in there if path not in wanted and Path(path).parent in folders]
+        leave_out(source_dir, dict.fromkeys(stale, NOT_WANTED))
         write_transforms(source_dir, list(there.values()))
     return ShootResult(source_dir, ran.made, ran.kept, stale, ran.failed)
 
@@ -390,10 +430,10 @@ def studio_for(item: TableObject, settings: ShootSettings) -> Scene:
     return studio if settings.board is None else add_board(studio, settings.board)
 
 
-def _plan_scene(
+def plan_scene(
     workspace: Workspace, plan: CapturePlan, item: TableObject, variant: str, settings: ShootSettings
 ) -> list[Shot]:
-    """The shots of one object in one variant."""
+    """The shots of one object in one variant; raises as `shoot_plan`."""
     name = item.name
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
@@ -447,14 +487,28 @@ def _list_units(
     for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
         item, variant = shots[0].item, shots[0].variant
         booster = settings.find_booster(workspace, item, variant)
-        made = {
-            "with": f"toolkit {__version__}", "renderer": settings.renderer,
-            "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
-            **({} if settings.rehearsal is None else {"rehearsed": True}),
-        }  # fmt: skip
+        made = describe_made(item, booster, settings)
         planned.update((shot.path, _describe_shot(shot, booster, made)) for shot in shots)
         places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
         yield Unit(paths, shoot_unit, (item, booster, settings, places), f"{item.name} {variant}")
+
+
+def describe_made(item: TableObject, booster: Worn | None, settings: ShootSettings) -> dict[str, Any]:
+    """What a manifest says of how an image was made: what two images of a pair must share, and what is put on."""
+    studio = studio_for(item, settings)
+    how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
+    rehearsal = settings.rehearsal and settings.rehearsal.describe()
+    scene = how | {"studio": studio.name, "light": asdict(studio.key), "rehearsal": rehearsal}
+    made = {
+        "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": LOOK_VERSION, "studio": studio.name,
+        "scene_sha256": sha256_json(scene), "seed": settings.seed, "mesh_sha256": item.mesh_sha256,
+        "class": str(item.spec.class_name), **note_booster(booster),
+        **({} if settings.rehearsal is None else {"rehearsed": True}),
+    }  # fmt: skip
+    if isinstance(booster, Print) and not booster.alone:
+        look = describe_booster(item, booster)
+        made["sheet_sha256"] = sha256_json({name: look[name] for name in ("mm", "mount")})
+    return made
 
 
 def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) -> CaptureRecord:

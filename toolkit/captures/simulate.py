@@ -58,6 +58,11 @@ class SimulateConfig(Config):
     max_px: Annotated[int | None, Field(ge=32), Flag()] = Field(
         None, description="Longer side of the images with {like}. Default: 1280."
     )
+    keep: Annotated[bool, Flag("--keep")] = Field(
+        False,
+        description="Do not shoot other variants again if they were made with another spec, booster, scene or plan. "
+        "Leave them out of results instead.",
+    )
 
 
 @dataclass(frozen=True)
@@ -68,11 +73,13 @@ class Simulated:
         shot: the images.
         left_out: (path, reason) of photographs that could not be shot again; None where the plan was shot.
         corrupted: copies of the images.
+        remarks: on variants that were shot again or left out, as they no longer went with the others.
     """
 
     shot: "ShootResult"
     left_out: tuple[tuple[str, str], ...] | None
     corrupted: "tuple[CorruptedSource, ...]" = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def skipped(self) -> list[tuple[str, str]]:
@@ -81,15 +88,16 @@ class Simulated:
         return [*(self.left_out or ()), *self.shot.failed, *corrupted]
 
     @property
-    def remark(self) -> str:
-        """On images of another plan that are still there; empty where there are none."""
+    def all_remarks(self) -> list[str]:
+        """Lines on what was shot again, and on images that no longer count."""
         shot, wanted = self.shot, "this plan" if self.left_out is None else "these photographs"
         if not shot.stale:
-            return ""
-        return (
-            f"{len(shot.stale)} images are not of {wanted} and were left in {shot.source_dir} (first: "
-            f"{shot.stale[0]}); 'toolkit eval' counts them: delete them if you do not want that"
-        )
+            return list(self.remarks)
+        count = "1 image is" if len(shot.stale) == 1 else f"{len(shot.stale)} images are"
+        return [
+            *self.remarks,
+            f"{count} not of {wanted}: still in {shot.source_dir} (first: {shot.stale[0]}), left out of results",
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
@@ -145,6 +153,7 @@ def simulate_captures(
         seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect
     )
     left_out, board, engine = None, config.board, engine or EngineConfig()
+    remarks: tuple[str, ...] = ()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
     if folder and board is None:
         board = board_shown(folder)
@@ -157,19 +166,20 @@ def simulate_captures(
         )
         shot, left_out = found.shoot, found.skipped
     else:
-        shot = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
+        shot, remarks = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
     if not corruptions:
-        return Simulated(shot, left_out)
+        return Simulated(shot, left_out, remarks=remarks)
     from toolkit.captures.corrupted_copy import corrupt_source
 
-    return Simulated(shot, left_out, tuple(corrupt_source(shot.source_dir, corruptions)))
+    return Simulated(shot, left_out, tuple(corrupt_source(shot.source_dir, corruptions)), remarks)
 
 
 def _shoot_plan(
     space: Workspace, config: SimulateConfig, settings: "ShootSettings", objects: Sequence[str],
     variants: Sequence[str], engine: EngineConfig,
-) -> "ShootResult":  # fmt: skip
-    from toolkit.captures.shoot import shoot_plan
+) -> "tuple[ShootResult, tuple[str, ...]]":  # fmt: skip
+    from toolkit.captures.shoot import leave_out, shoot_plan
+    from toolkit.captures.stale import find_stale
     from toolkit.rig.plan import list_misfits, open_plan
     from toolkit.rig.variants import ON_PAPER
 
@@ -196,5 +206,19 @@ def _shoot_plan(
         "rehearsed" if config.rehearse else None,
     ]
     source = config.source or "-".join(filter(None, words))
+    source_dir = space.source_dir(source)
+    stale = find_stale(space, plan, names, variants, settings, source_dir)
+    remarks = []
     with engine.open() as workers:
-        return shoot_plan(space, plan, names, variants, settings, source, engine=workers)
+        shot = shoot_plan(space, plan, names, variants, settings, source, engine=workers)
+        for one in stale:
+            is_shot = one.can_shoot and not config.keep
+            if is_shot:
+                more = shoot_plan(space, plan, [one.object], [one.variant], settings, source, engine=workers)
+                shot = shot.joined(more)
+            else:
+                leave_out(source_dir, dict.fromkeys(one.paths, f"{one.reason} than the images that were shot since"))
+            done = "shot again too" if is_shot else "left out of results"
+            if one.paths:
+                remarks.append(f"{one.object}/{one.variant}: {done}, {one.reason} when it was shot before")
+    return shot, tuple(remarks)

@@ -105,6 +105,9 @@ def outline_captures(
             continue
         if one.object not in items:
             items[one.object] = load_object(specs[one.object])
+        if record.made.get("mesh_sha256", items[one.object].mesh_sha256) != items[one.object].mesh_sha256:
+            unknown.append((one.path, f"{specs[one.object]} has another shape or length than when it was shot"))
+            continue
         # the variants of a pose show one mesh: a mask is cast once for all of them
         pose = tuple(np.ravel(record.T_world_camera).tolist())
         key = (one.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))

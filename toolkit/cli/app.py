@@ -123,6 +123,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
     },
     "Results": {
         "runs": Entry("runs:list_runs", "list what every run found, as one table"),
+        "verify": Entry("runs:verify", "make a result again, and compare it"),
         "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
         "report": Entry("runs:report", "one page of many runs: filters, flips"),
         "export": Entry("runs:export", "predictions as Parquet, objects as 3MF"),

@@ -77,7 +77,7 @@ def evaluate(
         show_json(done.summary)
     else:
         show_evaluation(done)
-    if done.failed:
+    if done.failed or (done.origin and done.origin.faults):
         raise typer.Exit(1)
 
 
@@ -121,7 +121,8 @@ def show_evaluation(done: "Evaluation") -> None:
 
     say(f"network: {done.summary['model']['description']}")
     print_tables(console, done, done.summary["model"]["name"])
-    for line in (*list_lines("could not be read", done.failed), *list_unpaired(done.unpaired)):
+    faults = list_lines("set aside", done.origin.faults if done.origin else [])
+    for line in (*faults, *list_lines("could not be read", done.failed), *list_unpaired(done.unpaired)):
         warn(line)
     for note in done.notes:
         remark(note)

@@ -232,8 +232,8 @@ def capture_sim(
     """
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
-    if made.remark:
-        remark(made.remark)
+    for line in made.all_remarks:
+        remark(line)
     show_result(made, as_json)
 
 
@@ -263,6 +263,7 @@ def write_boxes(
     names = {name: coco_names(str(read_spec(specs[name]).class_name))[-1] for name in folder.objects if name in specs}
     file = out or folder.root / "instances.json"
     count, left_out = write_coco(file, folder.captures, space, names)
+    left_out += folder.faults
     if as_json:
         show_json({"file": str(file), "images": count, "left_out": left_out})
     else:

@@ -51,6 +51,33 @@ def list_runs(
         raise typer.Exit(1)
 
 
+def verify(
+    run: Annotated[str, typer.Argument(help="Name of a run below eval/, or its folder.")],
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Make a result of 'toolkit eval' again from its images and weights, and report whether it is the same."""
+    from toolkit.evaluation.tables import list_lines
+    from toolkit.evaluation.verify import read_asked, verify_run
+    from toolkit.models.load import load_classifier
+
+    space = open_workspace(workspace)
+    name = read_asked(space, run)[1]["model"]["name"]
+    named = model if model is not None or weights is not None else str(name)
+    done = verify_run(space, run, load_classifier(named, weights, device, folder=space.classifiers_dir))
+    if as_json:
+        show_json(done.as_json())
+    else:
+        for line in list_lines("differ", done.differing):
+            warn(line)
+        say(done.describe())
+    if not done.is_same:
+        raise typer.Exit(1)
+
+
 def compare(
     first: Annotated[str, typer.Argument(help="Name of a run below eval/, its folder, or any CSV of predictions.")],
     second: Annotated[str, typer.Argument(help="The run, or the CSV, that is compared with it.")],

@@ -55,6 +55,10 @@ class EvalConfig(Config):
     replace: Annotated[bool, Flag("--replace")] = Field(
         False, exclude=True, description="Overwrite another result of that name, instead of writing beside it."
     )
+    trust_files: Annotated[bool, Flag("--trust-files")] = Field(
+        False,
+        description="Count images that are not as their manifest.jsonl says, by folder and name. The result says so.",
+    )
     sources: Annotated[tuple[str, ...], Flag("--source", metavar="NAME")] = Field(
         (), description="Only this source; may be repeated."
     )

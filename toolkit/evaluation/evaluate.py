@@ -19,8 +19,9 @@ from toolkit.evaluation.contact_sheet import (
     lay_out_flips,
     make_thumbnails,
 )
-from toolkit.evaluation.ground_truth import read_labelled_captures
+from toolkit.evaluation.ground_truth import find_other_classes, read_labelled_captures
 from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.origin import find_origin
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import encode_predictions
@@ -37,6 +38,7 @@ from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, dra
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 from toolkit.evaluation.summaries import PREDICTIONS, Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
+from toolkit.evaluation.twins import TwinFinder
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 
@@ -83,19 +85,51 @@ def evaluate_captures(
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
             or a folder that cannot be written.
     """
-    folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
-    predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
-    findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
-    training = find_training(folder.captures, workspace, classifier.weights.sha256)
-    findings = replace(findings, training=training)
-    name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
+    findings, notes = judge_captures(captures_dir, workspace, classifier, config)
+    name = config.run or name_run(
+        classifier, [one.capture.source for one in findings.predictions if one.capture.corruption is None]
+    )
     # predictions decide whether it is the same result: all else follows from them
     content = encode_predictions(findings.predictions).encode()
     run_dir = find_run_dir(workspace.eval_dir / name, PREDICTIONS, content, config.replace)
-    done = write_evaluation(run_dir, classifier, findings, folder.notes, config)
+    asked = describe_asked(captures_dir, workspace, config)
+    done = write_evaluation(run_dir, classifier, findings, notes, config, asked=asked)
     if run_dir.name == name:
         return done
     return replace(done, notes=(*done.notes, f"{run_dir.with_name(name)} holds another result, and stays as it is"))
+
+
+def judge_captures(
+    captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig = DEFAULT
+) -> tuple[Findings, tuple[str, ...]]:
+    """Classify every image of a capture folder, and write nothing.
+
+    Returns:
+        What was found, and notes for the reader.
+
+    Raises:
+        ToolkitError: as `evaluate_captures`.
+    """
+    folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
+    twins = TwinFinder()
+    predictions = predict_captures(folder.captures, classes, classifier, config.batch_size, twins.look)
+    predictions, found = twins.drop(predictions)
+    folder = replace(folder, captures=tuple(one.capture for one in predictions), set_aside=(*folder.set_aside, *found))
+    findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
+    training = find_training(folder.captures, workspace, classifier.weights.sha256)
+    origin = find_origin(folder, findings.unpaired, classifier, find_other_classes(folder, classes, classifier))
+    return replace(findings, training=training, origin=origin), folder.notes
+
+
+ASKED = ("trust_files", "sources", "objects", "variants", "corruptions")
+
+
+def describe_asked(captures_dir: Path, workspace: Workspace, config: EvalConfig) -> dict[str, Any]:
+    """What an evaluation was asked, as `summary.json` keeps it: the folder, and what of it was meant."""
+    folder, root = Path(captures_dir).resolve(), workspace.root.resolve()
+    # below the workspace by its place there, so that a workspace can be moved
+    shown = folder.relative_to(root).as_posix() if folder.is_relative_to(root) else str(folder)
+    return {"captures": shown, **config.model_dump(mode="json", include=set(ASKED))}
 
 
 def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
@@ -119,16 +153,18 @@ def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = Fals
 
 def write_evaluation(
     run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
-    kind: Kind = "eval",
+    kind: Kind = "eval", asked: dict[str, Any] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Write what was found; see `evaluate_captures`. `kind` is of the experiment that the evaluation is a part of.
+
+    `asked` is what `toolkit verify` needs to make the result again; None if it was not made from a capture folder.
 
     Raises:
         ToolkitError: `run_dir` cannot be written.
     """
     maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
-    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
+    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind) | {"asked": asked}
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
     write_text(run_dir / PREDICTIONS, encode_predictions(findings.predictions))
     write_json(run_dir / "summary.json", summary)
@@ -227,7 +263,7 @@ def write_report(
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,
         "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, "heat_stops": _list_heat_stops(),
         "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
-        "unseen": describe_unseen(classifier.name, findings.training),
+        "origin": findings.origin, "unseen": describe_unseen(classifier.name, findings.training),
         "corrupted": list_corrupted(one.capture for one in predictions),
         "gated": findings.gated, "gate_lines": findings.gate_lines, "gated_counts": count_gated(findings),
     }  # fmt: skip

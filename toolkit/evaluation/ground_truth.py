@@ -41,7 +41,8 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
         # files are hashed only where some photograph of that name was judged: most folders have no gates
         judged = {key.rpartition(" ")[0] for key in logs[source_dir]}
         if one.refused is None and one.path_in_source in judged and one.file.is_file():
-            line = logs[source_dir].get(f"{one.path_in_source} {sha256_file(one.file)}")
+            sha256 = one.image_sha256 or sha256_file(one.file)
+            line = logs[source_dir].get(f"{one.path_in_source} {sha256}")
             failed = [gate for gate in line.results if gate.failed] if line else []
             words = [f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed]
             one = replace(one, failed_gates=tuple(words))
@@ -89,7 +90,8 @@ def read_labelled_captures(
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, or a broken
             manifest.
     """
-    folder = leave_out_unknown(read_captures(captures_dir, config.selection), workspace, classifier)
+    folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
+    folder = leave_out_unknown(folder, workspace, classifier)
     folder = add_corrupted(mark_failed_gates(folder), config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
 
@@ -150,6 +152,31 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
         else:
             classes[name] = _class_of_folder(name, folder, sorted(specs), classifier)
     return classes
+
+
+def find_other_classes(folder: CaptureFolder, classes: dict[str, int], classifier: Classifier) -> list[str]:
+    """Return a line for each object that was captured as one class and is judged as another.
+
+    Args:
+        folder: images, with the class that their manifest states.
+        classes: from `find_true_classes`.
+        classifier: whose classes are meant.
+    """
+    said: dict[tuple[str, str], int] = Counter(
+        (one.object, one.class_name) for one in folder.captures if one.class_name
+    )
+    lines = []
+    for (name, spelling), count in said.items():
+        try:
+            index = classifier.class_index(int(spelling) if spelling.isdecimal() else spelling)
+        except ToolkitError:
+            continue
+        if index != classes[name]:
+            lines.append(
+                f"{name}: {count} image{'s' if count > 1 else ''} captured as '{spelling}' and judged as "
+                f"'{classifier.labels[classes[name]]}', which its spec names now"
+            )
+    return lines
 
 
 def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> CaptureFolder:

@@ -4,6 +4,7 @@ Items that are no independent draws (pictures of one place, images of one class)
 what intervals and tests count.
 """
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from toolkit.captures.read import POOLED, UNPATCHED, Capture
+from toolkit.captures.capture import UNPATCHED, Capture
+from toolkit.captures.read import POOLED
 from toolkit.core.statistics import (
     Interval,
     PairedOutcomes,
@@ -33,7 +35,6 @@ Estimate = tuple[float, Interval | None]
 PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
 NOUNS = {PATCHED: "patch", TEXTURED: "texture"}
 MAX_FLIPS = 40
-OTHER_PLAN = "another plan was in use"
 MOST_NAMES = 20
 """Of an object's variants, that a reason lists."""
 
@@ -223,7 +224,12 @@ class Pair:
     @property
     def has_one_camera(self) -> bool:
         """Both were taken from one place, as far as it is known."""
-        return self.first.capture.tell_cameras_apart(self.second.capture) is None
+        return self.first.capture.compare_cameras(self.second.capture) is None
+
+    @property
+    def is_alike(self) -> bool:
+        """Both differ in the booster alone, as far as it is known."""
+        return self.first.capture.explain_no_pair(self.second.capture) is None
 
     @property
     def is_gained(self) -> bool:
@@ -375,8 +381,8 @@ def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
 
 def _pair_poses(one: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
     shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
-    # pose 3 of two plans is not one camera: what stands apart is no pair
-    return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
+    # pose 3 of two plans is not one camera, and two lights are not one picture
+    return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.is_alike]
 
 
 def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
@@ -445,17 +451,30 @@ def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection
         return f"no {wanted} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
-    gap = ""
-    for partner in partners:
-        if partner.is_read:
-            apart = one.capture.tell_cameras_apart(partner.capture)
-            if apart is None:  # one partner of the same camera is enough
-                return None
-            gap = gap or apart
-    return (
-        f"its camera and that of {partners[0].capture.path} differ ({gap}): {OTHER_PLAN}, so take both variants again "
-        "with one plan"
-    )
+    gaps = [one.capture.explain_no_pair(partner.capture) for partner in partners if partner.is_read]
+    if None in gaps:  # one partner that differs in the booster alone is enough
+        return None
+    return f"{NO_PAIR}{gaps[0]} than {partners[0].capture.path}"
+
+
+NO_PAIR = "no pair: "
+"""Begins the reason of an image whose partner differs from it in more than the booster."""
+
+
+def count_no_pairs(unpaired: Iterable[tuple[str, str]]) -> list[tuple[str, int]]:
+    """Return each reason for which pairs were not formed, such as `sim/patched: other light`, and for how many images.
+
+    Args:
+        unpaired: (path, reason) from `explain_unpaired`; the images with a booster are counted.
+    """
+    reasons: Counter[str] = Counter()
+    for path, reason in unpaired:
+        source, _, rest = path.partition("/")
+        variant = rest.rpartition("/")[0].rpartition("/")[2]
+        if reason.startswith(NO_PAIR) and variant != UNPATCHED:
+            why = re.split(r" \(| than ", reason.removeprefix(NO_PAIR))[0]
+            reasons[f"{source}/{variant}: {why}"] += 1
+    return list(reasons.items())
 
 
 @dataclass(frozen=True)

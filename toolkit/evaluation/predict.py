@@ -99,12 +99,20 @@ class Prediction:
 
 
 def predict_captures(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, batch_size: int | None = None
-) -> list[Prediction]:
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, batch_size: int | None = None,
+    look: Callable[[Capture, np.ndarray], None] | None = None,
+) -> list[Prediction]:  # fmt: skip
     """Classify images; the order of the result is that of `captures`.
 
     Decoding runs in threads beside the network: Pillow and torch both release the interpreter's lock. At most one batch
     is decoded ahead, so memory does not grow with the number of images.
+
+    Args:
+        captures: the images.
+        true_classes: class index of each object.
+        classifier: answers.
+        batch_size: images per pass; by default as `choose_batch_size` finds it.
+        look: called with each image and its (crop, crop, 3) uint8 pixels.
 
     Raises:
         ToolkitError: the network's output is not finite, or a batch does not fit the GPU.
@@ -122,6 +130,8 @@ def predict_captures(
                 if isinstance(pixels, str):
                     predictions.append(Prediction(capture, true, classifier.labels[true], status=pixels))
                 else:
+                    if look is not None:
+                        look(capture, pixels)
                     predictions.append(_rank(capture, true, classifier, *next(outputs)))
             ticker.advance(len(batch))
     return predictions

@@ -25,6 +25,7 @@ from toolkit.evaluation.metrics import (
     index_poses,
     list_flips,
 )
+from toolkit.evaluation.origin import Origin
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
@@ -138,6 +139,7 @@ class Findings:
         sim_real: rendered sources against photographs of the same poses.
         passed: the same without the photographs that failed a gate; None where none did.
         training: of the boosters, where their records are known.
+        origin: what the result rests on; None for what was not read from captures.
     """
 
     predictions: tuple[Prediction, ...]
@@ -151,6 +153,7 @@ class Findings:
     sim_real: tuple[SimReal, ...]
     passed: "Findings | None"
     training: tuple[Training, ...] = field(default=(), kw_only=True)
+    origin: Origin | None = field(default=None, kw_only=True)
 
     @property
     def gated(self) -> list[Prediction]:
@@ -197,6 +200,9 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
     controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
     question, tone, verdict, sentence}. Both are empty without controls and with one booster.
 
+    `rests_on` holds the fields of `toolkit.evaluation.origin.Origin`: images counted and set aside, and how they were
+    made.
+
     `gates` lists the photographs that failed one, and has `groups` and `pairs` once more without them.
 
     `boosters` lists what is known of the training of each patch and texture that the manifests name {source, object,
@@ -210,6 +216,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
     """
     return {
         **begin_summary(kind, classifier),
+        "rests_on": findings.origin and findings.origin.as_json(),
         "groups": [group.as_json() for group in findings.groups],
         "pairs": [pair.as_pair() for pair in findings.pairs],
         "controls": {

@@ -272,7 +272,7 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
         elif not any(_same_booster(one, partner) for partner in partners):
             reason = f"{other} has another patch or texture there, by the manifests' SHA-256"
         elif not any(_fits(one, partner) for partner in partners):
-            gap = next(filter(None, (capture.tell_cameras_apart(partner.capture) for partner in partners)))
+            gap = next(filter(None, (capture.compare_cameras(partner.capture) for partner in partners)))
             reason = f"{other} {ELSEWHERE} ({gap}): render the photographs' own cameras with capture-sim --like"
         left.append((capture.path, reason))
     return tuple(left)

@@ -2,13 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Protocol, TypeVar
 
 from rich.console import Console
 from rich.table import Table
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.tables import (
     NONE,
     build_table,
@@ -20,7 +19,8 @@ from toolkit.core.tables import (
     format_points_interval,
     format_rank,
 )
-from toolkit.evaluation.metrics import OTHER_PLAN, Comparison, Group, Pair
+from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group, Pair, count_no_pairs
+from toolkit.evaluation.origin import TITLE
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 
@@ -40,7 +40,12 @@ Row = TypeVar("Row", bound=HasObject)
 
 
 def print_tables(console: Console, findings: Findings, network: str = "the network") -> None:
-    """Print the tables of an evaluation, then each result in words."""
+    """Print what an evaluation rests on, its tables, then each result in words."""
+    if findings.origin is not None:
+        console.print(TITLE)
+        for heading, text in findings.origin.lines():
+            console.print(f"  {heading}: {text}", markup=False, highlight=False, soft_wrap=True)
+        console.print()
     for table in build_tables(findings.groups, findings.pairs, count_gated(findings), findings.training):
         console.print(table)
         console.print()
@@ -177,15 +182,13 @@ def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
 
 
 def list_unpaired(items: Sequence[tuple[str, str]]) -> list[str]:
-    """`list_lines` of images without a partner; those of another plan in one line for each variant."""
-    stale = Counter(Path(path).parent.name for path, reason in items if OTHER_PLAN in reason)
+    """`list_lines` of images without a partner; those that differ in more than the booster in one line a reason."""
     lines = [
-        f"{count} {variant} image{'s' if count > 1 else ''} of another plan than the unpatched: in the table, but not "
-        "compared: capture both again with one plan"
-        for variant, count in sorted(stale.items())
-        if variant != UNPATCHED
+        f"{count} pair{'' if count == 1 else 's'} not formed, {reason} than the unpatched: shoot both again"
+        for reason, count in count_no_pairs(items)
     ]
-    return lines + list_lines("without a partner", [(path, why) for path, why in items if OTHER_PLAN not in why])
+    rest = [(path, why) for path, why in items if not why.startswith(NO_PAIR)]
+    return lines + list_lines("without a partner", rest)
 
 
 def list_lines(title: str, items: Sequence[tuple[str, str]]) -> list[str]:

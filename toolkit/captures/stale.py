@@ -1,0 +1,102 @@
+"""Variants of a source that no longer go with what is shot now: another spec, booster, scene or plan."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.captures.capture import SETTINGS
+from toolkit.captures.manifest import LEFT_OUT, CaptureRecord, read_manifest
+from toolkit.captures.read import read_settings
+from toolkit.captures.shoot import ShootSettings, Shot, describe_made, plan_scene
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject, load_object
+from toolkit.rig.plan import CapturePlan
+
+
+@dataclass(frozen=True)
+class StaleVariant:
+    """A variant of an object whose images would look different if they were shot now.
+
+    Attributes:
+        object, variant: whose images.
+        reason: what is different, in words.
+        paths: of the images, below the source.
+        can_shoot: whether the variant can be shot again; False if its booster is missing.
+    """
+
+    object: str
+    variant: str
+    reason: str
+    paths: tuple[str, ...]
+    can_shoot: bool
+
+
+def find_stale(
+    workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Sequence[str], settings: ShootSettings,
+    source_dir: Path,
+) -> list[StaleVariant]:  # fmt: skip
+    """Return the variants of these objects that lie in a source beside `variants`, and are stale.
+
+    Args:
+        workspace: whose objects and boosters are meant.
+        plan: camera and poses.
+        objects: what is about to be shot.
+        variants: in which variants; these are shot in any case.
+        settings: how.
+        source_dir: where the images lie.
+
+    Raises:
+        ToolkitError: the manifest, a spec or a mesh is broken.
+    """
+    groups: dict[tuple[str, str], dict[str, CaptureRecord]] = {}
+    wanted = set(objects)
+    for path, record in read_manifest(source_dir).items():
+        if record.object in wanted and record.variant not in variants and (source_dir / path).is_file():
+            groups.setdefault((record.object, record.variant), {})[path] = record
+    stale = []
+    items: dict[str, TableObject] = {}
+    for (name, variant), records in groups.items():
+        counted = {path: one for path, one in records.items() if LEFT_OUT not in one.made}
+        item = items.setdefault(name, load_object(workspace.object_spec(name)))
+        try:
+            shots = {one.path: one for one in plan_scene(workspace, plan, item, variant, settings)}
+            reason = _explain(counted, shots, item, settings, workspace)
+        except ToolkitError as error:
+            stale.append(StaleVariant(name, variant, str(error), tuple(counted), can_shoot=False))
+            continue
+        if reason:
+            stale.append(StaleVariant(name, variant, reason, tuple(counted), can_shoot=True))
+    return stale
+
+
+def _explain(
+    records: Mapping[str, CaptureRecord], shots: Mapping[str, Shot], item: TableObject, settings: ShootSettings,
+    workspace: Workspace,
+) -> str | None:  # fmt: skip
+    """Return what is different from the images that would be shot now, in words; None if nothing is."""
+    for path, record in records.items():
+        shot = shots.get(path)
+        if shot is None:
+            return SETTINGS["pose_sha256"]
+        if shot.inputs_sha256 == record.inputs_sha256:
+            continue
+        booster = settings.find_booster(workspace, item, record.variant)
+        before, now = read_settings(record.made), read_settings(describe_made(item, booster, settings))
+        differing = [name for name in SETTINGS if name in before and name in now and before[name] != now[name]]
+        if differing:
+            return SETTINGS[differing[0]]
+        if record.booster_sha256 != (booster.sha256 if booster else None):
+            return "another booster"
+        same_place = record.T_world_camera is None or _is_near(record, shot)
+        return "other inputs" if same_place else SETTINGS["pose_sha256"]
+    return None
+
+
+def _is_near(record: CaptureRecord, shot: Shot) -> bool:
+    found = [row for row in record.T_world_camera or ()]
+    expected = shot.T_world_camera.round(6).tolist()
+    lens = record.intrinsics == shot.camera.intrinsics
+    return lens and all(
+        abs(a - b) < 1e-5 for own, other in zip(found, expected, strict=True) for a, b in zip(own, other, strict=True)
+    )

@@ -1,0 +1,165 @@
+"""What a result rests on: the images that were counted and set aside, how they were made, and who judged them."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from toolkit.captures.capture import Capture
+from toolkit.captures.read import CaptureFolder
+from toolkit.captures.reconcile import SHORT, SetAside
+from toolkit.core.files import sha256_bytes
+from toolkit.evaluation.metrics import count_no_pairs
+from toolkit.models.network import Classifier
+from toolkit.rig.variants import CONTROLS
+
+MOST_BOOSTERS = 8
+MOST_REASONS = 6
+TITLE = "What this rests on"
+
+
+@dataclass(frozen=True)
+class SourceOrigin:
+    """How the images of one source were made, as far as its manifest states it.
+
+    Attributes:
+        source: name of the source.
+        n: images that count.
+        has_manifest: whether each image was compared with a manifest; else images are paired by name.
+        renderers, lights: that made the images; empty for photographs.
+        plan: short hash of all poses that the objects were taken from; empty if they are not known.
+        shapes: object and short hash of its mesh.
+        boosters: (variant, name, short hash).
+        controls: variants that are controls.
+    """
+
+    source: str
+    n: int
+    has_manifest: bool
+    renderers: tuple[str, ...]
+    lights: tuple[str, ...]
+    plan: str
+    shapes: tuple[tuple[str, str], ...]
+    boosters: tuple[tuple[str, str, str], ...]
+    controls: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """One of the `sources` of `rests_on`."""
+        lists = {name: list(getattr(self, name)) for name in ("renderers", "lights", "controls")}
+        boosters = [{"variant": variant, "name": name, "sha256": sha256} for variant, name, sha256 in self.boosters]
+        return vars(self) | lists | {"shapes": dict(self.shapes), "boosters": boosters}
+
+    def describe(self) -> str:
+        """All of it in one line."""
+        made = f"rendered by {_list(self.renderers)}, {_list(self.lights)} light" if self.renderers else "not rendered"
+        how = "compared with manifest.jsonl" if self.has_manifest else "no manifest: pairing by name"
+        plan = f", plan {self.plan}" if self.plan else ""
+        controls = f"controls {_list(self.controls)}" if self.controls else "no controls"
+        return f"{self.n} image{'' if self.n == 1 else 's'}, {how}; {made}{plan}; {controls}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a result rests on.
+
+    Attributes:
+        counted: how many images count.
+        set_aside: the images that do not, each with its reason.
+        is_trusted: images that differ from their manifest were counted all the same.
+        sources: how the images of each source were made.
+        no_pairs: why pairs were not formed, and of how many images.
+        network: that judged: its name, weights and number of classes.
+        notes: contradictions that a reader should know.
+    """
+
+    counted: int
+    set_aside: tuple[SetAside, ...]
+    is_trusted: bool
+    sources: tuple[SourceOrigin, ...]
+    no_pairs: tuple[tuple[str, int], ...]
+    network: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def faults(self) -> list[tuple[str, str]]:
+        """(path, reason) of the images in which a folder contradicts itself."""
+        return [(one.path, one.reason) for one in self.set_aside if one.is_fault]
+
+    def as_json(self) -> dict[str, Any]:
+        """The field `rests_on` of `summary.json`."""
+        return {
+            "counted": self.counted, "set_aside": [one.as_json() for one in self.set_aside],
+            "trusted_files": self.is_trusted, "sources": [one.as_json() for one in self.sources],
+            "pairs_not_formed": [{"reason": reason, "n": n} for reason, n in self.no_pairs], "network": self.network,
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+    def lines(self) -> list[tuple[str, str]]:
+        """(heading, text) for people, one screen at most."""
+        reasons = Counter(one.reason.partition(":")[0] for one in self.set_aside).most_common(MOST_REASONS)
+        aside = "".join(f"; {n} set aside: {reason}" for reason, n in reasons)
+        trust = "; files were trusted over their manifest" if self.is_trusted else ""
+        rows = [("images", f"{self.counted} counted{aside}{trust}")]
+        rows += [("pairs", f"{n} not formed, {reason}") for reason, n in self.no_pairs[:MOST_REASONS]]
+        rows += [(one.source, one.describe()) for one in self.sources]
+        worn = dict.fromkeys((name, sha) for one in self.sources for _, name, sha in one.boosters)
+        named = [f"{name} {sha}".strip() for name, sha in worn]
+        more = f" and {len(named) - MOST_BOOSTERS} more" if len(named) > MOST_BOOSTERS else ""
+        rows += [("boosters", ", ".join(named[:MOST_BOOSTERS]) + more)] if named else []
+        return [*rows, ("network", self.network), *(("note", note) for note in self.notes)]
+
+
+def find_origin(
+    folder: CaptureFolder, unpaired: Iterable[tuple[str, str]], classifier: Classifier, notes: Sequence[str] = ()
+) -> Origin:
+    """Gather what the result of an evaluation rests on.
+
+    Args:
+        folder: whose images were judged.
+        unpaired: (path, reason) of images without a partner.
+        classifier: that judged.
+        notes: contradictions that were found besides.
+    """
+    network = (
+        f"{classifier.name}, weights {classifier.weights.name} {classifier.weights.sha256[:SHORT]}, "
+        f"{len(classifier.labels)} classes"
+    )
+    sources = dict.fromkeys(one.source for one in folder.captures)
+    return Origin(
+        len(folder.captures), folder.set_aside, folder.is_trusted,
+        tuple(_describe_source(name, folder) for name in sources),
+        tuple(count_no_pairs(unpaired)), network, tuple(notes),
+    )  # fmt: skip
+
+
+def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
+    own = [one for one in folder.captures if one.source == source]
+    boosters = {
+        (one.variant, str(one.settings.get("booster") or ""), one.booster_sha256[:SHORT])
+        for one in own if one.booster_sha256
+    }  # fmt: skip
+    posed = [one for one in own if one.T_world_camera is not None]
+    meshes = {(one.object, one.settings.get("mesh_sha256")) for one in own}
+    shapes = {(name, str(sha256)[:SHORT]) for name, sha256 in meshes if sha256}
+    return SourceOrigin(
+        source, len(own), has_manifest=source not in folder.without_manifest,
+        renderers=_collect(own, "renderer"), lights=_collect(own, "light"),
+        plan=_hash_poses(posed) if posed else "",
+        shapes=tuple(sorted(shapes)),
+        boosters=tuple(sorted(boosters)),
+        controls=tuple(name for name in CONTROLS if any(one.variant == name for one in own)),
+    )  # fmt: skip
+
+
+def _collect(captures: Sequence[Capture], name: str) -> tuple[str, ...]:
+    return tuple(sorted({str(one.settings[name]) for one in captures if one.settings.get(name)}))
+
+
+def _hash_poses(captures: Sequence[Capture]) -> str:
+    """Return the short hash of all places that objects were taken from."""
+    poses = {(one.object, one.pose_id, one.T_world_camera, one.focal_length) for one in captures}
+    return sha256_bytes("\n".join(sorted(map(str, poses))).encode())[:SHORT]
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names) or "unknown"

@@ -1,0 +1,142 @@
+"""`toolkit verify`: make a result again from its images and weights, and say whether it is the same."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import load_json
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.evaluate import ASKED, judge_captures
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
+from toolkit.evaluation.results import summarise
+from toolkit.evaluation.summaries import SUMMARY, Run, open_run
+from toolkit.models.network import Classifier
+
+ANSWERS = ("true_index", "top1_index", "correct_top1", "correct_top5", "status")
+"""What a result counts; probabilities may differ in their last digits from one machine to another."""
+COUNTED = ("groups", "pairs", "controls")
+"""The parts of a summary that follow from the predictions."""
+
+
+@dataclass(frozen=True)
+class Verified:
+    """How a result compares with what was found this time.
+
+    Attributes:
+        run: name of the run.
+        n: images in its table.
+        differing: (path, what differs) of images whose answer is another, or that are in one table alone.
+        other_digits: images with the same answer and other digits of a probability.
+        parts: names of the parts of the summary that differ.
+    """
+
+    run: str
+    n: int
+    differing: tuple[tuple[str, str], ...]
+    other_digits: int
+    parts: tuple[str, ...]
+
+    @property
+    def is_same(self) -> bool:
+        """Whether the result was found again."""
+        return not self.differing and not self.parts
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        differing = [{"path": path, "reason": why} for path, why in self.differing]
+        return vars(self) | {"same": self.is_same, "differing": differing, "parts": list(self.parts)}
+
+    def describe(self) -> str:
+        """The result in one sentence."""
+        digits = f", {self.other_digits} with other digits of a probability" if self.other_digits else ""
+        if self.is_same:
+            return f"{self.run}: the same result, {self.n} of {self.n} answers{digits}"
+        parts = f"; {', '.join(self.parts)} of {SUMMARY} differ" if self.parts else ""
+        return f"{self.run}: NOT the same result: {len(self.differing)} of {self.n} answers differ{parts}"
+
+
+class _Asked(BaseModel):
+    """What is read of a summary's `asked`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    captures: str
+    trust_files: bool = False
+    sources: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    corruptions: tuple[tuple[str, int], ...] = ()
+
+
+def read_asked(workspace: Workspace, name: str | Path) -> tuple[Run, dict[str, Any], _Asked]:
+    """Return a run, its summary, and what it was asked.
+
+    Raises:
+        ToolkitError: there is no such run, its summary is damaged, or it does not state what was asked.
+    """
+    run = open_run(workspace, name)
+    summary = load_json(run.folder / SUMMARY)
+    try:
+        asked = _Asked.model_validate(summary.get("asked") or {})
+    except ValueError:
+        raise ToolkitError(
+            f"{run.folder / SUMMARY} does not state from which folder it was made (kind '{run.kind}', or an earlier "
+            "version): only results of 'toolkit eval' with a classifier can be verified; run it again"
+        ) from None
+    return run, summary, asked
+
+
+def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -> Verified:
+    """Make the result of `toolkit eval` again, and compare it with its files; nothing is written.
+
+    Args:
+        workspace: whose run and captures are meant.
+        name: of the run below `eval/`, or its folder.
+        classifier: the network that judged.
+
+    Raises:
+        ToolkitError: as `read_asked` and `evaluate_captures`, or the network is another than the result's.
+    """
+    run, summary, asked = read_asked(workspace, name)
+    model = summary["model"]
+    for field, found in (("sha256", classifier.weights.sha256), ("preprocessing", classifier.preprocessing.describe())):
+        if model.get(field) != found:
+            raise ToolkitError(
+                f"{run.name}: judged by {model.get('name')} with {field} {model.get(field)}, and {classifier.name} "
+                f"here has {found}: name the network that judged with --model or --weights"
+            )
+    captures_dir = workspace.root / asked.captures
+    config = EvalConfig(**{key: getattr(asked, key) for key in ASKED}, saliency=False)
+    findings, notes = judge_captures(captures_dir, workspace, classifier, config)
+    before = {one.capture.path: one for one in read_predictions(run, captures_dir)}
+    now = {one.capture.path: one for one in findings.predictions}
+    differing = {path: why for path in sorted(before | now) if (why := _compare(before.get(path), now.get(path)))}
+    again = summarise(classifier, findings, notes)
+    parts = tuple(part for part in COUNTED if _round(again[part]) != _round(summary.get(part)))
+    same = [path for path in before if path not in differing]
+    other_digits = sum(encode_predictions([before[path]]) != encode_predictions([now[path]]) for path in same)
+    return Verified(run.name, len(before), tuple(differing.items()), other_digits, parts)
+
+
+def _compare(before: Prediction | None, now: Prediction | None) -> str | None:
+    """Return in what two answers about one image differ, in words; None if in nothing that is counted."""
+    if before is None:
+        return "not in the table"
+    if now is None:
+        return "in the table, and does not count now"
+    names = [name for name in ANSWERS if getattr(before, name) != getattr(now, name)]
+    was, is_now = (", ".join(f"{name} {getattr(one, name)}" for name in names) for one in (before, now))
+    return f"{was} in the table, {is_now} now" if names else None
+
+
+def _round(content: Any) -> Any:
+    """Return a part of a summary with its numbers rounded below what a machine's last digits change."""
+    if isinstance(content, float):
+        return round(content, 4)
+    if isinstance(content, dict):
+        return {key: _round(value) for key, value in content.items()}
+    return [_round(one) for one in content] if isinstance(content, list | tuple) else content
