@@ -144,7 +144,10 @@ def test_an_image_that_does_not_decode_is_listed(space, type_command):
     (space.captures_dir / "sim/crate/mine").mkdir()
     (space.captures_dir / "sim/crate/mine/1.png").write_bytes(b"")
     said = type_command("--corrupt", "fog:3", "--backdrop", "white", "--quiet", code=1)
-    assert "skipped sim-fog-3/crate/mine/1.png: the file is empty" in said.err and "corrupted 4 of them" in said.out
+    assert (
+        "skipped sim-fog-3/crate/mine/1.png: manifest.jsonl does not list it" in said.err
+        and "corrupted 4 of them" in said.out
+    )
 
 
 @pytest.mark.parametrize("size", [(640, 480), (301, 200), (200, 333), (224, 224)])

@@ -77,6 +77,7 @@ def furnish(space: Workspace) -> None:
                 append_record(folder, CaptureRecord(
                     path=path, object="crate", variant=variant, pose_id=pose.id, image_sha256=sha256_bytes(content),
                     T_world_camera=pose.matrix().tolist(), intrinsics=plan.camera.intrinsics, made=made,
+                    booster_sha256="ab" * 32 if (source, variant) == ("sim", "patched") else None,
                 ))  # fmt: skip
                 gates = (GateResult("sharpness", 1.0, 2.0, "px", "failed", "again"),)
                 append_check(folder, path, sha256_bytes(content), PhotoCheck(gates, None), "setup")

@@ -32,6 +32,7 @@ COMMANDS = {
     "world preview": ("world", "preview", "nowhere.glb"),
     "world export": ("world", "export", "nowhere.glb"),
     "runs": ("runs", "--all"),
+    "verify": ("verify", "one"),
     "compare": ("compare", "one", "other"),
     "report": ("report", "--all"),
     "export": ("export",),

@@ -50,7 +50,7 @@ class Capture:
         cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
             that is corrupted when it is read, after it was resized and cut for the network.
         failed_gates: what its photograph failed when it was judged, such as `over-exposure 64 % of the object clipped`.
-        image_sha256: hash of the file's bytes, as they are; None where the folder has no manifest.
+        image_sha256: hash of the file's bytes, as they are; None if it cannot be opened.
         settings: how it was made, of `SETTINGS` what the manifest's line states.
     """
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
+from toolkit.captures.read import find_faults
 from toolkit.core.errors import FieldError
 from toolkit.core.records import hold_folder
 from toolkit.rig.camera import Camera
@@ -54,13 +55,13 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     """
     from toolkit.corruptions.folder import corrupt_folder
 
-    made = []
+    made, skip = [], find_faults(source_dir)
     for corruption in corruptions:
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         # two runs at once would both append to the manifest
         with hold_folder(out):
             _check_own(out, corruption)
-            done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX)
+            done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
             _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made

@@ -121,10 +121,7 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
         captures.append(_capture(root / Path(*parts), full, record, refused))
     known = {name: _open_source(name, folder, manifests[folder]) for name, folder in sources.items()}
     known = {name: one for name, one in known.items() if one.records}
-    wanted = [
-        replace(one, image_sha256=_hash_file(one)) if one.source in known else one
-        for one in _select(captures, selection or Selection())
-    ]
+    wanted = [replace(one, image_sha256=_hash_file(one)) for one in _select(captures, selection or Selection())]
     counted, aside = reconcile(_pair_by_stem(wanted), known, trust_files=trust_files)
     if not trust_files:
         aside += find_missing(wanted, known)
@@ -138,6 +135,21 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     return CaptureFolder(
         root, tuple(counted), tuple(unread), notes, tuple(aside), tuple(without), is_trusted=trust_files and bool(known)
     )
+
+
+def find_faults(root: Path) -> dict[str, str]:
+    """Return the images below a folder that contradict their manifest, by path below it, and why.
+
+    A folder without a manifest in it, or in a folder directly below it, has none.
+
+    Raises:
+        ToolkitError: as `read_captures`.
+    """
+    is_source = (root / MANIFEST).is_file()
+    if not (root.is_dir() and (is_source or any(root.glob(f"*/{MANIFEST}")))):
+        return {}
+    faults = read_captures(root).faults
+    return {path.partition("/")[2] if is_source else path: reason for path, reason in faults}
 
 
 def _open_source(name: str, folder: Path, records: dict[str, CaptureRecord]) -> SourceManifest:

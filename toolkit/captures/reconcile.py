@@ -6,12 +6,12 @@ A result is only as good as its images. Every reader of captures takes them from
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from toolkit.captures.capture import UNPATCHED, Capture
 from toolkit.captures.manifest import LEFT_OUT, MANIFEST, CaptureRecord
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file
 from toolkit.rig.variants import VARIANTS
 
 SHEET = "sheet_sha256"
@@ -51,8 +51,13 @@ class SourceManifest:
 
     source: str
     folder: Path
-    records: Mapping[str, CaptureRecord]
-    originals: Mapping[str, CaptureRecord]
+    records: dict[str, CaptureRecord]
+    originals: dict[str, CaptureRecord]
+
+    @cached_property
+    def paths(self) -> dict[str | None, str]:
+        """Path of each image by the hash of its file; of equal images the first."""
+        return {record.image_sha256: path for path, record in reversed(self.records.items())}
 
 
 def reconcile(
@@ -120,7 +125,7 @@ def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
     if record is not None and record.image_sha256 in (None, sha256):
         return None
     # the same bytes may be listed elsewhere: then a folder or file was renamed, swapped or copied
-    own = next((path for path, one in manifest.records.items() if sha256 and one.image_sha256 == sha256), None)
+    own = manifest.paths.get(sha256) if sha256 else None
     if own is not None:
         return (
             f"by {MANIFEST} this picture is {manifest.source}/{own}: was a folder or file renamed, swapped or copied?"
@@ -208,7 +213,7 @@ def _drop_doubles(
             key: tuple[object, ...] = (one.source, one.object, one.variant, one.pose_id, one.T_world_camera)
             why = "shot again as {}, which counts"
         elif not one.is_rendered:
-            key = (one.source, one.object, one.variant, one.image_sha256 or _hash(one.file))
+            key = (one.source, one.object, one.variant, one.image_sha256 or one.path)
             why = "the same photograph as {}, which counts once"
         else:
             continue
@@ -217,11 +222,3 @@ def _drop_doubles(
             dropped.append(SetAside(one.path, why.format(kept.path), is_fault=False))
     gone = {one.path for one in dropped}
     return [one for one in captures if one.path not in gone], dropped
-
-
-def _hash(file: Path) -> str:
-    """Return the hash of a file; of one that cannot be read, which is told elsewhere, its name."""
-    try:
-        return sha256_file(file)
-    except OSError:
-        return str(file)

@@ -95,6 +95,8 @@ def _detect(
         show_json(done.summary)
     else:
         say(f"detector: {detector.name} ({detector.arch}, weights {detector.weights.name})")
+        for heading, text in done.origin.lines():
+            say(f"  {heading}: {text}")
         rows = [
             (
                 one.source, one.object, one.variant, one.n, format_percent(one.found), format_interval(one.found_ci95),
@@ -213,13 +215,15 @@ def corrupt(
 
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
+    from toolkit.captures.read import find_faults
     from toolkit.corruptions.folder import corrupt_images
     from toolkit.models.network import choose_device
 
     chosen = parse_corruptions(names, severities or SEVERITIES)
     result = corrupt_images(
-        source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=choose_device(device)
-    )
+        source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=choose_device(device),
+        skip=find_faults(source),
+    )  # fmt: skip
     if as_json:
         show_json({"out": str(out)} | result.as_json())
     else:

@@ -240,19 +240,19 @@ class CorruptResult:
 
 def corrupt_images(
     source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
-    image_format: str = "png", device: str = "cpu",
+    image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
 ) -> CorruptResult:  # fmt: skip
     """`corrupt_file` for one image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         return corrupt_file(source, out, corruptions, seed=seed, size_px=size_px, device=device)
     return corrupt_folder(
-        source, out, corruptions, seed=seed, size_px=size_px, image_format=image_format, device=device
+        source, out, corruptions, seed=seed, size_px=size_px, image_format=image_format, device=device, skip=skip
     )
 
 
 def corrupt_folder(
     source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
-    image_format: str = "png", device: str = "cpu",
+    image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
 ) -> CorruptResult:  # fmt: skip
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
@@ -267,6 +267,7 @@ def corrupt_folder(
         size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
         image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
         device: cpu or cuda.
+        skip: images by their path below `source` that are not corrupted, and why; they are listed as failed.
 
     Raises:
         ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
@@ -277,6 +278,9 @@ def corrupt_folder(
     _check_settings(source, out, size_px, image_format)
     single = len(plan) == 1
     sources, refused = _list_sources(source, out, image_format)
+    skipped = skip or {}
+    refused = [*refused, *((one.path, skipped[one.path]) for one in sources if one.path in skipped)]
+    sources = [one for one in sources if one.path not in skipped]
     alone = plan[0] if single else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format

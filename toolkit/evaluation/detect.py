@@ -28,10 +28,12 @@ from toolkit.evaluation.metrics import (
     RowKey,
     compare_controls,
     compare_unpatched,
+    explain_unpaired,
     group_images,
     index_poses,
     rank_variant,
 )
+from toolkit.evaluation.origin import Origin, find_origin
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
@@ -215,6 +217,7 @@ class DetectionRun:
         notes: what else the reader should know.
         run_dir: the folder `eval/RUN`.
         summary: what `summary.json` holds.
+        origin: what the result rests on.
     """
 
     images: tuple[DetectedImage, ...]
@@ -224,6 +227,7 @@ class DetectionRun:
     notes: tuple[str, ...]
     run_dir: Path
     summary: dict[str, Any]
+    origin: Origin
 
 
 def evaluate_detector(
@@ -244,7 +248,8 @@ def evaluate_detector(
         ToolkitError: no image with a known box, no object whose class the detector knows, or `eval/` cannot be
             written.
     """
-    folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
+    folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
+    folder = add_corrupted(folder, config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [one for one in folder.captures if one.object in classes]
     # the truth of a corrupted picture is that of the one it was made from: boxes do not move
@@ -267,8 +272,9 @@ def evaluate_detector(
     notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
     if run_dir.name != name:
         notes = (*notes, f"{run_dir.with_name(name)} holds another result, and stays as it is")
+    origin = find_origin(folder, explain_unpaired(predictions, poses), detector)
     summary = {
-        "schema_version": SCHEMA_VERSION, "kind": "detections",
+        "schema_version": SCHEMA_VERSION, "kind": "detections", "rests_on": origin.as_json(),
         "model": {"name": detector.name, "arch": detector.arch, "weights": detector.weights.name,
                   "sha256": detector.weights.sha256},
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
@@ -277,8 +283,9 @@ def evaluate_detector(
         "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
     }  # fmt: skip
     run = DetectionRun(
-        tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders), notes, run_dir, summary
-    )
+        tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders, *origin.faults), notes, run_dir,
+        summary, origin,
+    )  # fmt: skip
     write_text(run_dir / "detections.csv", table)
     write_json(run_dir / "summary.json", summary)
     write_detection_report(run_dir / "report.html", run, detector)
@@ -397,7 +404,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
         "title": path.parent.name, "detector": detector, "groups": run.groups, "pairs": pairs,
         "comparisons": [one for one in run.pairs if one.first != "unpatched"], "cards": cards,
         "n_hidden": max(0, len(run.images) - MOST_PICTURES), "left_out": run.left_out, "notes": run.notes,
-        "found": run.summary["found"], "lines": describe_pairs(run),
+        "found": run.summary["found"], "lines": describe_pairs(run), "origin": run.origin,
     }  # fmt: skip
     return write_page(path, "toolkit.evaluation", "detections.html.j2", context)
 

@@ -451,10 +451,14 @@ def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection
         return f"no {wanted} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
-    gaps = [one.capture.explain_no_pair(partner.capture) for partner in partners if partner.is_read]
-    if None in gaps:  # one partner that differs in the booster alone is enough
-        return None
-    return f"{NO_PAIR}{gaps[0]} than {partners[0].capture.path}"
+    gap = ""
+    for partner in partners:
+        if partner.is_read:
+            found = one.capture.explain_no_pair(partner.capture)
+            if found is None:  # one partner that differs in the booster alone is enough
+                return None
+            gap = gap or found
+    return f"{NO_PAIR}{gap} than {partners[0].capture.path}"
 
 
 NO_PAIR = "no pair: "

@@ -10,6 +10,7 @@ from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import sha256_bytes
 from toolkit.evaluation.metrics import count_no_pairs
+from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 from toolkit.rig.variants import CONTROLS
 
@@ -64,6 +65,7 @@ class Origin:
 
     Attributes:
         counted: how many images count.
+        images_sha256: hash of their paths and of the hashes of their files.
         set_aside: the images that do not, each with its reason.
         is_trusted: images that differ from their manifest were counted all the same.
         sources: how the images of each source were made.
@@ -73,6 +75,7 @@ class Origin:
     """
 
     counted: int
+    images_sha256: str
     set_aside: tuple[SetAside, ...]
     is_trusted: bool
     sources: tuple[SourceOrigin, ...]
@@ -88,8 +91,8 @@ class Origin:
     def as_json(self) -> dict[str, Any]:
         """The field `rests_on` of `summary.json`."""
         return {
-            "counted": self.counted, "set_aside": [one.as_json() for one in self.set_aside],
-            "trusted_files": self.is_trusted, "sources": [one.as_json() for one in self.sources],
+            "counted": self.counted, "images_sha256": self.images_sha256, "trusted_files": self.is_trusted,
+            "set_aside": [one.as_json() for one in self.set_aside], "sources": [one.as_json() for one in self.sources],
             "pairs_not_formed": [{"reason": reason, "n": n} for reason, n in self.no_pairs], "network": self.network,
             "notes": list(self.notes),
         }  # fmt: skip
@@ -110,26 +113,34 @@ class Origin:
 
 
 def find_origin(
-    folder: CaptureFolder, unpaired: Iterable[tuple[str, str]], classifier: Classifier, notes: Sequence[str] = ()
+    folder: CaptureFolder,
+    unpaired: Iterable[tuple[str, str]],
+    network: Classifier | Detector,
+    notes: Sequence[str] = (),
 ) -> Origin:
     """Gather what the result of an evaluation rests on.
 
     Args:
         folder: whose images were judged.
         unpaired: (path, reason) of images without a partner.
-        classifier: that judged.
+        network: that judged.
         notes: contradictions that were found besides.
     """
-    network = (
-        f"{classifier.name}, weights {classifier.weights.name} {classifier.weights.sha256[:SHORT]}, "
-        f"{len(classifier.labels)} classes"
+    named = (
+        f"{network.name}, weights {network.weights.name} {network.weights.sha256[:SHORT]}, "
+        f"{len(network.labels)} classes"
     )
     sources = dict.fromkeys(one.source for one in folder.captures)
     return Origin(
-        len(folder.captures), folder.set_aside, folder.is_trusted,
+        len(folder.captures), hash_captures(folder.captures), folder.set_aside, folder.is_trusted,
         tuple(_describe_source(name, folder) for name in sources),
-        tuple(count_no_pairs(unpaired)), network, tuple(notes),
+        tuple(count_no_pairs(unpaired)), named, tuple(notes),
     )  # fmt: skip
+
+
+def hash_captures(captures: Iterable[Capture]) -> str:
+    """Return one hash of all images: of their paths, and of the hashes of their files."""
+    return sha256_bytes("".join(sorted(f"{one.image_sha256} {one.path}\n" for one in captures)).encode())
 
 
 def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:

@@ -11,7 +11,6 @@ from sys import intern
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.corrupted_copy import name_source
-from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
@@ -249,16 +248,10 @@ def has_own_file(one: Prediction, captures_dir: Path) -> bool:
 
 
 def hash_images(predictions: Sequence[Prediction], captures_dir: Path) -> Iterator[str | None]:
-    """SHA-256 of each image's file, from its source's manifest where that has it; None of a file that is gone."""
-    known: dict[Path, dict[str, CaptureRecord]] = {}
+    """SHA-256 of each image's file as it is now; None of a file that is gone."""
     for one in predictions:
-        capture = one.capture
-        source_dir = captures_dir / capture.source
-        if source_dir not in known:
-            known[source_dir] = read_manifest(source_dir)
-        record = known[source_dir].get(capture.path_in_source)
         try:
-            yield (record and record.image_sha256) or sha256_file(capture.file)
+            yield sha256_file(one.capture.file)
         except (OSError, ValueError):
             yield None
 

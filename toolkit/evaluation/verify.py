@@ -32,7 +32,7 @@ class Verified:
         n: images in its table.
         differing: (path, what differs) of images whose answer is another, or that are in one table alone.
         other_digits: images with the same answer and other digits of a probability.
-        parts: names of the parts of the summary that differ.
+        parts: what else differs: `images`, if their files are others, and parts of the summary.
     """
 
     run: str
@@ -116,7 +116,9 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
     now = {one.capture.path: one for one in findings.predictions}
     differing = {path: why for path in sorted(before | now) if (why := _compare(before.get(path), now.get(path)))}
     again = summarise(classifier, findings, notes)
-    parts = tuple(part for part in COUNTED if _round(again[part]) != _round(summary.get(part)))
+    before_sha256 = (summary.get("rests_on") or {}).get("images_sha256")
+    images = ["images"] if before_sha256 != again["rests_on"]["images_sha256"] else []
+    parts = (*images, *(part for part in COUNTED if _round(again[part]) != _round(summary.get(part))))
     same = [path for path in before if path not in differing]
     other_digits = sum(encode_predictions([before[path]]) != encode_predictions([now[path]]) for path in same)
     return Verified(run.name, len(before), tuple(differing.items()), other_digits, parts)

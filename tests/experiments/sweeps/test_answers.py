@@ -14,12 +14,14 @@ from toolkit.models.weights import WeightsFile
 
 @pytest.fixture
 def captures(tmp_path):
-    """Three images: red, white, and a copy of the red one."""
+    """Three images: red, white, and a copy of the red one in another variant."""
     folder = tmp_path / "captures/sim/crate/patched"
     folder.mkdir(parents=True)
     for i, colour in ((1, (220, 10, 10)), (2, (240, 240, 240))):
         Image.fromarray(np.full((72, 96, 3), colour, np.uint8)).save(folder / f"{i}.png")
-    shutil.copy(folder / "1.png", folder / "3.png")
+    other = folder.with_name("unpatched")
+    other.mkdir()
+    shutil.copy(folder / "1.png", other / "3.png")
     return read_captures(tmp_path / "captures").captures
 
 

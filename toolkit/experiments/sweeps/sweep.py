@@ -15,6 +15,7 @@ from toolkit.engine.units import Engine
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
+from toolkit.evaluation.origin import find_origin
 from toolkit.evaluation.predict import predict_once
 from toolkit.evaluation.results import compare_predictions
 from toolkit.experiments.sweeps import SweepConfig
@@ -90,6 +91,7 @@ def run_sweep(
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
+    findings = replace(findings, origin=find_origin(captures, findings.unpaired, classifier))
     settings = EvalConfig(saliency=False)
     evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
     model = {key: evaluation.summary["model"][key] for key in ("name", "arch", "weights", "sha256")}

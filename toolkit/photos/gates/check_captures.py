@@ -301,7 +301,8 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
 
 
 def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
-    captures = read_captures(source_dir).captures
+    folder = read_captures(source_dir)
+    captures = folder.captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)
     expecter, locate = ExpectationBuilder(workspace), locate_by_board(workspace)
@@ -317,7 +318,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
         return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))
 
     photos: list[CheckedPhoto] = []
-    unreadable: list[tuple[str, str]] = []
+    unreadable = [(path.partition("/")[2], reason) for path, reason in folder.faults]
     with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
