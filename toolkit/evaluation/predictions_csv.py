@@ -16,7 +16,7 @@ from toolkit.captures.read import Capture
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
-from toolkit.core.tables import decode_cell, encode_csv
+from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
 from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
@@ -94,9 +94,9 @@ def _round(share: float | None) -> str | None:
     return None if share is None else f"{share:.4f}"
 
 
-def format_box(box: Iterable[float] | None) -> str | None:
+def format_box(box: Iterable[float] | None) -> FormattedNumber | None:
     """`10.0 20.0 30.0 40.0`."""
-    return None if box is None else " ".join(f"{float(side):.1f}" for side in box)
+    return None if box is None else FormattedNumber(" ".join(f"{float(side):.1f}" for side in box))
 
 
 def read_detection(line: Mapping[str, str]) -> Detection:
