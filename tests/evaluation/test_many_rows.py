@@ -3,10 +3,12 @@
 import csv
 import io
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from toolkit.captures.read import Capture
+from toolkit.core.errors import ToolkitError
 from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
@@ -51,9 +53,6 @@ def test_labels_that_are_formulas_are_read_back(tmp_path):
 
 
 def test_a_file_is_found_through_links_and_not_outside(tmp_path):
-    import pytest
-
-    from toolkit.core.errors import ToolkitError
 
     captures = tmp_path / "captures"
     (captures / "sim" / "car" / "patched").mkdir(parents=True)
@@ -70,3 +69,25 @@ def test_a_file_is_found_through_links_and_not_outside(tmp_path):
     link.symlink_to(tmp_path / "predictions.csv")
     with pytest.raises(ToolkitError, match="leaves its folder"):
         read_predictions(run, captures)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [
+        ("top1_prob", "nan"), ("top1_prob", "-inf"), ("true_prob", "1e400"), ("true_prob", "-0.1"), ("top1_prob", "2"),
+        ("true_rank", "0"), ("true_rank", "9" * 30), ("true_index", "9" * 5000), ("top1_index", "-1"),
+        ("top1_index", str(2**31)), ("pose_id", "9" * 5000), ("pose_id", "-3"),
+    ],
+)  # fmt: skip
+def test_a_number_that_none_can_be_is_a_line(tmp_path, column, cell):
+    run = write_run(tmp_path, [make_prediction(tmp_path, "car", "patched", k) for k in (1, 2)])
+    file = tmp_path / "predictions.csv"
+    heads, first, second = csv.reader(file.read_text().splitlines())
+    second[heads.index(column)] = cell
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows([heads, first, second])
+    with pytest.raises(
+        ToolkitError, match=r"predictions\.csv is damaged \('.*: expected a (whole number|prob)"
+    ) as said:
+        read_predictions(run, tmp_path)
+    assert len(str(said.value)) < 300
