@@ -17,7 +17,6 @@ from toolkit.core.files import (
     real_path,
     sha256_bytes,
     sha256_file,
-    without_links,
     write_bytes,
     write_json,
 )
@@ -155,12 +154,6 @@ def test_a_sibling_with_the_same_beginning_is_outside(tmp_path):
 def test_unknown_names_get_the_nearest_known_ones():
     assert str(one_of("object", "racr", ["racer", "eggnog"])) == "no object called 'racr': did you mean racer?"
     assert str(one_of("object", "zzz", ["racer", "eggnog"])) == "no object called 'zzz': known: racer, eggnog"
-
-
-def test_no_workspace_is_made_at_a_link_in_a_circle(tmp_path):
-    (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises(ToolkitError, match="link"):
-        without_links(tmp_path / "loop", "rig/objects")
 
 
 def test_links_in_a_circle_have_a_place(tmp_path):

@@ -3,11 +3,13 @@
 import csv
 import io
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from toolkit.captures.read import Capture
-from toolkit.core.tables import decode_cell, encode_csv
+from toolkit.core.errors import ToolkitError
+from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.summaries import Run
@@ -32,16 +34,13 @@ def test_no_cell_is_a_formula_and_every_text_comes_back(texts):
     written = encode_csv(["text"] * len(texts), [texts])
     cells = list(csv.reader(io.StringIO(written, newline="")))[1]
     assert [decode_cell(cell) for cell in cells] == [text.replace("\0", "␀") for text in texts] and "\0" not in written
-    assert not any(cell[:1] in tuple("=@\t\r") and cell for cell in cells)
-    assert all(cell[:1] not in ("+", "-") or cell[1:].replace(".", "").replace("e", "").replace(" ", "").isdecimal()
-               for cell in cells)  # fmt: skip
+    assert not any(cell.startswith(tuple("=+-@\t\r\n")) for cell in cells)
 
 
 def test_numbers_stay_numbers():
-    row = [-0.5, -3, "-0.25", "+1", "1e-05", "-1e-05", "-0.5 2.0 -3.5 4.0", None, True]
-    assert (
-        encode_csv(["x"] * len(row), [row]).splitlines()[1] == "-0.5,-3,-0.25,+1,1e-05,-1e-05,-0.5 2.0 -3.5 4.0,,True"
-    )
+    row = [-0.5, -3, 1e-05, -1e-05, FormattedNumber("-0.5 2.0 -3.5 4.0"), None, True]
+    assert encode_csv(["x"] * len(row), [row]).splitlines()[1] == "-0.5,-3,1e-05,-1e-05,-0.5 2.0 -3.5 4.0,,True"
+    assert encode_csv(["+x"], [["+1"], ["-1 -2"]]).splitlines() == ["'+x", "'+1", "'-1 -2"], "folders of that name"
 
 
 def test_labels_that_are_formulas_are_read_back(tmp_path):
@@ -54,9 +53,6 @@ def test_labels_that_are_formulas_are_read_back(tmp_path):
 
 
 def test_a_file_is_found_through_links_and_not_outside(tmp_path):
-    import pytest
-
-    from toolkit.core.errors import ToolkitError
 
     captures = tmp_path / "captures"
     (captures / "sim" / "car" / "patched").mkdir(parents=True)
@@ -73,3 +69,25 @@ def test_a_file_is_found_through_links_and_not_outside(tmp_path):
     link.symlink_to(tmp_path / "predictions.csv")
     with pytest.raises(ToolkitError, match="leaves its folder"):
         read_predictions(run, captures)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [
+        ("top1_prob", "nan"), ("top1_prob", "-inf"), ("true_prob", "1e400"), ("true_prob", "-0.1"), ("top1_prob", "2"),
+        ("true_rank", "0"), ("true_rank", "9" * 30), ("true_index", "9" * 5000), ("top1_index", "-1"),
+        ("top1_index", str(2**31)), ("pose_id", "9" * 5000), ("pose_id", "-3"),
+    ],
+)  # fmt: skip
+def test_a_number_that_none_can_be_is_a_line(tmp_path, column, cell):
+    run = write_run(tmp_path, [make_prediction(tmp_path, "car", "patched", k) for k in (1, 2)])
+    file = tmp_path / "predictions.csv"
+    heads, first, second = csv.reader(file.read_text().splitlines())
+    second[heads.index(column)] = cell
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows([heads, first, second])
+    with pytest.raises(
+        ToolkitError, match=r"predictions\.csv is damaged \('.*: expected a (whole number|prob)"
+    ) as said:
+        read_predictions(run, tmp_path)
+    assert len(str(said.value)) < 300

@@ -33,6 +33,18 @@ def encode(kind: str, seed: int = 0, **options) -> bytes:
     return buffer.getvalue()
 
 
+def tell_crates():
+    """A classifier of two labels, named `python:hostile_space:tell_crates`."""
+    import torch
+
+    class Brightness(torch.nn.Module):
+        def forward(self, batch):
+            means = batch.mean((1, 2, 3))
+            return torch.stack([means, 1 - means], 1)
+
+    return Brightness(), {"size": 32, "labels": ["crate", "box"]}
+
+
 def furnish(space: Workspace) -> None:
     """Add to a crate's workspace what else a session leaves behind."""
     from safetensors.numpy import save_file

@@ -105,3 +105,15 @@ def test_the_command_line_names_its_flag(tmp_path):
     (tmp_path / "sim" / "mug" / "patched" / "1.png").write_bytes(b"looked at later")
     result = CliRunner().invoke(app, ["eval", str(tmp_path), "--weights", str(tmp_path / "net.onnx")])
     assert "and name its network with --model" in str(result.exception)
+
+
+@pytest.mark.parametrize("where", ["json", "txt", "toml", "checkpoint"])
+def test_a_label_of_very_many_letters_is_a_line(tmp_path, state, where):
+    names = ["bracket", "x" * 100_000, "washer"]
+    torch.save({"state_dict": state} | ({"classes": names} if where == "checkpoint" else {}), tmp_path / "mine.pth")
+    text = {"json": json.dumps(names), "txt": "\n".join(names), "toml": f"labels = {json.dumps(names)}"}
+    if where in text:
+        (tmp_path / f"mine.{where}").write_text(text[where])
+    with pytest.raises(ToolkitError, match=r"mine\..*'labels\.1': expected a class of at most 1000 letters") as said:
+        load(tmp_path / "mine.pth")
+    assert len(str(said.value)) < 400

@@ -1,6 +1,7 @@
 """Photographs that a table pairs: no plan, no board, any names; copies count once; the evaluation compares variants."""
 
 import csv
+import time
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,10 @@ from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates.check_captures import check_captures
+from toolkit.photos.importing.gather import Candidate, SourceIndex
 from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.resolve import PairRow, match_pairs, number_poses
+from toolkit.photos.photo import Photo
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
 
@@ -131,6 +135,11 @@ def test_what_the_table_does_not_list_and_copies_are_left_out(space, photos, tmp
         ([("a.jpg", "d", "b", "1"), ("c.jpg", "d", "b", "1")], "file,object,variant,pose", "are both d/b pose 1"),
         ([("none.jpg", "desk", "bare", "1")], "file,object,variant,pose", "none.jpg in the table of pairs: no such"),
         ([], "file,object,variant,pose", "no photograph is listed"),
+        ([("a.jpg", "d", "b", "9" * 5000)], "file,object,variant,pose", "line 2: pose '999"),
+        ([("a.jpg", "d", "b", "1", "x" * 5000)], "file,object,variant,pose,class", "line 2: class 'xxx"),
+        ([("a.jpg", "d", "b", "\x1b[31m")], "file,object,variant,pose", "letters that can be shown"),
+        ([("a.jpg", "d", "b", "x" * 200_000)], "file,object,variant,pose", "line 1: field larger than"),
+        ([], "file,object,variant,pose," + "x" * 200_000, "line 0: field larger than"),
     ],
 )
 def test_a_wrong_table_is_one_clear_line(space, photos, tmp_path, rows, heading, words):
@@ -138,3 +147,14 @@ def test_a_wrong_table_is_one_clear_line(space, photos, tmp_path, rows, heading,
     with pytest.raises(ToolkitError) as caught:
         import_photos(space, [photos], ImportSettings(pairs=table))
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_long_table_takes_work_in_proportion(tmp_path):
+    """300,000 lines took an hour: poses were looked for in a list, and photographs once more for each line."""
+    photo = Photo(Path("0.jpg"), "0" * 64, "jpeg", 640, 480)
+    rows = [PairRow(f"{k}.jpg", "desk", "bare", f"view {k}") for k in range(100_000)]
+    started = time.process_time()
+    assert number_poses(rows)["desk", "view 99999"] == 100_000
+    candidates = [Candidate(photo, row.file, ()) for row in rows]
+    match_pairs(rows, candidates, SourceIndex(tmp_path, {}, {}, {}), {})
+    assert time.process_time() - started < 20

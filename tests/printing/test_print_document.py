@@ -1,6 +1,7 @@
 """What the PDF says of itself and to its reader, read by pypdf and pdfplumber."""
 
 import itertools
+import time
 from io import BytesIO
 
 import pdfplumber
@@ -10,6 +11,7 @@ from pypdf import PdfReader
 
 from toolkit.objects.records import Patch
 from toolkit.printing import PrintSettings
+from toolkit.printing.canvas import PLAIN, _cut, measure_text_mm
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import parse_paper
 
@@ -125,3 +127,17 @@ def test_names_in_other_alphabets(tmp_path):
     document = build_pdf(patch, PrintSettings())
     assert "кофейник ?" in words_of(document.content)
     assert PdfReader(BytesIO(document.content)).metadata.title == "кофейник 水 patch, 17.6 mm"
+
+
+def test_very_long_words_are_cut_in_a_moment():
+    """Letters went one by one, each time over the whole line; the same line stands there."""
+    started = time.process_time()
+    for text in ("x" * 1_000_000, "w i" * 300, "ab", "a"):
+        for room_mm in (0.1, 1.0, 30.0):
+            shown = _cut(text, PLAIN, 1.2, room_mm)
+            kept = shown.removesuffix("…")
+            assert text.startswith(kept) and (shown == text or len(kept) <= len(text) - 2)
+            assert len(shown) == 1 or measure_text_mm(shown, PLAIN, 1.2) <= room_mm * 1.0001
+            longer = f"{text[: len(kept) + 1]}…"
+            assert shown == text or len(kept) == len(text) - 2 or measure_text_mm(longer, PLAIN, 1.2) > room_mm * 1.0001
+    assert time.process_time() - started < 20

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from toolkit.core.files import inside, sha256_file, write_json
+from toolkit.core.files import delete_file, inside, sha256_file, write_json
 from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
@@ -153,7 +153,7 @@ def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Pat
     groups: dict[Path, list[CaptureRecord]] = {}
     for record in records:
         groups.setdefault(Path(record.path).parent, []).append(record)
-    (source_dir / TRANSFORMS).unlink(missing_ok=True)
+    delete_file(source_dir / TRANSFORMS)
     return [
         write_json(source_dir / folder / TRANSFORMS, describe_transforms(own), source_dir)
         for folder, own in groups.items()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
-from toolkit.core.files import without_links, write_bytes
+from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import AddedObject, add_object
@@ -191,7 +191,7 @@ def suggest_places(
         # what training recognised decides, and where it is equal or was not asked for, what cameras see
         worth = [(sum(one.patched.value for one in trained[k]), places[k].score) for k in range(len(choices))]
         best = choices[worth.index(max(worth))]
-        file = without_links(workspace.root, "rig/objects") / f"{object_name}.toml"
+        file = workspace.objects_dir / f"{object_name}.toml"
         written = write_mounts(workspace.object_spec(object_name), file, best)
     return SuggestedPlaces(
         object_name, config.sheets, len(poses), now, tuple(places), picture=picture, steps=steps, written=written,

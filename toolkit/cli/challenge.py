@@ -38,9 +38,10 @@ def check(
 ) -> None:
     """Check an entry against every rule, one line for each fault; nothing is changed."""
     from toolkit.experiments.challenge.entry import check_entry
-    from toolkit.experiments.challenge.score import rescore
+    from toolkit.experiments.challenge.score import check_score, rescore
 
-    faults = check_entry(entry) + (rescore(entry) if again else [])
+    # an entry that cannot be read is one fault
+    faults = list(dict.fromkeys(check_entry(entry) + (rescore if again else check_score)(entry)))
     if as_json:
         show_json({"entry": str(entry), "faults": faults})
     else:

@@ -10,7 +10,8 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
 from toolkit.core.errors import one_of
-from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
+from toolkit.core.places import is_workspace
+from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.landing import RECIPES as TRAINING
 from toolkit.landing import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig

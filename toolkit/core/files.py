@@ -8,6 +8,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from typing import Any, BinaryIO, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.places import check_links
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -57,14 +59,14 @@ READ_TROUBLE = {
 }
 
 
-def explain_write_error(path: Path, error: OSError) -> ToolkitError:
-    """One line for an `OSError` met while writing `path`."""
+def explain_write_error(path: Path, error: OSError, doing: str = "write") -> ToolkitError:
+    """One line for an `OSError` met while writing `path`, or `doing` something else to it."""
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
         file = next((one for one in (Path(path), *Path(path).parents) if one.is_file()), None)
         if file is not None:
             return ToolkitError(f"cannot write {path}: {file} is a file, expected a folder: choose another place")
     why = WRITE_TROUBLE.get(error.errno or 0, str(error.strerror or error))
-    return ToolkitError(f"cannot write {path}: {why}")
+    return ToolkitError(f"cannot {doing} {path}: {why}")
 
 
 def explain_read_error(path: Path, error: OSError | ValueError) -> ToolkitError:
@@ -135,8 +137,8 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
             lead to.
 
     Raises:
-        ToolkitError: the path leaves `root`, something other than a file is there, the disk is full or read-only, or
-            the folder may not be written.
+        ToolkitError: the path leaves `root`, or a link in a workspace leads to it (see `check_links`); something other
+            than a file is there, the disk is full or read-only, or the folder may not be written.
     """
     path = Path(path)
     try:
@@ -187,9 +189,10 @@ def _check_replaceable(path: Path) -> None:
 
 
 def make_folder(folder: Path, root: Path | None = None) -> Path:
-    """Make a folder with those above it; raises as `open_whole`."""
+    """Make a folder with those above it, for files to be written to; raises as `open_whole`."""
     if root is not None:
         _check_within(folder, root)
+    check_links(folder)
     try:
         with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty one above
             folder.mkdir(parents=True, exist_ok=True)
@@ -216,16 +219,24 @@ def _check_within(folder: Path, root: Path) -> None:
         raise ToolkitError(f"'{folder}' leads outside {home}, to {place}: nothing is written there")
 
 
-def without_links(root: Path, relative: str) -> Path:
-    """`root / relative`, a folder to write to; a `ToolkitError` where a part of `relative` is a link."""
-    path = real_path(root) / relative
+def delete_file(path: Path) -> None:
+    """Delete a file or a link, if there is one.
+
+    Raises:
+        ToolkitError: a link in a workspace leads to its folder (see `check_links`), or it may not be deleted.
+    """
+    check_links(path.parent)
     try:
-        place = path.resolve()
-    except (OSError, RuntimeError):  # a loop of links
-        place = Path()
-    if place != path:
-        raise ToolkitError(f"{path} is a link, or lies below one: nothing is written there: put a folder in its place")
-    return path
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        if error.errno != errno.ENOTDIR:  # a file in the place of its folder: there is nothing to delete
+            raise explain_write_error(path, error, "delete") from error
+
+
+def delete_folder(folder: Path) -> None:
+    """Delete a folder with all that lies in it, as far as that is allowed; raises for links as `delete_file` does."""
+    check_links(folder)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:

@@ -25,6 +25,7 @@ from toolkit.core.files import (
     open_plain,
     real_path,
 )
+from toolkit.core.places import check_links
 
 LOCK = ".lock"
 _held = threading.local()
@@ -44,8 +45,9 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
         name: of the lock's file in it, which is gone afterwards; another name is another lock.
 
     Raises:
-        ToolkitError: the folder may not be written.
+        ToolkitError: the folder may not be written, or a link in a workspace leads to it.
     """
+    check_links(folder)  # before it is forgotten which it is
     file = real_path(Path(folder)) / name
     mine: set[Path] = _held.__dict__.setdefault("files", set())
     if file in mine:

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import TYPE_CHECKING
 
 from toolkit.core.statistics import Interval, RankCorrelation, wilson_interval
@@ -81,34 +81,34 @@ def _minus(text: str) -> str:
     return text.replace("-", "−")
 
 
+class FormattedNumber(str):
+    """A number, or some with spaces between as a box has, that is already written as a table is to have it."""
+
+
 def encode_csv(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
     """The text of a CSV file; None is an empty cell, and a text that a spreadsheet would run has a `'` before it.
 
     A formula may read other files and open addresses. `decode_cell` gives the text back, but for `NUL`, in whose place
-    its symbol ␀ stands. Numbers stay as they are.
+    its symbol ␀ stands. Numbers stay as they are; a text of digits is none, as it may be a name: `+1` of a folder.
     """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     quoted = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_ALL)
-    table.writerow(heads)
-    for row in rows:
+    for row in chain([heads], rows):
         cells = [_encode_cell(cell) for cell in row]
         # a reader ends a line at a bare \r, which the module does not quote by itself
         (quoted if any(isinstance(cell, str) and "\r" in cell for cell in cells) else table).writerow(cells)
     return text.getvalue()
 
 
-FORMULA = re.compile(r"'*[=+\-@\t\r]")
-NUMBERS = re.compile(r"[+-]?[\d.]+(e[+-]?\d+)?( [+-]?[\d.]+)*")
-"""One, or some with spaces between, as a box has."""
+FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
 
 
 def _encode_cell(cell: object) -> object:
-    if not isinstance(cell, str):
+    if not isinstance(cell, str) or isinstance(cell, FormattedNumber):
         return "" if cell is None else cell
     cell = cell.replace("\0", "\N{SYMBOL FOR NULL}")  # no spreadsheet reads it, nor does Python 3.10
-    # a spreadsheet runs a cell that begins so; a number with a sign is none
-    return f"'{cell}" if FORMULA.match(cell) and not NUMBERS.fullmatch(cell) else cell
+    return f"'{cell}" if FORMULA.match(cell) else cell
 
 
 def decode_cell(text: str) -> str:

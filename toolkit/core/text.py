@@ -11,6 +11,8 @@ FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 """A hundred characters: with what is added to them, below the 255 bytes that a file system takes."""
 LONGEST = 2000
+MOST_LABEL = 1000
+"""Letters of a class; ImageNet's longest label has 131, with all its synonyms."""
 
 
 def is_file_name(name: str) -> bool:
@@ -29,6 +31,12 @@ def _check_file(name: str) -> str:
     return name
 
 
+def _check_label(label: Any) -> Any:
+    if isinstance(label, str) and len(label) > MOST_LABEL:
+        raise ValueError(f"expected a class of at most {MOST_LABEL} letters")
+    return label
+
+
 def _check_folder(name: str) -> str:
     if not is_folder_name(name):
         raise ValueError("expected a name of letters, digits, '.', - and _, at most 100, with no dot in front")
@@ -36,6 +44,9 @@ def _check_folder(name: str) -> str:
 
 
 FileName = Annotated[str, AfterValidator(_check_file)]
+Label = Annotated[str, AfterValidator(_check_label)]
+"""What a network or a person calls a class."""
+LabelOrIndex = Annotated[str | int, AfterValidator(_check_label)]
 FolderName = Annotated[str, AfterValidator(_check_folder)]
 
 

@@ -8,10 +8,10 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import explain_write_error, read_toml, real_path, without_links, write_text
+from toolkit.core.files import make_folder, read_toml, real_path, write_text
+from toolkit.core.places import MARKER, is_workspace
 from toolkit.core.text import is_file_name, is_folder_name
 
-MARKER = "toolkit.toml"
 PACKAGE_DATA = Path(__file__).parents[1] / "data"
 
 
@@ -181,18 +181,6 @@ schema_version = 1
 """
 
 
-def is_workspace(folder: Path) -> bool:
-    """Whether a folder is marked by `toolkit.toml`, or is an older workspace: one with `rig/`, and no source code."""
-    return (folder / MARKER).is_file() or _is_older(folder)
-
-
-def _is_older(folder: Path) -> bool:
-    rig = folder / "rig"
-    if not rig.is_dir() or (folder / "__init__.py").exists() or (rig / "__init__.py").exists():
-        return False
-    return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
-
-
 def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False) -> Workspace:
     """The workspace of a command: `folder` where one is named, else the nearest from the current folder upwards.
 
@@ -250,20 +238,16 @@ def make_workspace(folder: Path | str) -> Workspace:
     """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
 
     Raises:
-        ToolkitError: `folder` is a file, or cannot be written; its `rig/objects` is a link; its `toolkit.toml` has a
+        ToolkitError: `folder` is a file, or cannot be written; one of its folders is a link; its `toolkit.toml` has a
             wrong field.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ToolkitError(f"{folder} is a file: name a folder to make a workspace of")
     space = Workspace(real_path(folder))
-    guide = without_links(space.root, "rig/objects") / "README.txt"
-    try:
-        for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):
-            path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise explain_write_error(folder, error) from error
-    for file, text in ((guide, SPEC_GUIDE), (space.root / MARKER, MARKER_TEXT)):
+    for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):
+        make_folder(path)
+    for file, text in ((space.objects_dir / "README.txt", SPEC_GUIDE), (space.root / MARKER, MARKER_TEXT)):
         if not file.exists():
             write_text(file, text)
     return open_workspace(space.root)

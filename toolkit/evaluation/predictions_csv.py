@@ -15,7 +15,8 @@ from toolkit.captures.read import Capture
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
-from toolkit.core.tables import decode_cell, encode_csv
+from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
+from toolkit.core.text import shorten
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
 from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
@@ -93,9 +94,9 @@ def _round(share: float | None) -> str | None:
     return None if share is None else f"{share:.4f}"
 
 
-def format_box(box: Iterable[float] | None) -> str | None:
+def format_box(box: Iterable[float] | None) -> FormattedNumber | None:
     """`10.0 20.0 30.0 40.0`."""
-    return None if box is None else " ".join(f"{float(side):.1f}" for side in box)
+    return None if box is None else FormattedNumber(" ".join(f"{float(side):.1f}" for side in box))
 
 
 def read_detection(line: Mapping[str, str]) -> Detection:
@@ -108,12 +109,31 @@ def _parse(cell: str, kind: type) -> Any:
         return None
     if kind is bool:
         return cell == "1"
-    if kind is not tuple:
-        return kind(cell)
-    box = tuple(map(float, cell.split()))
-    if len(box) != 4 or not all(map(math.isfinite, box)):
-        raise ValueError(f"'{cell}' is no box")
-    return box
+    if kind is str:
+        return cell
+    numbers = tuple(map(float, cell.split()))
+    if len(numbers) != (4 if kind is tuple else 1) or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"'{shorten(cell, MOST_SHOWN)}' is no {'box' if kind is tuple else 'number'}")
+    return numbers if kind is tuple else numbers[0]
+
+
+MOST_SHOWN, MOST_NUMBER = 40, 2**31 - 1
+"""Letters of a wrong cell in a message; numbers of classes and poses are whole ones of 32 bits, as in Parquet."""
+
+
+def _read_number(cell: str, least: int) -> int:
+    # very many digits are no number to Python, and take long
+    number = int(cell) if len(cell) < 20 else MOST_NUMBER + 1
+    if not least <= number <= MOST_NUMBER:
+        raise ValueError(f"'{shorten(cell, MOST_SHOWN)}': expected a whole number from {least} to {MOST_NUMBER}")
+    return number
+
+
+def _read_share(cell: str) -> float:
+    share = float(cell)
+    if not 0 <= share <= 1:  # neither is NaN
+        raise ValueError(f"'{shorten(cell, MOST_SHOWN)}': expected a probability from 0 to 1")
+    return share
 
 
 REPEATED = ("source", "object", "variant", "true_label", "top1_label", "status")
@@ -223,22 +243,23 @@ def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> 
     if not is_there and sources.get(head, head) != head:
         file, _ = find(f"{sources[head]}/{rest}")
     gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))
-    pose_id = int(line["pose_id"]) if line["pose_id"] else None
+    pose_id = _read_number(line["pose_id"], 0) if line["pose_id"] else None
     corruption = None
     if line.get("weather"):  # of a world: a camera has one number at each place, and many weathers
-        corruption = (line["weather"], int(line["severity"]))
+        corruption = (line["weather"], _read_number(line["severity"], 0))
         source = " ".join([line["world"], line["place"], *map(str, corruption)])
     capture = Capture(
         source, line["object"], line["variant"], pose_id, file, path, corruption=corruption, failed_gates=gates
     )
     if "found" in line:
         return make_detected(capture, line["true_label"], read_detection(line), line["status"])
+    true_index = _read_number(line["true_index"], -1)
     if line["status"] != OK:
-        return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
+        return Prediction(capture, true_index, line["true_label"], status=line["status"])
     return Prediction(
-        capture, int(line["true_index"]), line["true_label"], top1_index=int(line["top1_index"]),
-        top1_label=line["top1_label"], top1_prob=float(line["top1_prob"]), true_prob=float(line["true_prob"]),
-        true_rank=int(line["true_rank"]),
+        capture, true_index, line["true_label"], top1_index=_read_number(line["top1_index"], 0),
+        top1_label=line["top1_label"], top1_prob=_read_share(line["top1_prob"]),
+        true_prob=_read_share(line["true_prob"]), true_rank=_read_number(line["true_rank"], 1),
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from toolkit import __version__
 from toolkit.core.console import notice
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import read_json, sha256_file, write_json
+from toolkit.core.files import delete_file, read_json, sha256_file, write_json
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
@@ -172,9 +172,9 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     file = folder / DATASET
     if restart:
         for found in (*folder.glob("*.tar"), file):
-            found.unlink(missing_ok=True)
+            delete_file(found)
     for left in folder.glob(".*.partial"):
-        left.unlink(missing_ok=True)
+        delete_file(left)
     if file.is_file():
         about = read_json(file, DatasetFile)
         if about.inputs_sha256 != inputs:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import sha256_bytes
+from toolkit.core.files import delete_file, sha256_bytes
 from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
@@ -255,7 +255,7 @@ def fly_all(
     with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as workers:
         file = folder / "episodes.jsonl"
         if restart:
-            file.unlink(missing_ok=True)
+            delete_file(file)
         return _fly_missing(setup, cells, file, workers)
 
 

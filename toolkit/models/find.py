@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json
-from toolkit.core.text import FolderName, is_folder_name
+from toolkit.core.text import FolderName, Label, is_folder_name
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
 from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
@@ -149,7 +149,7 @@ class ClassifierRecord(BaseModel):
     name: str
     arch: str
     trained_on: str
-    labels: list[str] = Field(min_length=2)
+    labels: list[Label] = Field(min_length=2)
     resize_px: int = Field(gt=0)
     crop_px: int = Field(gt=0)
     mean: tuple[float, float, float]

@@ -6,10 +6,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeGuard
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import read_json, read_toml
+from toolkit.core.files import explain_validation, read_bytes, read_json, read_toml
+from toolkit.core.text import Label
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
 
@@ -45,7 +46,7 @@ class LabelsFile(BaseModel):
     """
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
-    labels: list[str] | None = Field(default=None, min_length=1)
+    labels: list[Label] | None = Field(default=None, min_length=1)
     size: Pixels | None = None
     resize_px: Pixels | None = None
     crop_px: Pixels | None = None
@@ -166,6 +167,7 @@ BESIDE_FILE = "list them as 'labels' in a TOML or JSON file beside it"
 FROM_FUNCTION = "return {'size': …, 'labels': ['…', …]} as the preprocessing of its function"
 """How the classes of a network get names."""
 CODE = ".py"
+MOST_TEXT_BYTES = 16 << 20
 DESCRIPTIONS = (".toml", ".json", ".txt")
 """What may lie beside a network's file, under its name."""
 
@@ -186,10 +188,12 @@ def read_labels_file(weights: Path) -> LabelsFile:
     if not text.is_file():
         return LabelsFile()
     try:
-        names = [line.strip() for line in text.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ToolkitError(f"cannot read {text}: {error}") from None
-    return LabelsFile(labels=names or None)
+        lines = read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()
+        return LabelsFile(labels=[line.strip() for line in lines if line.strip()] or None)
+    except UnicodeDecodeError as error:
+        raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
+    except ValidationError as error:
+        raise ToolkitError(f"{text}: {explain_validation(error)}") from None
 
 
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:

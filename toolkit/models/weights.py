@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, ZipFile
 
+from pydantic import ValidationError
+
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import sha256_file
+from toolkit.core.files import explain_validation, sha256_file
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
@@ -123,7 +125,10 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
             "torch.save(model.state_dict(), FILE)"
         )
     network, normalisation = _take_from_attacker(_rename(state, _modern_name), file.path)
-    return network, LabelsFile(labels=labels, **normalisation)
+    try:
+        return network, LabelsFile(labels=labels, **normalisation)
+    except ValidationError as error:
+        raise ToolkitError(f"{file.path}: beside the weights: {explain_validation(error)}") from None
 
 
 NORMALISERS = ("normalizer.", "attacker.normalize.")

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, real_path, without_links, write_bytes, write_text
+from toolkit.core.files import inside, real_path, write_bytes, write_text
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
@@ -113,10 +113,10 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     up, front = request.up or usual_up, request.front or usual_front
     turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
 
-    place = without_links(workspace.root, "rig/objects")
+    place = Workspace(real_path(workspace.root)).objects_dir
     files = [mesh_file, *named]
     if not mesh_file.is_relative_to(place):
-        target = without_links(place, name)
+        target = place / name
         files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes(), target) for file in files]
     text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}", place)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
-from toolkit.core.text import FileName
+from toolkit.core.text import FileName, Label
 from toolkit.imaging.read import UnreadableImage, encode_image, explain_damage, open_image
 from toolkit.objects.spec import printed_size_mm
 
@@ -49,7 +49,7 @@ class BoosterRecord(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: int = 1
     name: str
-    class_name: str
+    class_name: Label
     class_index: int = Field(ge=0)
     n_px: int = Field(gt=0)
     png_sha256: str = Field(pattern=SHA256)

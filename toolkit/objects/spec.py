@@ -18,7 +18,7 @@ from pydantic import (
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
-from toolkit.core.text import FileName, is_file_name
+from toolkit.core.text import FileName, LabelOrIndex, is_file_name
 
 """How large a patch comes out of the printer."""
 
@@ -88,7 +88,7 @@ class ObjectSpec(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
     name: FileName = ""
-    class_name: str | int = Field(alias="class")
+    class_name: LabelOrIndex = Field(alias="class")
     mesh: str
     length_mm: float = Field(ge=1, lt=100_000)
     world_length_m: float | None = Field(None, ge=0.001, lt=10_000)
@@ -157,7 +157,7 @@ class ObjectRequest(Config):
         300.0
     """
 
-    class_name: Annotated[str | int, Flag("--class", metavar="NAME", typed=str)] = Field(
+    class_name: Annotated[LabelOrIndex, Flag("--class", metavar="NAME", typed=str)] = Field(
         description="What it should be recognised as: an ImageNet category, or your classifier's."
     )
     name: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
-from toolkit.core.text import FileName
+from toolkit.core.text import FileName, Label
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject
@@ -208,7 +208,7 @@ class WrapRecord(BaseModel):
     schema_version: Literal[1] = 1
     name: FileName
     object: FileName
-    class_name: str | None = None
+    class_name: Label | None = None
     mesh_sha256: str = Field(pattern=SHA256)
     material: Material
     stretch_allowed: float = Field(gt=0, le=1)

@@ -1,5 +1,6 @@
 """A PDF to draw on in millimetres: embedded fonts, words that keep inside their room, shapes, arrows and dimensions."""
 
+from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -71,6 +72,20 @@ def measure_text_mm(text: str, font: str, size_mm: float) -> float:
     """Width of a line."""
     _register_fonts()
     return stringWidth(text, font, size_mm)
+
+
+def _cut(text: str, font: str, size_mm: float, room_mm: float) -> str:
+    """As much of a line as fits, with … where it was cut; found by halving, as a line may be very long."""
+
+    def is_wide(line: str) -> bool:
+        # a hair of room for rounding, or a line that just fits would be cut
+        return measure_text_mm(line, font, size_mm) > room_mm * 1.0001
+
+    if len(text) < 2 or not is_wide(text):
+        return text
+    # of the line itself two letters go at least, one of them for the …
+    kept = bisect(range(1, len(text) - 1), False, key=lambda length: is_wide(f"{text[:length]}…"))
+    return f"{text[:kept]}…"
 
 
 def _drawable(text: str, font: str) -> str:
@@ -207,9 +222,7 @@ class Pdf(ReportLabCanvas):
         if width > room_mm:
             # text widths grow with the size, so that one division finds the size that fits
             size_mm = max(SMALLEST_MM, size_mm * room_mm / width)
-            # a hair of room for rounding, or a line that just fits would be cut
-            while measure_text_mm(text, font, size_mm) > room_mm * 1.0001 and len(text) > 1:
-                text = text[:-2] + "…"
+            text = _cut(text, font, size_mm, room_mm)
             width = measure_text_mm(text, font, size_mm)
         self.setFont(font, size_mm)
         self.drawString(x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width, y, text)

@@ -9,7 +9,7 @@ from typing import Literal
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_bytes
+from toolkit.core.files import delete_file, write_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, show_path
@@ -136,7 +136,7 @@ class Session:
                     raise
                 raise Refused(CONFLICT, "a later photograph of this shot has taken its place: look at that") from None
         finally:
-            upload.unlink(missing_ok=True)
+            delete_file(upload)
 
     def inspect_waiting(self, number: int) -> Inspection | None:
         """The verdict on the photograph that waits at a shot, None where none waits."""
@@ -303,7 +303,7 @@ def undo_keep(session: Session, number: int) -> Shot:
         upload = write_bytes(session.folders.new_incoming(), file.read_bytes())
         session.folders.put_waiting(step, upload, read_photo(upload))
         before = _find_before(root, record)
-        file.unlink()
+        delete_file(file)
         drop_records(root, {record.path})
         if before is not None:
             _bring_back(root, before, record)

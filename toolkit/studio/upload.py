@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error, inside, make_folder, move_file, open_whole, write_bytes
+from toolkit.core.files import delete_file, inside, make_folder, move_file, open_whole, write_bytes
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.rig.shot_order import ShotStep
@@ -82,13 +82,13 @@ class UploadFolders:
         old = list(self._list_waiting(step))
         move_file(upload, file, self.root)
         for one in old:
-            one.unlink(missing_ok=True)
+            delete_file(one)
         return file
 
     def drop_waiting(self, step: ShotStep) -> None:
         """Throw away what waits for a shot."""
         for one in list(self._list_waiting(step)):
-            one.unlink(missing_ok=True)
+            delete_file(one)
 
     def set_skipped(self, step: ShotStep, skipped: bool) -> None:
         """Put a shot off, or call it back."""
@@ -96,16 +96,13 @@ class UploadFolders:
         if skipped:
             write_bytes(mark, b"", self.root)
             return
-        try:
-            mark.unlink(missing_ok=True)
-        except OSError as error:
-            raise explain_write_error(mark, error) from error
+        delete_file(mark)
 
     def sweep(self) -> None:
         """Remove what uploads left that a stopped server never finished."""
         if self.incoming_dir.is_dir():
             for one in self.incoming_dir.iterdir():
-                one.unlink(missing_ok=True)
+                delete_file(one)
 
     def _list_waiting(self, step: ShotStep) -> Iterator[Path]:
         folder = self.waiting_dir(step)
@@ -120,7 +117,7 @@ def hash_in_name(file: Path) -> str:
 
 def check_writable(folders: UploadFolders) -> None:
     """A `ToolkitError` where no upload could be written, before anybody takes a photograph."""
-    write_bytes(folders.new_incoming(), b"", folders.root).unlink()
+    delete_file(write_bytes(folders.new_incoming(), b"", folders.root))
 
 
 MOST_BYTES = 40 << 20

@@ -1,7 +1,6 @@
 """Half-finished training on disk: one safetensors file, so that it is whole or absent whenever the process dies."""
 
 import json
-import shutil
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import delete_file, delete_folder, sha256_bytes, write_bytes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -105,15 +104,12 @@ class Checkpoint:
         """Forget the run, finished or not; what is `shared` goes when no other run is left, and empty folders too."""
         key = self.file.stem
         for file in (self.file, *self.folder.glob(f".{key}.*.partial")):
-            file.unlink(missing_ok=True)
+            delete_file(file)
         if not self.folder.is_dir() or any(self.folder.glob("*.safetensors")):
             return
         for pattern in self.shared:
             for found in self.folder.glob(pattern):
-                if found.is_dir():
-                    shutil.rmtree(found, ignore_errors=True)
-                else:
-                    found.unlink(missing_ok=True)
+                (delete_folder if found.is_dir() else delete_file)(found)
         with suppress(OSError):  # not empty, or another run was faster
             self.folder.rmdir()
             self.folder.parent.rmdir()

@@ -1,6 +1,5 @@
 """Train a classifier from its settings to files: what `toolkit train-classifier` runs."""
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
+from toolkit.core.files import delete_folder
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import ClassifierRecord
@@ -96,7 +96,7 @@ def train_classifier(
     folder = out or workspace.classifiers_dir
     training = folder / ".training" / config.name
     if restart and current().is_first:
-        shutil.rmtree(training, ignore_errors=True)
+        delete_folder(training)
     init = None if config.init is None else find_weights(config.arch, config.init)
     sources = _open_sources(config, workspace, download)
     kept = load_classifier(config.arch, config.init, "cpu") if config.keep_labels else None

@@ -1,7 +1,6 @@
 """Training and held-out images from any mix of sources, packed into files that are read without loading them whole."""
 
 import json
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -15,7 +14,16 @@ import numpy as np
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, load_json, open_whole, real_path, sha256_bytes, sha256_file, write_json
+from toolkit.core.files import (
+    delete_folder,
+    inside,
+    load_json,
+    open_whole,
+    real_path,
+    sha256_bytes,
+    sha256_file,
+    write_json,
+)
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -285,7 +293,7 @@ def load_training_set(
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
-        shutil.rmtree(place / "shards", ignore_errors=True)
+        delete_folder(place / "shards")
     about = load_json(place / "about.json")
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)

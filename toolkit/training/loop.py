@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
+from toolkit.core.files import delete_file
 from toolkit.core.records import hold_folder
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
@@ -224,7 +225,7 @@ def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | No
 def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
     def find_finished() -> Made | None:
         if checkpoint is not None and checkpoint.restart:
-            checkpoint.file.unlink(missing_ok=True)
+            delete_file(checkpoint.file)
             return None
         return task.find_finished()
 

@@ -1,7 +1,6 @@
 """Refine a network from its settings to files: what `toolkit refine-network` runs, and its task for the loop."""
 
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -19,7 +18,7 @@ from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.files import delete_file, delete_folder, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.models.architectures import list_architectures
@@ -242,7 +241,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         if len(names) > 1:
             whole = NetworkSet(name=self.config.name, networks=names, inputs_sha256=self.inputs_sha256)
             # a network of this name, of an earlier run, would be found in the place of the set
-            self._file(self.config.name).unlink(missing_ok=True)
+            delete_file(self._file(self.config.name))
             write_json(self.folder / f"{self.config.name}.json", whole.model_dump(mode="json"))
         return records
 
@@ -403,7 +402,7 @@ def refine_network(
     folder = out or workspace.classifiers_dir
     training = folder / ".training" / config.name
     if restart and current().is_first:
-        shutil.rmtree(training, ignore_errors=True)
+        delete_folder(training)
     sources = [open_photographs(one, HELD_OUT) for one in dict.fromkeys(config.data)]
     classes = keep_classes(sources, teacher, "model")
     stored = store_preprocessing(teacher.preprocessing, teacher.preprocessing.resize_px)

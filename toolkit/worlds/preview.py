@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
-from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.files import delete_file, read_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.plots import read_font
 from toolkit.imaging.read import encode_image, read_image
@@ -450,7 +450,7 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
         write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))
         advance(FRAME - 1)
     for old in show.folder.glob(".*.partial.mp4"):
-        old.unlink(missing_ok=True)
+        delete_file(old)
 
     def read(file: Path) -> np.ndarray:
         advance()
@@ -458,7 +458,7 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
 
     write_film(show.folder / FILM, map(read, files), show.settings.film_size, len(files))
     for file in folder.glob("*.jpg"):
-        file.unlink(missing_ok=True)
+        delete_file(file)
     if not any(folder.iterdir()):
         folder.rmdir()
 

@@ -1,6 +1,7 @@
 """Entries that keep the rules and entries that do not; scores that anybody can count again; the board."""
 
 import json
+import os
 import shutil
 import signal
 import struct
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, sha256_file, write_bytes
-from toolkit.core.workspace import make_workspace
+from toolkit.core.workspace import PACKAGE_DATA, make_workspace
 from toolkit.engine.local import LocalPool
 from toolkit.experiments.challenge import CLOSED_OBJECTS, POSES, EntryConfig
 from toolkit.experiments.challenge import entry as entries
@@ -30,6 +31,7 @@ from toolkit.experiments.challenge.score import (
     SCORE_FILE,
     Judge,
     JudgedPicture,
+    check_score,
     choose_corruptions,
     read_judged,
     rescore,
@@ -37,6 +39,7 @@ from toolkit.experiments.challenge.score import (
     write_score,
 )
 from toolkit.models.load import load_classifier
+from toolkit.objects.add import ObjectRequest, add_object
 from toolkit.objects.records import encode_png
 from toolkit.rig.plan import read_plan
 
@@ -113,6 +116,7 @@ def make_up_score(folder, boosted, *, bare=0.25, name=None):
     return write_score(read, judges, outcomes).score
 
 
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 EVEN = dict.fromkeys(CLOSED_OBJECTS, 0.75)
 
 
@@ -135,6 +139,14 @@ def test_the_kits_own_patches_keep_the_rules(entered):
         (lambda e: (e / "boosters/racer.png").unlink(), "racer.png is missing"),
         (lambda e: shutil.copy(e / "boosters/racer.png", e / "boosters/eggnog.png"), "does not match"),
         (lambda e: (e / "run.py").write_text("boom"), "run.py: has no place"),
+        (lambda e: (e / "boosters/evil.py").write_text("boom"), "boosters/evil.py: has no place"),
+        (lambda e: (e / "boosters/racer-x.uv.npz").write_text("boom"), "racer-x.uv.npz: has no place"),
+        (lambda e: (e / "boosters/deep/er").mkdir(parents=True), "boosters/deep: has no place"),
+        (lambda e: write_bytes(e / "score/more.py", b""), "score/more.py: has no place"),
+        (lambda e: os.mkfifo(e / "README"), "README: is no file"),
+        (lambda e: [write_bytes(e / f"boosters/{k}.png", b"") for k in range(100)], "80 more files"),
+        (lambda e: edit(e, division="open"), "objects/racer.toml is missing: the open division"),
+        (lambda e: (e / "objects").symlink_to("/etc"), "objects: a link"),
         (lambda e: (e / "boosters/more.png").symlink_to("/etc/passwd"), "a link"),
         (lambda e: (e / "entry.json").write_text("[" * 100_000), "entry.json"),
         (lambda e: shutil.rmtree(e), "is not an entry"),
@@ -145,8 +157,46 @@ def test_each_fault_is_one_line_and_nothing_is_written(entry, spoil, expected):
     before = sorted(entry.rglob("*"))
     faults = check_entry(entry)
     assert any(expected in fault for fault in faults), faults
-    assert all("\n" not in fault for fault in faults)
+    assert all("\n" not in fault for fault in faults) and len(faults) <= 25
     assert sorted(entry.rglob("*")) == before
+
+
+def test_an_object_of_ones_own_goes_into_the_entry_whole(tmp_path):
+    """The mesh in a folder of its own, with its materials; nothing of the kit takes its place."""
+    (tmp_path / "c.obj").write_text("mtllib c.mtl\nusemtl a\n" + TETRAHEDRON)
+    (tmp_path / "c.mtl").write_text("newmtl a\nKd 1 0 0\n")
+    space = make_workspace(tmp_path / "space")
+    add_object(space, tmp_path / "c.obj", ObjectRequest(class_name="racer", name="own", length_mm=300))
+    for suffix in (".png", ".json"):
+        shutil.copy(PACKAGE_DATA / f"patches/racer{suffix}", space.patches_dir / f"own{suffix}")
+    file = space.patches_dir / "own.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"name": "own"}))
+    folder = tmp_path / "entry"
+    init_entry(space, folder, EntryConfig(division="open", objects=("own",)))
+    files = sorted(one.relative_to(folder).as_posix() for one in folder.rglob("*") if one.is_file())
+    assert files == [
+        "boosters/own.json", "boosters/own.png", "entry.json", "objects/own.toml", "objects/own/c.mtl",
+        "objects/own/c.obj",
+    ]  # fmt: skip
+    assert check_entry(folder) == []
+    (folder / "objects/own/c.png").write_bytes(b"")
+    assert check_entry(folder) == ["objects/own/c.png: has no place in an entry of the open division: take it out"]
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda place: (place / SCORE_FILE).write_text('{"kind": "challenge"}'),
+    lambda place: (place / SCORE_FILE).unlink(),
+    lambda place: (place / OUTCOMES).write_text("judge_sha256\n"),
+    lambda place: (place / OUTCOMES).unlink(),
+    lambda place: (place / PICTURES / "racer.png").unlink(),
+])  # fmt: skip
+def test_a_score_that_cannot_be_read_is_a_fault_of_the_check_alone(entry, spoil):
+    make_up_score(entry, EVEN)
+    assert check_score(entry) == []
+    spoil(entry / SCORE)
+    done = CliRunner().invoke(app, ["challenge", "check", str(entry), "--json"])
+    assert done.exit_code == 1 and len(json.loads(done.stdout)["faults"]) == 1, done.output
+    assert check_entry(entry) == [], "it may be run again, which makes another score"
 
 
 def test_a_booster_of_another_class_and_one_over_its_budget_are_refused(entry):

@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, read_json, real_path, write_bytes, write_json
+from toolkit.core.files import inside, read_bytes, read_json, real_path, write_bytes, write_json
 from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.experiments.challenge import (
@@ -26,15 +27,20 @@ from toolkit.experiments.challenge import (
     Division,
     EntryConfig,
 )
+from toolkit.objects.add import find_named_files
 from toolkit.objects.load import load_object
-from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, read_patch, read_texture
-from toolkit.objects.wrap import Wrap, check_wrap, hash_wrap, read_wrap
+from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, keep_name, read_patch, read_texture, uv_name
+from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
+from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, Wrap, check_wrap, hash_wrap, piece_name, read_wrap
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
 from toolkit.rig.variants import check_fit, find_booster
 
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
+SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
+MOST_LISTED = 20
+"""Files without a place that are named, one a line."""
 MOST_LETTERS = 2000
 MOST_FILE_BYTES = 64 << 20
 
@@ -155,14 +161,15 @@ def read_booster(path: Path, budget: Budget) -> EnteredBooster:
         training = wrap.record.booster
         if training is None:
             raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
-        files = tuple((f"/{file.name}", file) for file in sorted(path.iterdir()) if file.is_file())
+        names = (RECORD_FILE, MAP_FILE, *(piece_name(one.number) for one in wrap.record.pieces))
+        files = tuple((f"/{name}", path / name) for name in names)
         return EnteredBooster(
             wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
         )
     made = read_patch(path) if budget == "patch" else read_texture(path)
     record = made.record
     return EnteredBooster(
-        made, record.png_sha256, record.class_name, record.class_index, record.networks, tuple(_list_files(path))
+        made, record.png_sha256, record.class_name, record.class_index, record.networks, tuple(_list_files(path, made))
     )
 
 
@@ -208,7 +215,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
         for suffix, file in own.files:
             write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
         if not is_closed:
-            _copy_object(workspace, name, folder / OBJECTS)
+            _copy_object(workspace.object_spec(name).parent, name, folder / OBJECTS)
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-_")
     record = EntryRecord(
         name=stem if is_file_name(stem) else "entry", authors=("Your name",), method="How it was made.",
@@ -218,21 +225,35 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     return read_entry(folder)
 
 
-def _list_files(png: Path) -> Iterator[tuple[str, Path]]:
+def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
     """(what follows the picture's name, file) of a booster: picture, record, and of a texture coordinates and masks."""
-    yield ".png", png
-    yield ".json", png.with_suffix(".json")
-    for pattern in ("-*.uv.npz", "-*.keep.png"):
-        for file in sorted(png.parent.glob(png.stem + pattern)):
-            yield file.name.removeprefix(png.stem), file
+    names = [".png", ".json"]
+    for one in made.record.objects if isinstance(made, Texture) else ():
+        names += [uv_name("", one.name)] * (one.uv_sha256 is not None)
+        names += [keep_name("", one.name)] * (one.keep_image_sha256 is not None)
+    for name in names:
+        yield name, png.with_name(png.stem + name)
 
 
-def _copy_object(workspace: Workspace, name: str, folder: Path) -> None:
-    """The spec of an object and the files beside it that bear its name, as `toolkit add` writes them."""
-    spec = workspace.object_spec(name)
-    for file in sorted(spec.parent.glob(f"{name}.*")):
-        if file.is_file() and not file.is_symlink():
-            write_bytes(folder / file.name, file.read_bytes(), folder)
+def _list_object_files(folder: Path, name: str) -> list[str]:
+    """The spec of an object, its mesh, and what that names, by their paths in the folder; of the kit's mesh the spec.
+
+    Raises:
+        ToolkitError: the spec or the mesh cannot be read, or names a file outside of its folder.
+    """
+    spec = f"{name}.toml"
+    mesh = read_spec(inside(folder, spec)).mesh
+    if mesh.startswith(BUILTIN_PREFIX):
+        return [spec]
+    named = find_named_files(inside(folder, mesh))
+    root = real_path(folder)
+    return [spec, PurePosixPath(mesh).as_posix(), *(file.relative_to(root).as_posix() for file in named)]
+
+
+def _copy_object(folder: Path, name: str, target: Path) -> None:
+    """Copy the files of an object to another folder of specs; raises as `_list_object_files`."""
+    for path in _list_object_files(folder, name):
+        write_bytes(target / path, read_bytes(inside(folder, path), MOST_FILE_BYTES), target)
 
 
 def check_entry(folder: Path) -> list[str]:
@@ -251,6 +272,10 @@ def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
     for name in sorted(set(entry.objects) ^ set(record.boosters)):
         yield f"{ENTRY}: boosters: {name}: " + ("missing" if name in entry.objects else "is no object of the division")
     yield from _list_stray(entry)
+    missing = list(_list_missing(entry))
+    yield from missing
+    if missing:
+        return
     with TemporaryDirectory(prefix="toolkit-entry-") as scratch:
         try:
             space = open_space(entry, Path(scratch))
@@ -265,17 +290,55 @@ def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
                     yield str(error)
 
 
+def _list_missing(entry: ChallengeEntry) -> Iterator[str]:
+    for name in entry.objects:
+        if not (entry.folder / entry.file_name(name)).exists():
+            yield f"{entry.file_name(name)} is missing: expected the booster of {name}"
+        spec = f"{OBJECTS}/{name}.toml"
+        if entry.record.division == "open" and not (entry.folder / spec).is_file():
+            yield f"{spec} is missing: the open division judges objects of your own, which go into the entry"
+
+
+def _list_known(entry: ChallengeEntry) -> Iterator[str]:
+    """The files that may be in an entry, by their paths below its folder."""
+    yield from (ENTRY, "README", "README.md", "README.txt")
+    pictures = (f"{PICTURES}/{name}.png" for name in entry.objects)
+    page = (f"page/{name}" for name in ("index.html", "board.csv", f"{entry.record.name}.json"))
+    yield from (f"{SCORE}/{name}" for name in (SCORE_FILE, OUTCOMES, *pictures, *page))
+    for name in entry.objects:
+        own, objects = [entry.file_name(name), f"{BOOSTERS}/{name}.json"], [f"{OBJECTS}/{name}.toml"]
+        with suppress(ToolkitError):  # which is a fault of its own
+            own = [f"{BOOSTERS}/{name}{suffix}" for suffix, _ in entry.read_booster(name).files]
+        yield from own
+        if entry.record.division == "open":
+            with suppress(ToolkitError):
+                objects = [f"{OBJECTS}/{path}" for path in _list_object_files(inside(entry.folder, OBJECTS), name)]
+            yield from objects
+
+
 def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
-    """What has no place in an entry: links, what is too large, and what no rule knows."""
-    known = re.compile(rf"{ENTRY}|README(\.md|\.txt)?|score(/.*)?|{BOOSTERS}(/[^/]+){{0,2}}|{OBJECTS}(/[^/]+)?")
-    for path in sorted(entry.folder.rglob("*")):
-        name = path.relative_to(entry.folder).as_posix()
-        if path.is_symlink():
-            yield f"{name}: a link: expected the file itself"
-        elif not known.fullmatch(name) or (name.startswith(OBJECTS) and entry.record.division == "closed"):
-            yield f"{name}: has no place in an entry of the {entry.record.division} division: take it out"
-        elif path.is_file() and path.stat().st_size > MOST_FILE_BYTES:
-            yield f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}"
+    """What has no place in an entry: links, what is too large, and what no rule knows; of very much the first lines."""
+    known = set(_list_known(entry))
+    folders = {up.as_posix() for name in known for up in PurePosixPath(name).parents}
+    faults: list[str] = []
+    waiting = ["."]
+    while waiting:
+        # a folder without a place is not looked into, however much or deep it holds
+        for path in sorted((entry.folder / waiting.pop()).iterdir()):
+            name = path.relative_to(entry.folder).as_posix()
+            if path.is_symlink():
+                faults.append(f"{name}: a link: expected the file itself")
+            elif name in folders and path.is_dir():
+                waiting.append(name)
+            elif name not in known and not (name.startswith(f"{SCORE}/") and name.endswith(".partial")):
+                faults.append(f"{name}: has no place in an entry of the {entry.record.division} division: take it out")
+            elif not path.is_file():
+                faults.append(f"{name}: is no file: expected a plain one")
+            elif path.stat().st_size > MOST_FILE_BYTES:
+                faults.append(f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}")
+    yield from faults[:MOST_LISTED]
+    if len(faults) > MOST_LISTED:
+        yield f"{entry.folder}: {len(faults) - MOST_LISTED} more files that have no place in it: take them out"
 
 
 def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> Iterator[str]:
@@ -308,16 +371,14 @@ def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
     """
     space = make_workspace(folder)
     target = {"patch": space.patches_dir, "wrap": space.wraps_dir, "texture": space.textures_dir}[entry.record.budget]
-    if entry.record.division == "open":
-        for file in sorted((entry.folder / OBJECTS).glob("*")):
-            if file.is_file():
-                write_bytes(space.objects_dir / file.name, inside(entry.folder, f"{OBJECTS}/{file.name}").read_bytes())
+    for fault in _list_missing(entry):
+        raise ToolkitError(fault)
     for name in entry.objects:
-        if not (entry.folder / entry.file_name(name)).exists():
-            raise ToolkitError(f"{entry.file_name(name)} is missing: expected the booster of {name}")
+        if entry.record.division == "open":
+            _copy_object(inside(entry.folder, OBJECTS), name, space.objects_dir)
         for suffix, file in entry.read_booster(name).files:
             source = inside(entry.folder, file.relative_to(entry.folder).as_posix())
-            write_bytes(target / f"{name}{suffix}", source.read_bytes())
+            write_bytes(target / f"{name}{suffix}", read_bytes(source, MOST_FILE_BYTES))
     write_plan(space.plan_file, plan_poses(space, entry.objects))
     return space
 

@@ -37,7 +37,18 @@ from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change, estimate_difference
 from toolkit.evaluation.predict import predict_once
 from toolkit.experiments.challenge import DRAWN_SEED, JUDGES, VERSION
-from toolkit.experiments.challenge.entry import ENTRY, ChallengeEntry, EntryRecord, check_entry, open_space, read_entry
+from toolkit.experiments.challenge.entry import (
+    ENTRY,
+    OUTCOMES,
+    PICTURES,
+    SCORE,
+    SCORE_FILE,
+    ChallengeEntry,
+    EntryRecord,
+    check_entry,
+    open_space,
+    read_entry,
+)
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
 from toolkit.imaging.read import decode_image, read_image
@@ -48,7 +59,6 @@ from toolkit.rig.camera import pixel_rays
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import CONTROLS_OF
 
-SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
 CONDITIONS = (CLEAR, FOG, CORRUPTED)
 """Clean air; ImageNet-C's fog of severity 3; one of its 75 corruptions for each picture, in turn."""
@@ -353,6 +363,20 @@ def read_picture(judged: Judged, name: str) -> np.ndarray:
     if hashes != {sha256_bytes(content)}:
         raise ToolkitError(f"{file}: is not the picture that was judged: run the entry again")
     return decode_image(content, file)
+
+
+def check_score(folder: Path) -> list[str]:
+    """Why an entry's score cannot be read, a line; none where it can, or where there is none yet."""
+    place = Path(folder) / SCORE
+    if not any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
+        return []
+    try:
+        judged = read_judged(folder)
+        for name in judged.entry.objects:
+            read_picture(judged, name)
+    except ToolkitError as error:
+        return [str(error)]
+    return []
 
 
 def rescore(folder: Path) -> list[str]:

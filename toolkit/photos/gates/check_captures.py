@@ -14,7 +14,7 @@ from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file, write_text
+from toolkit.core.files import delete_file, sha256_file, write_text
 from toolkit.core.records import RecordLog, hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
@@ -182,7 +182,7 @@ def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
     """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
     file = Path(source_dir) / RETAKE_FILE
     if not rows:
-        file.unlink(missing_ok=True)
+        delete_file(file)
         return None
     return write_text(file, "".join(f"{row.describe()}\n" for row in rows))
 

@@ -2,14 +2,15 @@
 
 import csv
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, sha256_bytes, sha256_file
-from toolkit.core.text import is_file_name, is_folder_name
+from toolkit.core.text import is_file_name, is_folder_name, shorten
 from toolkit.imaging.read import show_path
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.evidence import Evidence
@@ -23,6 +24,8 @@ Ask = Callable[[str, Sequence[str]], "str | None"]
 """(question, answers that are possible) -> the answer, None for leaving the photograph out."""
 Resolved = tuple[Evidence, Decision]
 """A photograph that is to be stored."""
+MOST_LISTED = 10
+"""Other photographs of one pose that a line names."""
 
 
 def resolve_photos(
@@ -104,10 +107,15 @@ def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], a
             if answer:
                 reason = f"{key}: {labels[int(answer) - 1]} was chosen"
             else:
-                others = ", ".join(other for other in labels if other != label)
+                others = _list_some([other for other in labels if other != label])
                 reason = f"{key} is shown as well by {others}: take one away, or let the latest count (replace)"
             refused.append((label, reason))
     return [(one, decision) for one, decision in resolved if kept.get(decision.key) is one]
+
+
+def _list_some(labels: Sequence[str]) -> str:
+    more = f" and {len(labels) - MOST_LISTED} more" if len(labels) > MOST_LISTED else ""
+    return ", ".join(labels[:MOST_LISTED]) + more
 
 
 def resolve_occupied(
@@ -166,6 +174,8 @@ def _wall(taken: datetime) -> datetime:
 
 COLUMNS = ("file", "object", "variant", "pose")
 MOST_BYTES = 16 << 20
+MOST_WORD, MOST_DIGITS = 200, 20
+"""Of what names a pose or a class; more are no name, and no number of a pose."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +209,8 @@ def read_pairs(file: Path) -> list[PairRow]:
         raise ToolkitError(f"{file}: expected a table in UTF-8: save it as CSV UTF-8") from None
     # spreadsheets write semicolons where the decimal sign is a comma
     lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=";" if ";" in text.partition("\n")[0] else ",")
-    heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
+    with _explain_cells(lines, file):
+        heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
     if missing := [name for name in COLUMNS if name not in heading]:
         raise ToolkitError(f"{file}: line 1: no column {', '.join(missing)}: expected file,object,variant,pose[,class]")
     lines.fieldnames = heading
@@ -207,7 +218,7 @@ def read_pairs(file: Path) -> list[PairRow]:
     files: set[str] = set()
     shown: dict[tuple[str, str, str], str] = {}
     classes: dict[str, str] = {}
-    for line in lines:
+    for line in _read_lines(lines, file):
         where = f"{file}: line {lines.line_num}"
         values = {name: (line.get(name) or "").strip() for name in (*COLUMNS, "class")}
         if empty := [name for name in COLUMNS if not values[name]]:
@@ -230,7 +241,24 @@ def read_pairs(file: Path) -> list[PairRow]:
     return rows
 
 
+def _read_lines(lines: "csv.DictReader[str]", file: Path) -> Iterator[dict[str, str]]:
+    with _explain_cells(lines, file):
+        yield from lines
+
+
+@contextmanager
+def _explain_cells(lines: "csv.DictReader[str]", file: Path) -> Iterator[None]:
+    try:
+        yield
+    except csv.Error as error:  # a cell that is too long, as after a quote that nothing ends
+        raise ToolkitError(f"{file}: line {lines.line_num}: {error}: expected a table of short cells") from None
+
+
 def _check_row(row: PairRow, where: str) -> None:
+    for what, word in (("pose", row.pose), ("class", row.class_name)):
+        if len(word) > MOST_WORD or not word.isprintable():
+            expected = f"expected at most {MOST_WORD} letters that can be shown"
+            raise ToolkitError(f"{where}: {what} '{shorten(word, MOST_WORD)}': {expected}")
     if not is_file_name(row.object):
         raise ToolkitError(f"{where}: object '{row.object}': expected a name of letters, digits, - and _")
     if not is_folder_name(row.variant):
@@ -239,14 +267,12 @@ def _check_row(row: PairRow, where: str) -> None:
 
 def number_poses(rows: Sequence[PairRow]) -> dict[tuple[str, str], int]:
     """A number for each (object, pose): the pose itself where all of an object's are numbers, else by first mention."""
-    names: dict[str, list[str]] = {}
+    names: dict[str, dict[str, None]] = {}  # as a set that keeps its order
     for row in rows:
-        found = names.setdefault(row.object, [])
-        if row.pose not in found:
-            found.append(row.pose)
+        names.setdefault(row.object, {})[row.pose] = None
     numbers = {}
     for name, poses in names.items():
-        are_numbers = all(pose.isdecimal() and 1 <= int(pose) <= 99_999 for pose in poses)
+        are_numbers = all(pose.isdecimal() and len(pose) <= MOST_DIGITS and 1 <= int(pose) <= 99_999 for pose in poses)
         # "1" and "01" are different words and one number
         unique = len({int(pose) for pose in poses}) == len(poses) if are_numbers else False
         for i, pose in enumerate(poses, 1):
@@ -265,11 +291,15 @@ def match_pairs(
         ToolkitError: a file of the table is none of the photographs, or several.
     """
     numbers, placed = number_poses(rows), {}
+    by_name: dict[str, list[Candidate]] = {}
+    for one in candidates:
+        for word in {one.label, one.photo.path.name}:
+            by_name.setdefault(word, []).append(one)
     for row in rows:
         wanted = row.file.replace("\\", "/")
         if wanted in duplicates:
             continue
-        found = [one for one in candidates if wanted in (one.label, one.photo.path.name)]
+        found = by_name.get(wanted, [])
         # a full path wins over the same file name in another folder
         found = [one for one in found if one.label == wanted] or found
         if len(found) != 1:

@@ -7,7 +7,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
-from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.files import delete_file, link_file, sha256_bytes, sha256_file, write_bytes
 from toolkit.imaging.read import encode_image, show_path
 from toolkit.photos.gates import Check
 from toolkit.photos.importing.evidence import Evidence
@@ -64,7 +64,7 @@ def store_photo(
         write_bytes(file, content, root)
     for one in old:
         if one != file:
-            one.unlink(missing_ok=True)
+            delete_file(one)
     append_record(root, record)
     drop_records(root, {show_path(one.relative_to(root).parts) for one in old if one != file})
     return record, linked

@@ -1,0 +1,40 @@
+"""Where a workspace begins, and the rule that keeps what is written within it: no link below it is followed."""
+
+import os
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError
+
+MARKER = "toolkit.toml"
+
+
+def is_workspace(folder: Path) -> bool:
+    """Whether a folder is marked by `toolkit.toml`, or is an older workspace: one with `rig/`, and no source code."""
+    return (folder / MARKER).is_file() or _is_older(folder)
+
+
+def _is_older(folder: Path) -> bool:
+    rig = folder / "rig"
+    if not rig.is_dir() or (folder / "__init__.py").exists() or (rig / "__init__.py").exists():
+        return False
+    return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
+
+
+def check_links(folder: Path) -> None:
+    """Raise a `ToolkitError` if a link below a workspace leads to `folder`, which is about to be changed.
+
+    A workspace that somebody sends may hold links: what is written through them would land anywhere. Links that lead
+    to the workspace itself, and those outside of one, are the user's own and are followed.
+    """
+    place = Path(folder).absolute()
+    real = Path(place.anchor)
+    for part in place.parts[1:]:
+        below = real.parent if part == ".." else real / part
+        if os.path.islink(below):  # noqa: PTH114 -- a null byte or a long name is no link, where `is_symlink` raises
+            if any(map(is_workspace, (real, *real.parents))):
+                raise ToolkitError(
+                    f"{below} is a link: nothing is written or deleted through a link in a workspace: "
+                    "put a folder in its place, or move the whole workspace to where there is room"
+                )
+            below = Path(os.path.realpath(below))  # of links in a circle what can be followed
+        real = below
