@@ -278,14 +278,14 @@ def studio(
     Each photograph that you keep goes into captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.rig.board_file import with_board
-    from toolkit.studio.serve import listen, require_extra
+    from toolkit.studio import require_extra
 
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
     from toolkit.studio.app import make_app
     from toolkit.studio.predictor import Predictor
-    from toolkit.studio.serve import end_on_signal, make_server
+    from toolkit.studio.serve import end_on_signal, listen, make_server
     from toolkit.studio.session import open_session
 
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
