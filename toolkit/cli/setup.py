@@ -10,6 +10,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table
 from toolkit.core.files import write_bytes
+from toolkit.core.text import count_of
 from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.objects.spec import ObjectRequest
 
@@ -148,7 +149,7 @@ def demo(
     print_all(space)
     say("3/4  shoot: every object at every pose, without and with its patch")
     shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed))
-    say(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})")
+    say(f"     {count_of(shot.shot, 'image')} shot, {shot.kept} kept from before ({shot.source_dir})")
     say(f"4/4  evaluate: what {classifier.name} says about each image")
     result = evaluate_captures(space.captures_dir, space, classifier)
     print_tables(console, result)
