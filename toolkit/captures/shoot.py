@@ -361,7 +361,7 @@ def take_shots(
             and not _copy_stored(shot, stored or {}, source_dir)
         }
         units = _list_units(workspace, missing, settings, planned)
-        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), bar=bar)
+        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), source_dir, bar=bar)
         records = read_manifest(source_dir)
         folders = {Path(path).parent for path in wanted}
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
