@@ -47,6 +47,8 @@ UNIT_SHOTS = 64
 """Shots of one scene that are made together."""
 LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
+FILAMENT_VERSION = 2
+"""The same for the pictures of the second renderer alone."""
 
 
 @dataclass(frozen=True)
@@ -428,6 +430,8 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
+    if settings.renderer == "filament":
+        how["filament"] = FILAMENT_VERSION
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
     look = {
