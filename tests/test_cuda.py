@@ -13,7 +13,6 @@ from toolkit.boosters.linear_view import batch_views
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, judge_ensemble
 from toolkit.boosters.texture import take_photos
-from toolkit.boosters.transforms.camera import SensorNoise
 from toolkit.boosters.transforms.show import show_patch
 from toolkit.core.draws import Draws
 from toolkit.corruptions.catalogue import CORRUPTIONS
@@ -45,13 +44,6 @@ def noise(*shape):
 def share_of(different, of):
     """How long a difference is, of the length of what it is from."""
     return float((different - of).norm() / of.norm())
-
-
-def without_grain(config):
-    """Each device draws its own grain."""
-    return config.model_copy(
-        update={"camera": tuple(one for one in config.camera or () if not isinstance(one, SensorNoise))}
-    )
 
 
 def check_shown(found):
@@ -86,7 +78,7 @@ def test_corruptions_are_those_of_the_cpu(name, pictures):
 
 @pytest.mark.parametrize("recipe", patch_config.RECIPES)
 def test_a_patch_is_shown_as_on_the_cpu_and_so_is_its_gradient(recipe):
-    config, found = without_grain(patch_config.RECIPES[recipe]), []
+    config, found = patch_config.RECIPES[recipe], []
     for device in DEVICES:
         theta = noise(3, 16, 16).to(device).requires_grad_(True)
         shown = show_patch(theta, noise(4, 3, 64, 64).to(device), config.appearance(), DRAWS)
@@ -98,7 +90,7 @@ def test_a_patch_is_shown_as_on_the_cpu_and_so_is_its_gradient(recipe):
 @pytest.mark.parametrize("recipe", texture_config.RECIPES)
 def test_a_texture_is_shown_as_on_the_cpu_and_so_is_its_gradient(recipe, make_crate_space, tmp_path):
     views, found = render_linear(make_crate(make_crate_space(tmp_path / "w"))[1])[0], []
-    config = without_grain(texture_config.RECIPES[recipe])
+    config = texture_config.RECIPES[recipe]
     for device in DEVICES:
         theta = noise(3, 32, 32).to(device).requires_grad_(True)
         shown = take_photos(theta, batch_views(views, device), config, DRAWS)

@@ -103,6 +103,12 @@ def test_noise_is_that_of_photons_and_counter_in_linear_light(level, shot, read)
     assert float(noisy.mean()) == pytest.approx(level, abs=1e-3)
 
 
+def test_grain_is_drawn_on_the_cpu_whatever_the_device():
+    """The device `meta` computes nothing and has no generator: numbers of its own could not be drawn there."""
+    noisy = SensorNoise(probability=1).change(torch.zeros(2, 3, 8, 8, device="meta"), np.random.default_rng(0))
+    assert noisy.device.type == "meta" and noisy.shape == (2, 3, 8, 8)
+
+
 def test_tables_are_those_that_pillow_writes():
     for quality in (1, 10, 49, 50, 75, 90, 100):
         buffer = BytesIO()

@@ -18,7 +18,7 @@ from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, draw_first_pixels, list_networks
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance
-from toolkit.boosters.transforms.weather import DIFFERENTIABLE, Corrupted, corrupt_straight
+from toolkit.boosters.transforms.weather import DIFFERENTIABLE, STRAIGHT_THROUGH, Corrupted, corrupt_straight
 from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -32,7 +32,7 @@ def space(tmp_path, make_crate_space):
     return make_crate_space(tmp_path)
 
 
-STRAIGHT = sorted(set(CORRUPTIONS) - DIFFERENTIABLE - {"pixelate"})
+STRAIGHT = sorted(STRAIGHT_THROUGH - {"pixelate"})
 
 
 def smooth_images(count: int = 2, side: int = 96) -> torch.Tensor:
@@ -93,6 +93,13 @@ def test_the_others_pass_the_gradient_straight_through(name):
     images, wanted = smooth_images().requires_grad_(True), torch.randn(2, 3, 96, 96)
     (gradient,) = torch.autograd.grad(corrupt_straight(images, name, 3, [5, 6]), images, wanted)
     assert torch.equal(gradient, wanted)
+
+
+def test_a_corruption_whose_gradient_nobody_has_said_is_refused(monkeypatch):
+    assert set(CORRUPTIONS) == DIFFERENTIABLE | STRAIGHT_THROUGH and not DIFFERENTIABLE & STRAIGHT_THROUGH
+    monkeypatch.setitem(CORRUPTIONS, "posterise", CORRUPTIONS["brightness"])
+    with pytest.raises(ToolkitError, match=r"^corruption posterise has no gradient to train with"):
+        corrupt_straight(smooth_images(), "posterise", 3, [5, 6])
 
 
 def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrupted_one():

@@ -34,7 +34,7 @@ def test_an_import_prints_what_came_what_is_missing_and_what_is_next(space, tmp_
     photos = tmp_path / "photos [bold]"
     take(photos / "pose_1.jpg", 1)
     result = call("import", photos, "--object", "crate", "--variant", "patched", "--quiet")
-    assert "imported 1 photographs" in result.stdout and f"next: toolkit eval {space.captures_dir}" in result.stdout
+    assert "imported 1 photograph" in result.stdout and f"next: toolkit eval {space.captures_dir}" in result.stdout
     rows = [line.split() for line in result.stdout.splitlines() if "crate" in line and "patched" in line]
     words = {row[3]: row for row in rows if len(row) > 3}
     assert "1 of 2" in " ".join(words["patched"]) and "0 of 2" in " ".join(words["unpatched"])

@@ -76,6 +76,7 @@ def test_eighteen_pairs_show_what_the_statistics_tables_say():
     words = what_pairs_can_show(18)
     assert "with 18 pairs, 9 right means 29–71 %" in words and "6 changes for the better" in words
     assert "no number of changes" in what_pairs_can_show(5)
+    assert what_pairs_can_show(1).startswith("with 1 pair, ")
 
 
 def test_objects_are_listed_and_exported(space, tmp_path):

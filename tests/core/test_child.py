@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import toolkit
-from toolkit.core.child import LATE, limit_memory, run_python
+from toolkit.core import child
+from toolkit.core.child import LATE, count_cores, find_cpu_quota, limit_memory, run_python
 from toolkit.engine.local import LocalPool
 from toolkit.engine.units import Unit
 
@@ -48,6 +49,49 @@ def test_statements_and_what_they_read(planted):
 def test_a_child_is_ended_when_its_time_is_over():
     assert run_python("while True: pass", most_s=1).returncode == LATE
     assert run_python("import time; time.sleep(99)", most_s=0.1).returncode == LATE
+
+
+GROUPS = {
+    "version 2": ("0::/app/web\n", {"app/cpu.max": "150000 100000\n", "app/web/cpu.max": "max 100000\n"}, 1.5),
+    "a container": ("0::/docker/abc\n", {"cpu.max": "250000 100000\n"}, 2.5),
+    "version 1": (
+        "5:memory:/app\n4:cpu,cpuacct:/app\n",
+        {
+            "cpu,cpuacct/app/cpu.cfs_quota_us": "50000\n", "cpu,cpuacct/app/cpu.cfs_period_us": "100000\n",
+            "memory/app/cpu.max": "1 100000\n",
+        },
+        0.5,
+    ),
+    "both": (
+        "1:cpu:/\n0::/\n",
+        {"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n", "unified/cpu.max": "300000 100000"}, 3.0,
+    ),
+    "no bound": ("0::/\n", {"cpu.max": "max 100000\n"}, float("inf")),
+    "no groups": ("", {}, float("inf")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("lines", "files", "wanted"), GROUPS.values(), ids=GROUPS)
+def test_the_cpu_quota_is_the_least_of_the_groups_around(lines, files, wanted, tmp_path):
+    (tmp_path / "own").write_text(lines)
+    for name, text in files.items():
+        (tmp_path / "root" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "root" / name).write_text(text)
+    assert find_cpu_quota(tmp_path / "own", tmp_path / "root") == wanted
+
+
+@pytest.mark.parametrize(("quota", "cores"), [(float("inf"), 8), (9.5, 8), (2.5, 3), (0.2, 1)])
+def test_cores_are_those_of_affinity_and_quota(quota, cores, monkeypatch):
+    monkeypatch.setattr(child, "_limit", None)
+    monkeypatch.setattr(child.os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(child, "find_cpu_quota", lambda: quota)
+    assert count_cores() == cores
+
+
+def test_nothing_else_counts_cores():
+    """`os.cpu_count` knows neither of the two."""
+    here = Path(toolkit.__file__).parent
+    assert [file.name for file in here.rglob("*.py") if "cpu_count" in file.read_text()] == ["child.py"]
 
 
 def test_a_pool_and_the_count_of_its_semaphores(planted):

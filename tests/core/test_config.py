@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, model_validator
 
-from toolkit.core.config import Config, Expect, Flag, Later, Range, Rising, align_rows, bounds_of, describe
+from toolkit.core.config import Config, Expect, Flag, Joined, Later, Range, Rising, align_rows, bounds_of, describe
 from toolkit.core.errors import FieldError, ToolkitError
 
 
@@ -16,6 +16,7 @@ class Turn(Config):
     rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation")] = (-180.0, 180.0)
     length_mm: Annotated[float, Field(gt=0)] = 270.0
     probability: float = 0.5
+    most_mm: Annotated[float | None, Later] = None
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Job(Config):
     blur: Blur | None = None
     note: str = Field("", exclude=True)
     added: Annotated[int, Later] = 0
+    limit_mm: Annotated[float | None, Later] = None
 
     @model_validator(mode="after")
     def _check(self) -> "Job":
@@ -96,8 +98,15 @@ def test_it_is_frozen():
 
 
 def test_overrides_change_what_they_name_and_leave_the_rest():
-    changed = Job(lr=0.3).with_overrides({"turn.rotation_deg": (0.0, 5.0), "size_px": None}, schedule="constant")
+    changed = Job(lr=0.3).with_overrides({"turn.rotation_deg": (0.0, 5.0)}, schedule="constant")
     assert changed == Job(lr=0.3, schedule="constant", turn=Turn(rotation_deg=(0.0, 5.0)))
+
+
+def test_none_clears_a_field_and_is_refused_where_a_value_is_needed():
+    assert Job(limit_mm=3.0, pose=Turn()).with_overrides({"limit_mm": None, "pose": None}) == Job()
+    assert Job(turn=Turn(most_mm=3.0)).with_overrides({"turn.most_mm": None}) == Job()
+    with pytest.raises(FieldError, match=r"^size_px None: expected 8 to 224$"):
+        Job().with_overrides(size_px=None)
 
 
 def test_a_part_is_switched_on_kept_and_taken_away():
@@ -153,6 +162,18 @@ def test_rows_have_units_and_leave_out_what_does_not_act():
     assert describe(Drop()) == "fastest 1.5 m/s, wait 2 s"
     lines = align_rows(list(rows.items()))
     assert len({len(line) - len(line[2:].partition("  ")[2].lstrip()) for line in lines}) == 1
+
+
+def test_a_pair_that_is_no_range_does_not_read_as_one():
+    class Sheet(Config):
+        sheet_mm: Annotated[Range, Joined(" × ")] = (177.0, 241.0)
+        at_m: Annotated[tuple[float, float] | None, Joined(", ")] = None
+
+    class Page(Config):
+        sheet: Sheet = Sheet()
+
+    assert Sheet(at_m=(3, 4.5)).rows() == [("sheet mm", "177 × 241 mm"), ("at m", "3, 4.5 m")]
+    assert dict(Page().rows())["sheet"].startswith("sheet 177 × 241 mm")
 
 
 def test_bounds_in_words():

@@ -111,7 +111,7 @@ def test_foreign_and_changed_files_stay(photos, tmp_path):
     Image.new("RGB", (90, 70), "red").save(photos / "b/c/3.png")
     (out / "b/c/3.png.png").write_bytes(b"mine too")
     code, said, said_wrong = run(photos, out, "--corrupt", "contrast", "--severity", 1)
-    assert code == 1 and "made 1 images, 1 kept" in said
+    assert code == 1 and "made 1 image, 1 kept" in said
     assert "b/c/3.png.png: was changed since it was made" in said_wrong
     assert np.asarray(Image.open(out / "a/2.png"))[0, 0, 0] > 200
 
@@ -145,7 +145,7 @@ def test_size_and_format_as_published(photos, tmp_path):
 
 def test_one_image_into_one_file(photos, tmp_path):
     out = tmp_path / "foggy.png"
-    assert run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 3)[1].startswith("made 1 images")
+    assert run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 3)[1].startswith("made 1 image")
     expected = make_foggy(photos / "a/1.png", image_seed(0, "1.png"))
     assert np.array_equal(np.asarray(Image.open(out)), expected)
     assert "made 0 images, 1 kept" in run(photos / "a/1.png", out, "--corrupt", "fog", "--severity", 3)[1]

@@ -31,7 +31,7 @@ def run(folder, errors=(), wanted="abcdef", engine=None, keep=None):
         for name, at in missing.items()
     )
     keep = keep or (lambda name, at, result: cache.add(Row(name=name, value=result)))
-    return run_resumable("counting", wanted, missing, units, keep, engine or InProcess()), cache.known
+    return run_resumable("counting", wanted, missing, units, keep, engine or InProcess(), folder), cache.known
 
 
 @pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])
@@ -43,10 +43,27 @@ def test_what_fails_is_listed_and_tried_again_and_the_rest_is_kept(tmp_path, eng
     assert (ran.made, ran.kept, ran.failed) == (1, 5, ()) and known == dict(zip("abcdef", range(6), strict=True))
 
 
+@pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])
+def test_the_traceback_of_an_error_that_nobody_foresaw_is_kept_and_its_file_is_named(tmp_path, engine):
+    with engine:
+        ran, _ = run(tmp_path, [KeyError("x"), ToolkitError("torn"), ZeroDivisionError()], engine=engine)
+    file = tmp_path / "failures.log"
+    assert [reason.endswith(f"(traceback in {file})") for _, reason in ran.failed] == [True, False, True]
+    assert ran.failed[0][1].startswith("KeyError in engine_work.py, line ")
+    first, second = file.read_text().split("\n\n")
+    assert first.startswith("a\nTraceback ") and "in fail_at" in first and first.endswith("KeyError: 'x'")
+    assert second.startswith("c\nTraceback ") and "ZeroDivisionError" in second and "torn" not in first + second
+
+
+def test_a_run_without_such_an_error_writes_no_log(tmp_path):
+    run(tmp_path, [ToolkitError("torn")])
+    assert not (tmp_path / "failures.log").exists()
+
+
 def test_units_of_what_is_there_are_not_even_made(tmp_path):
     run(tmp_path)
     units = (pytest.fail("made") for _ in "a")
-    ran = run_resumable("counting", {"a": 0}, {}, units, pytest.fail, InProcess())
+    ran = run_resumable("counting", {"a": 0}, {}, units, pytest.fail, InProcess(), tmp_path)
     assert (ran.made, ran.kept) == (0, 1)
 
 

@@ -250,6 +250,15 @@ def test_files_that_are_no_exported_programs(tmp_path):
     assert "no such file" in error_of(lambda: load_classifier(str(tmp_path / "none.pt2")))
 
 
+def test_torch_logs_no_traceback_of_a_program_that_it_cannot_read(exported, tmp_path, capfd):
+    with zipfile.ZipFile(exported / "two.pt2") as whole, zipfile.ZipFile(tmp_path / "later.pt2", "w") as archive:
+        for name in whole.namelist():
+            archive.writestr(name, b"99" if name.endswith(".data/version") else whole.read(name))
+    assert "the program is damaged" in error_of(lambda: load_classifier(str(tmp_path / "later.pt2")))
+    said = capfd.readouterr()
+    assert (said.out, said.err) == ("", "")
+
+
 SOURCE = """
 import torch
 from toolkit.imaging.preprocessing import Preprocessing
@@ -293,12 +302,18 @@ def set_nan(y):
     y[1:, 2] = float("nan")
     return y
 def fail(y): raise ValueError("no more\\nof it")
+class Gone(BaseException): pass
+def leave(y=None): raise Gone("for good")
 def later_nan(): return Later(set_nan), HOW
 def later_list(): return Later(lambda y: [1.0, 2.0]), HOW
 def later_shape(): return Later(lambda y: y[:, :3]), HOW
 def later_fewer(): return Later(lambda y: y[:1]), HOW
 def later_labels(): return Later(lambda y: y.argmax(1)), HOW
 def later_fails(): return Later(fail), HOW
+def later_leaves(): return Later(leave), HOW
+def leaves(): leave()
+def exits(): raise SystemExit(3)
+def leaves_at_once(): return Net(leave), HOW
 def unnamed(): return Net(), {"size": 32}
 def few(): return Net(lambda y: y[:, :3]), HOW
 def stuck(): return Net(lambda y: y @ y), HOW
@@ -348,6 +363,9 @@ def test_its_hash_is_of_weights_and_code(code, tmp_path):
         ("wrong_field", "field 'size'"),
         ("number", "found int"),
         ("fails", "RuntimeError: no weights here"),
+        ("leaves", "leaves of my_networks ended with an error: Gone: for good"),
+        ("leaves_at_once", "it fails at two images of 32 px: Gone: for good"),
+        ("exits", "exits of my_networks ended with an error: SystemExit: 3"),
         ("missing", "'my_networks' has no function 'missing'"),
         ("nan", "not a number"),
         ("listed", "gives a list of 2: expected one tensor, images × classes"),
@@ -392,6 +410,7 @@ def captured(tmp_path):
         ("later_shape", "gives 3×3 for 3 images: expected 3×4", "a/0.png or"),
         ("later_fewer", "gives 1×4 for 3 images: expected 3×4", "a/0.png or"),
         ("later_labels", "gives 3 for 3 images: expected 3×4", "a/0.png or"),
+        ("later_leaves", "fails at 3 images of 32 px: Gone: for good", "a/0.png or"),
         ("later_fails", "fails at 3 images of 32 px: ValueError: no more of it", "a/0.png or"),
     ],
 )

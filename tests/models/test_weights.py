@@ -185,6 +185,15 @@ def test_names_that_are_no_text_are_one_line(tmp_path, state, name):
     assert "no state dict of plain real numbers" in error_of(lambda: load_classifier(ARCH, tmp_path / "odd.pth", "cpu"))
 
 
+@pytest.mark.parametrize("rows", [10**7, 10**12, 10**15])
+def test_a_layer_that_is_larger_than_its_file_is_one_line(tmp_path, state, rows):
+    """One number of the file stands for all of them."""
+    wide = state | {"fc.weight": torch.zeros(1).expand(rows, 512), "fc.bias": torch.zeros(1).expand(rows)}
+    torch.save(wide, tmp_path / "wide.pth")
+    line = error_of(lambda: load_classifier("resnet18", tmp_path / "wide.pth", "cpu"))
+    assert f"wide.pth: 'fc.weight' is {rows}×512, which a file of " in line and "save it again" in line
+
+
 def test_a_single_number_for_a_layer_is_one_line(tmp_path, state):
     torch.save({**state, "classifier.1.weight": torch.tensor(3.0)}, tmp_path / "odd.pth")
     assert "is a single number" in error_of(lambda: load_classifier(ARCH, tmp_path / "odd.pth", "cpu"))

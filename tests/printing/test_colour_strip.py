@@ -7,7 +7,7 @@ from printed_pages import make_patch, render
 
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
-from toolkit.printing.marks import FIDUCIALS, STRIP
+from toolkit.printing.marks import FIDUCIALS, STRIP, strip_area
 from toolkit.printing.page import parse_paper
 from toolkit.printing.print_boards import build_strip_pdf
 
@@ -124,7 +124,7 @@ def test_strip_never_touches_a_patch_or_its_marks(patch, paper, side_mm, copies)
         strip = getattr(page, "strip", None)
         if strip is None:
             continue
-        area, content = strip.area, plan.frame.content
+        area, content = strip_area(strip), plan.frame.content
         assert area.x >= content.x - 1e-6
         assert area.y >= content.y - 1e-6
         assert area.right <= content.right + 1e-6

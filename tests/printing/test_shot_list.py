@@ -246,7 +246,7 @@ def test_the_command_keeps_the_plan_unless_poses_are_asked_for(tmp_path, make_cr
     assert (told["shots"], told["pages"], told["replaced"]) == (4, 2, False)
     words = call("--count", 1, "--variant", "unpatched", "--quiet")
     assert len(read_plan(space.plan_file).objects["crate"]) == 1
-    assert "held other shots" in words and "1 shots of crate" in words and "toolkit import" in words
+    assert "held other shots" in words and "1 shot of crate" in words and "toolkit import" in words
 
 
 @pytest.mark.parametrize(

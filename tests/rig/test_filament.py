@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,6 +81,29 @@ def test_the_scene_is_built_once_for_all_its_poses(needs_egl, studio, make_box, 
     assert all(np.abs(other - first).mean() > 0.01 for other in others[:2])
     np.testing.assert_allclose(others[-1], first, atol=1 / 255 + 1e-6)
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("light", ["studio", "side", "dim"])
+def test_exposure_and_the_rooms_light_are_the_scenes(needs_egl, make_box, light):
+    """Matt and grey, so that the picture's brightness is that of the light alone."""
+    box, camera = make_box(), Camera.from_fov(64, 48, 40)
+    box = replace(box, materials=tuple(
+        replace(one, texture=np.full((4, 4, 3), 128, np.uint8), roughness=1.0, metallic=0.0) for one in box.materials
+    ))  # fmt: skip
+    studio = make_studio(0, 100, "white", light)
+    scenes = (
+        studio,
+        replace(studio, exposure=studio.exposure / 2),
+        replace(studio, environment=studio.environment / 4),
+    )
+    view = orbit_pose((0, 0, 20), 30, 35, 300)
+    seen = RaycastRenderer(box, studio).buffers(camera, view)["material"] >= 0
+    for scene in scenes:
+        ours, theirs = (
+            kind(box, scene).render(camera, view)[seen].mean() for kind in (RaycastRenderer, FilamentRenderer)
+        )
+        assert theirs == pytest.approx(ours, rel=0.25)
 
 
 AFTERWARDS = """

@@ -73,3 +73,32 @@ def test_what_is_missing_is_said(space, crate):
     (space.patches_dir / "crate.png").unlink()
     with pytest.raises(ToolkitError, match=r"no patch for object 'crate'.*toolkit train-patch"):
         find_booster(space, crate, "patched")
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x89PNG", b"no picture"])
+def test_a_broken_patch_of_another_object_stops_no_search(space, crate, damage, capsys):
+    (space.patches_dir / "crate.png").rename(space.patches_dir / "z.png")
+    (space.patches_dir / "crate.json").rename(space.patches_dir / "z.json")
+    (space.patches_dir / "mug.png").write_bytes(damage)
+    assert find_patch(space, crate).record.class_name == "crate"
+    assert find_booster(space, crate, "wrong-patch").name == "toaster"
+    said = capsys.readouterr().err
+    assert said.count("left out: ") == 1 and "mug" in said
+
+
+def test_a_broken_patch_of_the_objects_own_name_is_refused(space, crate):
+    (space.patches_dir / "crate.png").write_bytes(b"")
+    with pytest.raises(ToolkitError, match=r"crate\.png"):
+        find_patch(space, crate)
+
+
+def test_a_broken_record_of_another_objects_wrap_or_texture_stops_no_search(space, crate):
+    for folder in (space.textures_dir, space.wraps_dir / "mug"):
+        folder.mkdir(parents=True, exist_ok=True)
+    (space.textures_dir / "mug.png").write_bytes(b"")
+    (space.textures_dir / "mug.json").write_text("{")
+    (space.wraps_dir / "mug" / "wrap.json").write_text("{")
+    with pytest.raises(ToolkitError, match="no texture for object 'crate': train one"):
+        find_booster(space, crate, "textured")
+    with pytest.raises(ToolkitError, match="no wrap is for 'crate': make one"):
+        find_booster(space, crate, "wrapped")

@@ -1,13 +1,16 @@
 import io
 import socket
+import subprocess
+import sys
 
 import cv2
 import numpy as np
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.studio import serve
-from toolkit.studio.serve import listen, require_extra, show_code
+from toolkit.core.workspace import make_workspace
+from toolkit.studio import require_extra, serve
+from toolkit.studio.serve import listen, show_code
 
 
 @pytest.fixture
@@ -83,9 +86,26 @@ def test_the_code_in_the_terminal_is_read_by_another_library():
 
 
 def test_what_is_not_installed_is_named_with_its_extra(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "uvicorn" else object())
+    monkeypatch.setattr("toolkit.studio.find_spec", lambda name: None if name == "uvicorn" else object())
     with pytest.raises(ToolkitError, match=r"needs uvicorn, .*pip install '\.\[studio\]'"):
         require_extra()
+
+
+WITHOUT = """
+import sys
+sys.modules |= dict.fromkeys(("fastapi", "starlette", "uvicorn", "h11", "anyio"))
+sys.argv = ["toolkit", "studio"]
+from toolkit.__main__ import main
+main()
+"""
+
+
+def test_the_command_names_the_extra_too(tmp_path):
+    """Nothing of the extra is imported before it is asked for."""
+    make_workspace(tmp_path)
+    done = subprocess.run([sys.executable, "-c", WITHOUT], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: toolkit studio needs fastapi and uvicorn") and done.stderr.count("\n") <= 2
 
 
 def test_all_that_is_needed_is_here():

@@ -150,7 +150,7 @@ def train_class_patches(
     opened = InProcess(raises=True) if is_torchrun else engine.open(gpus=int(network.device != "cpu"))
     with opened as workers:
         units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
-        ran = run_resumable(f"Training {len(orders)} patches", orders, orders, units, keep, workers)
+        ran = run_resumable(f"Training {len(orders)} patches", orders, orders, units, keep, workers, folder)
     # nothing was trained: the first reason is the command's own
     if source.refused and not done:
         raise next(iter(source.refused.values()))

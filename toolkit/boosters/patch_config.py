@@ -192,7 +192,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
-    pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
+    pose_acts = fitted.get("pose", base.pose) not in (None, False)
     # the spec's sizes are hints, not settings: what was asked for goes before them
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
     stated_mm = fitted.get("size_mm") or spec_mm

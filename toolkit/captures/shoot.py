@@ -55,6 +55,8 @@ UNIT_SHOTS = 64
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
+FILAMENT_VERSION = 2
+"""The same for the pictures of the second renderer alone."""
 
 
 @dataclass(frozen=True)
@@ -400,7 +402,7 @@ def take_shots(
             if path in known and LEFT_OUT in known[path].made:
                 append_record(source_dir, without_mark(known[path]))
         units = _list_units(workspace, missing, settings, planned)
-        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), bar=bar)
+        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), source_dir, bar=bar)
         records = read_manifest(source_dir)
         folders = {Path(path).parent for path in wanted}
         there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
@@ -468,6 +470,8 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
+    if settings.renderer == "filament":
+        how["filament"] = FILAMENT_VERSION
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
     look = {

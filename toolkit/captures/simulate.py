@@ -9,7 +9,7 @@ from pydantic import Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.core.text import kept_before
+from toolkit.core.text import count_of, kept_before
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 
@@ -110,8 +110,8 @@ class Simulated:
     def lines(self) -> Iterator[str]:
         """What was made, and what comes next."""
         count, shot = len(self.left_out or ()), self.shot
-        left_out = f", {count} photograph{'s' if count > 1 else ''} left out" if count else ""
-        yield f"shot {shot.shot} images{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
+        left_out = f", {count_of(count, 'photograph')} left out" if count else ""
+        yield f"shot {count_of(shot.shot, 'image')}{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
         for one in self.corrupted:
             yield f"corrupted {one.made} of them{kept_before(one.kept)}: {one.source_dir}"
         yield f"next: toolkit eval {shot.source_dir.parent}"

@@ -9,7 +9,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.files import load_json
-from toolkit.core.text import kept_before
+from toolkit.core.text import count_of, kept_before
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
 from toolkit.engine import EngineConfig
@@ -172,7 +172,7 @@ def show_sweep(result: "SweepResult") -> None:
         warn(line)
     for note in result.evaluation.notes:
         remark(note)
-    say(f"{result.shot} images shot, {result.kept} kept; {result.classified} classified")
+    say(f"{count_of(result.shot, 'image')} shot, {result.kept} kept; {result.classified} classified")
     say(f"table: {result.csv_file}")
     say(f"figure: {result.figure_file}")
     say(f"report: {result.evaluation.report_file}")
@@ -234,7 +234,7 @@ def corrupt(
             warn(f"failed: {path}: {reason}")
         if len(result.failed) > SHOWN_FAILURES:
             warn(f"failed: {len(result.failed) - SHOWN_FAILURES} more, --json lists them all")
-        say(f"made {result.made} images{kept_before(result.kept)}: {out}")
+        say(f"made {count_of(result.made, 'image')}{kept_before(result.kept)}: {out}")
     if result.failed:
         raise typer.Exit(1)
 

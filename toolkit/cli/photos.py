@@ -13,6 +13,7 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
 from toolkit.photos import ImportSettings, RetextureConfig
@@ -105,7 +106,7 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
         remark(note)
     before = f", {len(result.before)} imported before" if result.before else ""
     skipped = f", {len(result.refused)} skipped" if result.refused else ""
-    say(f"imported {len(result.imported)} photographs{before}{skipped}: {result.source_dir}")
+    say(f"imported {count_of(len(result.imported), 'photograph')}{before}{skipped}: {result.source_dir}")
     if report is not None:
         _report_check(report, result.source_dir)
     if any(row.there for row in result.coverage):
@@ -151,7 +152,7 @@ def _report_check(report: "CheckReport", folder: Path) -> None:
     for row in report.retakes:
         warn(f"retake {row.describe()}")
     for gate, reason, count in report.unchecked:
-        remark(f"{gate} not checked in {count} photographs: {reason}")
+        remark(f"{gate} not checked in {count_of(count, 'photograph')}: {reason}")
     passed = len(report.photos) - len({row.path for row in report.retakes if row.path})
     say(f"{passed} of {len(report.photos)} photographs pass every gate that was checked")
     if report.retakes:
@@ -206,7 +207,8 @@ def retexture(
         ]  # fmt: skip
         show_table(("photograph", "found", "confidence", "side, px", "fit, ΔE00", "shows"), rows)
         bare = f", {run.bare} bare ones {'paired' if run.paired else 'not paired'} with them" if run.bare else ""
-        say(f"retextured {len(run.photos)} photographs{bare}: {run.folder / run.object}: {', '.join(run.variants)}")
+        made = f"retextured {count_of(len(run.photos), 'photograph')}{bare}"
+        say(f"{made}: {run.folder / run.object}: {', '.join(run.variants)}")
         say(f"next: toolkit eval {run.folder}")
     if run.skipped:
         raise typer.Exit(1)
@@ -278,14 +280,14 @@ def studio(
     Each photograph that you keep goes into captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.rig.board_file import with_board
-    from toolkit.studio.serve import listen, require_extra
+    from toolkit.studio import require_extra
 
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
     from toolkit.studio.app import make_app
     from toolkit.studio.predictor import Predictor
-    from toolkit.studio.serve import end_on_signal, make_server
+    from toolkit.studio.serve import end_on_signal, listen, make_server
     from toolkit.studio.session import open_session
 
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)

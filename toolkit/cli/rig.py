@@ -12,6 +12,7 @@ from toolkit.cli import options
 from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.objects.spec import read_spec
@@ -178,7 +179,7 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
         say("note: rig/shots.json was replaced; it held other shots or another order")
     for note in made.notes:
         remark(note)
-    say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
+    say(f"{count_of(made.shots, 'shot')} of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
     wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
     say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")
 
@@ -193,8 +194,8 @@ def what_pairs_can_show(count: int) -> str:
     if enough is not None:
         flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
     return (
-        f"with {count} pairs, {count // 2} right means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson interval); "
-        f"{flips} in an exact McNemar test"
+        f"with {count_of(count, 'pair')}, {count // 2} right means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson "
+        f"interval); {flips} in an exact McNemar test"
     )
 
 
@@ -267,7 +268,7 @@ def write_boxes(
     if as_json:
         show_json({"file": str(file), "images": count, "left_out": left_out})
     else:
-        say(f"{file}: {count} images")
+        say(f"{file}: {count_of(count, 'image')}")
         for line in list_lines("left out", left_out):
             warn(line)
     if left_out:

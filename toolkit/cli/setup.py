@@ -10,13 +10,16 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table
 from toolkit.core.files import write_bytes
+from toolkit.core.text import count_of
 from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.objects.spec import ObjectRequest
 
 if TYPE_CHECKING:
     from toolkit.evaluation.survey import SurveyedModel
-BUNDLED_FILL = 0.32
-"""The default plan's 0.8 at two and a half times the distance: near by, rig18 is never wrong about a bare object."""
+BUNDLED_FILL = 0.22
+"""Share of the frame that objects fill in views for rig18. From close up it is never wrong without a patch."""
+BUNDLED_CONTROL = "grey-patch"
+"""Far away a sheet of paper may change much by itself."""
 
 
 def init(
@@ -120,8 +123,8 @@ def demo(
 ) -> None:
     """Run every step in a new workspace: plan, print, shoot 144 images, evaluate, report.
 
-    With a ResNet-18 of ImageNet where its weights are on this machine or can be downloaded, else with the bundled
-    classifier rig18 and the patches for it.
+    The demo uses a ResNet-18 of ImageNet if its weights are on this machine or can be downloaded. Otherwise it uses the
+    bundled classifier rig18, the patches for it, views from far away and grey paper as a control: 216 images.
     """
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.cli.rig import what_pairs_can_show
@@ -131,7 +134,7 @@ def demo(
     from toolkit.models.find import BUNDLED
     from toolkit.models.load import load_best
     from toolkit.printing.print_patches import print_all
-    from toolkit.rig import Pattern
+    from toolkit.rig import PAIR, Pattern
     from toolkit.rig.plan import open_plan
 
     space = make_workspace(folder)
@@ -142,13 +145,14 @@ def demo(
     say(f"1/4  plan: where the camera stands ({space.plan_file})")
     plan = open_plan(space, pattern=Pattern(fill=BUNDLED_FILL) if is_bundled else None)
     if is_bundled:
-        say(f"     far away: {BUNDLED} recognises these objects from near without a patch")
+        say(f"     from far away: from close up {BUNDLED} recognises these objects without a patch")
     say(f"     {what_pairs_can_show(max(map(len, plan.objects.values())))}")
     say(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})")
     print_all(space)
-    say("3/4  shoot: every object at every pose, without and with its patch")
-    shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed))
-    say(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})")
+    say("3/4  shoot: every object at every pose, without and with its patch" + is_bundled * ", and with grey paper")
+    variants = (*PAIR, BUNDLED_CONTROL) if is_bundled else PAIR
+    shot = shoot_plan(space, plan, list(plan.objects), variants, ShootSettings(seed=seed))
+    say(f"     {count_of(shot.shot, 'image')} shot, {shot.kept} kept from before ({shot.source_dir})")
     say(f"4/4  evaluate: what {classifier.name} says about each image")
     result = evaluate_captures(space.captures_dir, space, classifier)
     print_tables(console, result)

@@ -1,6 +1,5 @@
 """Commands that train: patches, textures, wraps, classifiers; and what patches are compared with."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +19,7 @@ from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
 from toolkit.cli.output import show_result, warn
+from toolkit.core.child import count_cores
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, open_workspace
@@ -328,7 +328,7 @@ def train_classifier(
     pictures = None if patches is None else read_training_boost(space, patches)
     trained = run(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,
-        workers=workers or os.cpu_count() or 1, download=download, restart=restart, keep_data=keep_data,
+        workers=workers or count_cores(), download=download, restart=restart, keep_data=keep_data,
     )  # fmt: skip
     show_result(trained, as_json, _describe_classifier(trained, out))
 

@@ -108,10 +108,49 @@ _before = (0, 0)
 
 
 def count_cores() -> int:
-    """Cores that this process may use: all that the system gives it, or as many as `limit_cores` said."""
+    """Number of cores that this process may use, at least 1: as `limit_cores` said, else as the system allows.
+
+    The system's bounds are the process's affinity and, in a container, the quota of its control groups.
+    """
     if _limit is not None:
         return _limit
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = find_cpu_quota()
+    return cores if quota >= cores else max(1, math.ceil(quota))
+
+
+def find_cpu_quota(own: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> float:
+    """Least CPU time per time that this process's control groups and those around them allow; infinite without a bound.
+
+    Source: the kernel's documentation, `cpu.max` of version 2 and `cpu.cfs_quota_us` of version 1.
+
+    Args:
+        own: a line `number:controllers:path` for each hierarchy that the process is in.
+        root: where the hierarchies are mounted: version 2 there or in `unified`, those of version 1 by their names.
+    """
+    least = math.inf
+    for line in _read_text(own).splitlines():
+        _, controllers, path = line.split(":", 2)
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        mounts = (root / controllers, root / "cpu") if controllers else (root, root / "unified")
+        inner = Path(path.lstrip("/"))
+        # a container may see its own group as the root, while the path is that of the host
+        for group in (mount / part for mount in mounts for part in (inner, *inner.parents)):
+            words = _read_text(group / "cpu.max") or " ".join(
+                _read_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period")
+            )
+            numbers = [int(word) for word in words.split() if word.isdecimal()]  # `max` and -1 are no bound
+            if len(numbers) == 2 and all(numbers):
+                least = min(least, numbers[0] / numbers[1])
+    return least
+
+
+def _read_text(file: Path) -> str:
+    try:
+        return file.read_text()
+    except OSError:
+        return ""
 
 
 def limit_cores(count: int) -> None:

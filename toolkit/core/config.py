@@ -79,6 +79,13 @@ class Rising:
         return pair
 
 
+@dataclass(frozen=True)
+class Joined:
+    """Marks a pair of numbers that is no range, such as a size or a place, and holds what stands between the two."""
+
+    by: str
+
+
 class Later:
     """Marks a field that came later: left out of record and hash while it has its default, so that old hashes stay."""
 
@@ -146,20 +153,19 @@ class Config(BaseModel, metaclass=_ShortHelp):
         return sha256(json.dumps([*inputs, self.record()], sort_keys=True).encode()).hexdigest()
 
     def with_overrides(self: Self, overrides: Mapping[str, Any] | None = None, /, **by_name: Any) -> Self:
-        """Another config with some fields changed; None leaves a field as it is.
+        """Another config with some fields changed.
 
         Args:
             overrides: path of a field -> its new value. For a field that holds a part or None, True keeps or makes the
-                part and False takes it away.
+                part, and False or None takes it away.
             by_name: the same, for fields of this config.
 
         Raises:
             FieldError: a value cannot be used, or belongs to a part that does not act.
         """
-        changes = {path: value for path, value in {**(overrides or {}), **by_name}.items() if value is not None}
         values = {name: getattr(self, name) for name in type(self).model_fields}
         below: dict[str, dict[str, Any]] = {}
-        for path, value in changes.items():
+        for path, value in {**(overrides or {}), **by_name}.items():
             name, _, rest = path.partition(".")
             if rest:
                 below.setdefault(name, {})[rest] = value
@@ -174,7 +180,7 @@ class Config(BaseModel, metaclass=_ShortHelp):
     def rows(self) -> list[tuple[str, str]]:
         """(name, value) of every setting, in words; a part in one line, and what is None left out."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
-        return [(name.replace("_", " "), describe(value, name)) for name, value in held if value is not None]
+        return [(name.replace("_", " "), _describe_field(self, name)) for name, value in held if value is not None]
 
 
 def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails) -> ToolkitError:
@@ -263,20 +269,33 @@ def part_maker(config: type[Config], name: str) -> Callable[[], object] | None:
     return next((kind for kind in _members(info.annotation) if _is_part(kind)), None)
 
 
-def describe(value: object, name: str = "") -> str:
-    """A setting's value in words, with the unit that its name ends in; a part's fields, its probabilities last."""
+def describe(value: object, name: str = "", between: str = " to ") -> str:
+    """A setting's value in words, with the unit that its name ends in; a part's fields, its probabilities last.
+
+    Args:
+        value: of the setting.
+        name: of the setting.
+        between: stands between the two numbers of a pair.
+    """
     if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
         if hasattr(value, "describe"):
             return str(value.describe())
         names = list(type(value).model_fields) if isinstance(value, Config) else [one.name for one in fields(value)]
-        names.sort(key=lambda name: name.endswith("probability"))
-        return ", ".join(f"{_words(one)} {describe(getattr(value, one), one)}" for one in names)
+        held = [one for one in names if getattr(value, one) is not None]
+        held.sort(key=lambda name: name.endswith("probability"))
+        return ", ".join(f"{_words(one)} {_describe_field(value, one)}" for one in held)
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
-        return f"{value[0]:g} to {value[1]:g}{unit}"
+        return f"{value[0]:g}{between}{value[1]:g}{unit}"
     if isinstance(value, tuple | list):
         return ", ".join(describe(item) for item in value)
     return f"{value:.4g}{unit}" if isinstance(value, float) else f"{show_value(value)}{unit}"
+
+
+def _describe_field(owner: object, name: str) -> str:
+    info = type(owner).model_fields.get(name) if isinstance(owner, Config) else None
+    joined = next((mark for mark in info.metadata if isinstance(mark, Joined)), None) if info is not None else None
+    return describe(getattr(owner, name), name, joined.by if joined else " to ")
 
 
 def align_rows(rows: list[tuple[str, str]]) -> list[str]:

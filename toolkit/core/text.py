@@ -78,6 +78,11 @@ def _is_shown(sign: str) -> bool:
     return sign.isprintable() or unicodedata.category(sign) == "Zs"
 
 
+def count_of(count: int, noun: str) -> str:
+    """`1 pair`, `2 pairs`: a number with its noun, which takes an s."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
 def kept_before(count: int) -> str:
     """`, 3 kept from before`, or nothing."""
     return f", {count} kept from before" if count else ""

@@ -11,6 +11,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_text
 from toolkit.core.records import Record, RecordLog
 
 Result = TypeVar("Result")
@@ -83,17 +84,29 @@ class Engine(Protocol):
         ...
 
 
-def explain_failure(error: BaseException) -> str:
-    """Why a unit failed, in a line: a `ToolkitError` says it itself, of others kind and place."""
+class Reason(str):
+    """Why a unit failed, in a line.
+
+    Attributes:
+        trace: the traceback of an error that nobody foresaw; empty for others.
+    """
+
+    trace: str = ""
+
+
+def explain_failure(error: BaseException) -> Reason:
+    """Why a unit failed: a `ToolkitError` says it itself, of others kind, place and traceback."""
     if isinstance(error, ToolkitError):
-        return str(error)
+        return Reason(error)
     if isinstance(error, MemoryError) or "can't allocate memory" in str(error):  # as torch says it
-        return "the memory is full"
+        return Reason("the memory is full")
     if type(error).__name__ == "OutOfMemoryError":
-        return "the GPU's memory is full"
+        return Reason("the GPU's memory is full")
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
-    return f"{type(error).__name__}{where}: {' '.join(str(error).split())}"
+    reason = Reason(f"{type(error).__name__}{where}: {' '.join(str(error).split())}")
+    reason.trace = "".join(traceback.format_exception(error))
+    return reason
 
 
 def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -> tuple[list[Result], str]:
@@ -148,6 +161,9 @@ def run_ahead(
 Key = TypeVar("Key", bound=Hashable)
 Item = TypeVar("Item")
 
+FAILURES = "failures.log"
+MOST_TRACES = 100
+"""In that file; a hundred show what is wrong."""
 GIVE_UP_AFTER = 3
 """Where the first units all fail for one reason, the fault lies in the run, not in a unit: so many are tried."""
 
@@ -192,8 +208,8 @@ class Ran:
 
 def run_resumable(
     title: str, wanted: Mapping[Key, Item], missing: Mapping[Key, Item], units: Iterable[Unit[Result]],
-    keep: Callable[[Key, Item, Result], None], engine: Engine, weigh: Callable[[Item], int] = lambda item: 1,
-    bar: Ticker | None = None,
+    keep: Callable[[Key, Item, Result], None], engine: Engine, folder: Path,
+    weigh: Callable[[Item], int] = lambda item: 1, bar: Ticker | None = None,
 ) -> Ran:  # fmt: skip
     """Do what is missing.
 
@@ -207,6 +223,7 @@ def run_resumable(
         units: of the missing ones; only read where there are some, and no faster than the engine takes them.
         keep: puts an item's result on disk.
         engine: does the units.
+        folder: of the run; `failures.log` in it gets the tracebacks of errors that nobody foresaw.
         weigh: how much an item counts on the progress bar.
         bar: of a longer work, where this is a part of it; by default a bar of its own.
 
@@ -215,14 +232,15 @@ def run_resumable(
     """
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
+    log = _FailureLog(folder)
     made = 0
     with progress(title, total, done=total - todo) if bar is None else nullcontext(bar) as bar:
         for outcome in engine.run(_tell(units, bar) if missing else ()):
             if outcome.result is None:
-                failed.append((outcome.unit.name, outcome.reason))
+                failed.append((outcome.unit.name, log.note(outcome)))
                 # one reason for all: a unit of its own kind may fail, and the run goes on
                 if not made and len(failed) == GIVE_UP_AFTER and len({reason for _, reason in failed}) == 1:
-                    raise ToolkitError(outcome.reason)
+                    raise ToolkitError(failed[0][1])
                 continue
             item = missing[outcome.key]
             keep(outcome.key, item, outcome.result)
@@ -232,6 +250,24 @@ def run_resumable(
     if failed and not made and todo == total:
         raise ToolkitError(failed[0][1])
     return Ran(made, total - todo, tuple(failed))
+
+
+class _FailureLog:
+    """Tracebacks of a run in a file of its own, which is written anew where the run has the first."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._entries = folder, list[str]()
+
+    def note(self, outcome: Outcome[Any]) -> str:
+        """Log the traceback of a unit that failed, if it has one; returns the reason with the file's name."""
+        trace = getattr(outcome.reason, "trace", "")
+        if not trace:
+            return outcome.reason
+        file = self._folder / FAILURES
+        if len(self._entries) < MOST_TRACES:
+            self._entries.append(f"{outcome.unit.name}\n{trace}")
+            write_text(file, "\n".join(self._entries))
+        return f"{outcome.reason} (traceback in {file})"
 
 
 def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:

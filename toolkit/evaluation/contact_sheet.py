@@ -1,6 +1,5 @@
 """Which images stand side by side in the report, as small copies."""
 
-import os
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +10,7 @@ from typing import TypeVar
 from PIL import Image
 
 from toolkit.captures.read import Capture
+from toolkit.core.child import count_cores
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
 from toolkit.evaluation.predict import Prediction, choose_batch_size, decode_ahead, find_pending
@@ -156,7 +156,7 @@ def make_thumbnails(
     wanted = list({capture.path: capture for capture in captures}.values())
     corrupted = [capture for capture in wanted if find_pending(capture) is not None]
     plain = [capture for capture in wanted if find_pending(capture) is None]
-    with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
+    with ThreadPoolExecutor(min(8, count_cores())) as pool:
         made = pool.map(lambda one: _make(one, side_px), plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
     shown = decode_ahead(corrupted, classifier, choose_batch_size(classifier)) if classifier else ()

@@ -9,6 +9,7 @@ from toolkit.captures.capture import Capture
 from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import sha256_bytes
+from toolkit.core.text import count_of
 from toolkit.evaluation.metrics import count_no_pairs
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
@@ -56,7 +57,7 @@ class SourceOrigin:
         how = "compared with manifest.jsonl" if self.has_manifest else "no manifest: pairing by name"
         plan = f", plan {self.plan}" if self.plan else ""
         controls = f"controls {_list(self.controls)}" if self.controls else "no controls"
-        return f"{self.n} image{'' if self.n == 1 else 's'}, {how}; {made}{plan}; {controls}"
+        return f"{count_of(self.n, 'image')}, {how}; {made}{plan}; {controls}"
 
 
 @dataclass(frozen=True)

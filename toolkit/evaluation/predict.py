@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -18,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.captures.corrupted_copy import SEED, Corruption
 from toolkit.captures.read import Capture, read_crop
+from toolkit.core.child import count_cores
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
@@ -269,7 +269,7 @@ def read_ahead(
     captures: Sequence[Capture], read: Callable[[Capture], np.ndarray | str], ahead: int
 ) -> Generator[np.ndarray | str]:
     """What `read` makes of each image in order, by threads; `ahead` images, and one per thread, in advance."""
-    workers = max(1, min(MAX_DECODERS, os.cpu_count() or 1))
+    workers = min(MAX_DECODERS, count_cores())
     pool = ThreadPoolExecutor(workers, thread_name_prefix="decode")
     rest = iter(captures)
     with warnings.catch_warnings():

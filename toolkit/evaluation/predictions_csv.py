@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from sys import intern
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from toolkit.captures.corrupted_copy import name_source
 from toolkit.captures.read import Capture
@@ -23,8 +23,6 @@ from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
 
 if TYPE_CHECKING:
     import pandas
-
-    from toolkit.evaluation.evaluate import Evaluation
 
 COLUMNS: dict[str, type] = {
     "source": str, "object": str, "variant": str, "pose_id": int, "path": str, "true_index": int, "true_label": str,
@@ -281,7 +279,15 @@ PANDAS = {str: "string", int: "Int64", float: "Float64", bool: "boolean"}
 """Types of pandas that know `NA`."""
 
 
-def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
+class Written(Protocol):
+    """What was written into a folder `eval/RUN`, such as the result of `evaluate_captures`."""
+
+    @property
+    def run_dir(self) -> Path:
+        """The folder."""
+
+
+def predictions_table(run: Written | Path | str) -> "pandas.DataFrame":
     """The predictions of an evaluation as a pandas `DataFrame`, one row per image, as in its `predictions.csv`.
 
     Columns: source, object, variant, pose_id, path, true_index, true_label, top1_index, top1_label, top1_prob,

@@ -19,6 +19,7 @@ from toolkit.core.tables import (
     format_points_interval,
     format_rank,
 )
+from toolkit.core.text import count_of
 from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group, Pair, count_no_pairs
 from toolkit.evaluation.origin import TITLE
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
@@ -105,7 +106,7 @@ def build_tables(
             head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
             head += [mark_seen(training, source, group.object, group.variant) for _ in unseen]
             cells.append([*head, *_format_group(group), *_format_change(pair)])
-        title = f"{source}: {n_objects} object{'s' if n_objects != 1 else ''}"
+        title = f"{source}: {count_of(n_objects, 'object')}"
         tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))
     return tables
 
@@ -126,9 +127,8 @@ def _format_change(pair: Comparison | None) -> list[str]:
 def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
     """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
     for one in comparisons:
-        title = (
-            f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose, rendered and photographed"
-        )
+        pairs = f"{count_of(len(one.pairs), 'pair')} of images of the same pose"
+        title = f"{one.sim} and {one.real}: {pairs}, rendered and photographed"
         gaps = [_format_gap(row) for row in pick_rows(one.rows)]
         numbers = ("n", "rend. %", "phot. %", "gap (95 %)", "p", "rank correlation")
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
@@ -184,7 +184,7 @@ def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
 def list_unpaired(items: Sequence[tuple[str, str]]) -> list[str]:
     """`list_lines` of images without a partner; those that differ in more than the booster in one line a reason."""
     lines = [
-        f"{count} pair{'' if count == 1 else 's'} not formed, {reason} than the unpatched: shoot both again"
+        f"{count_of(count, 'pair')} not formed, {reason} than the unpatched: shoot both again"
         for reason, count in count_no_pairs(items)
     ]
     rest = [(path, why) for path, why in items if not why.startswith(NO_PAIR)]

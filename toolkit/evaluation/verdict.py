@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes
 from toolkit.core.tables import format_count, format_test
+from toolkit.core.text import count_of
 from toolkit.evaluation.metrics import (
     ALONE,
     NOUNS,
@@ -124,8 +125,8 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
     """Whether what is called `name` helps: tone, verdict, and the sentence that says why; first is without it."""
     sentence = (
-        f"Of {outcomes.n} pairs, {outcomes.only_second} became right and {outcomes.only_first} became wrong "
-        f"({format_test(outcomes.mcnemar_p)})."
+        f"Of {count_of(outcomes.n, 'pair')}, {outcomes.only_second} became right and {outcomes.only_first} became "
+        f"wrong ({format_test(outcomes.mcnemar_p)})."
     )
     start = name[0].upper() + name[1:]
     if outcomes.second_is_better:
@@ -142,11 +143,8 @@ def describe_unsure(outcomes: PairedOutcomes) -> str:
     if not gained and not lost:
         return "No pair changed"
     if gained and lost:
-        ways = (
-            f"{gained} pairs became right and {lost} wrong" if gained > 1 else f"1 pair became right and {lost} wrong"
-        )
-        return f"{ways}: not enough to tell"
-    count = f"{gained or lost} pair is" if gained + lost == 1 else f"{gained or lost} pairs are"
+        return f"{count_of(gained, 'pair')} became right and {lost} wrong: not enough to tell"
+    count = f"{count_of(gained or lost, 'pair')} {'is' if gained + lost == 1 else 'are'}"
     way = "Better" if gained else "Worse"
     return f"{way} in every pair that changed; {count} too few to be sure: {ONE_WAY_FLIPS} needed"
 

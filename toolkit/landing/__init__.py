@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.core.config import Config, Flag, Range, Rising
+from toolkit.core.config import Config, Flag, Joined, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import is_file_name
 from toolkit.printing import AnyPaper
@@ -109,7 +109,7 @@ class CollectConfig(Config):
         40, description="Number of places that the pad lies on, one after the other."
     )
     ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
-    at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
+    at: Annotated[tuple[float, float] | None, Joined(", "), Flag(metavar="X Y", typed=tuple[float, float])] = Field(
         None, description="One place of your own in the world, metres, instead."
     )
     height_m: Heights = (0.8, 10.0)

@@ -220,7 +220,7 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
             made.append(name)
 
     units = _list_units(collector, missing, engine)
-    ran = run_resumable("Shooting frames", wanted, missing, units, keep, engine)
+    ran = run_resumable("Shooting frames", wanted, missing, units, keep, engine, folder)
     if ran.failed:
         if not made and not there:
             raise ToolkitError(ran.failed[0][1])

@@ -277,7 +277,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, en
         cache.add(_record(cell, key[0], places, flight[0]))
 
     units = _list_units(setup, missing, engine)
-    ran = run_resumable("Flying episodes", wanted, missing, units, keep, engine)
+    ran = run_resumable("Flying episodes", wanted, missing, units, keep, engine, file.parent)
     lost = set(cache.find_missing(wanted).values())
     left = tuple(cell for cell in cells if cell not in lost)
     if not left:

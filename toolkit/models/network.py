@@ -182,9 +182,9 @@ class Classifier:
 
         try:
             return self.module(batch)
-        except (ToolkitError, MemoryError, torch.OutOfMemoryError):
+        except (ToolkitError, MemoryError, torch.OutOfMemoryError, KeyboardInterrupt):
             raise
-        except Exception as error:  # whatever the user's code raises
+        except BaseException as error:  # whatever the user's code raises
             if not self.arch.startswith(PYTHON_PREFIX):
                 raise
             why = describe_failure(error)

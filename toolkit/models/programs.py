@@ -2,10 +2,11 @@
 
 import ast
 import json
+import logging
 import re
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from copy import deepcopy
 from dataclasses import replace
 from importlib import import_module
@@ -73,7 +74,7 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
             standard operators.
     """
     try:
-        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size):
+        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), _without_log():
             program = torch.export.load(_rebuild(path))
             module = program.module(check_guards=False)
     except ToolkitError:
@@ -92,6 +93,17 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
         one.requires_grad_(False)
     fixed = batch if isinstance(batch, int) else None
     return FixedBatch(module, fixed), side if isinstance(side, int) else None
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Within, nothing is logged: of a program that it cannot read torch logs a traceback before it raises."""
+    before = logging.root.manager.disable
+    logging.disable()
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 class FixedBatch(nn.Module):
@@ -307,7 +319,9 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     try:
         module = import_module(module_name)
         made = getattr(module, function_name)()
-    except Exception as error:  # any the user's code can raise
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # any the user's code can raise, sys.exit among them
         raise FieldError(_say_why(module_name, function_name, error), {"model": model}) from None
     finally:
         sys.path.remove(here)
@@ -333,7 +347,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     return _assemble(network, model, file, own, how, device)
 
 
-def _say_why(module: str, function: str, error: Exception) -> str:
+def _say_why(module: str, function: str, error: BaseException) -> str:
     if isinstance(error, ModuleNotFoundError) and error.name in (module, module.partition(".")[0]):
         return f"there is no module '{error.name}': expected {error.name}.py in this folder, or an installed package"
     if isinstance(error, AttributeError) and error.name == function:
@@ -431,9 +445,9 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str, is_fore
     try:
         with torch.no_grad(), room:
             answers = network(images)
-    except ToolkitError:
+    except (ToolkitError, KeyboardInterrupt):
         raise
-    except Exception as error:  # whatever a foreign module raises
+    except BaseException as error:  # whatever a foreign module raises
         why = describe_failure(error)
         if is_foreign:
             full = f"it takes more than {TRYING_BYTES >> 30} GB"

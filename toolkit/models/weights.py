@@ -98,6 +98,9 @@ def cache_dir() -> Path:
     return Path(torch.hub.get_dir()) / "checkpoints"
 
 
+RENEW = "get the file anew, or save it again with torch.save(model.state_dict(), FILE)"
+
+
 def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
     """Parameters by name; see `read_checkpoint`."""
     return read_checkpoint(file)[0]
@@ -124,6 +127,11 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
             f"{file.path} holds no state dict of plain real numbers by name: save one with "
             "torch.save(model.state_dict(), FILE)"
         )
+    size = file.path.stat().st_size
+    for name, value in state.items():
+        if value.nbytes > size:  # one number that stands for many
+            shape = "×".join(map(str, value.shape))
+            raise ToolkitError(f"{file.path}: '{name}' is {shape}, which a file of {size} bytes cannot hold: {RENEW}")
     network, normalisation = _take_from_attacker(_rename(state, _modern_name), file.path)
     try:
         return network, LabelsFile(labels=labels, **normalisation)

@@ -1,7 +1,8 @@
 """The files of what is put on an object: a patch or a texture, each a picture with a record beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ from zlib import error as ZlibError
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.text import FileName, Label
@@ -62,6 +64,7 @@ class BoosterRecord(BaseModel):
 
 
 Record = TypeVar("Record", bound=BoosterRecord)
+Read = TypeVar("Read")
 
 
 def encode_png(pixels: np.ndarray) -> bytes:
@@ -168,6 +171,32 @@ def read_patch(png_file: Path) -> Patch:
         ((100, 100, 3), 'racer', 88)
     """
     return Patch(*read_picture(Path(png_file), PatchRecord, "toolkit train-patch"))
+
+
+def read_usable(
+    read: Callable[[Path], Read], known: Mapping[str, Path], own: str | None = None
+) -> Iterator[tuple[str, Read]]:
+    """Each name with what `read` makes of its file, in their order, `own` first.
+
+    A broken one is left out, and named on stderr once in a process: somebody else's must not stop a search.
+
+    Raises:
+        ToolkitError: `own` is broken.
+    """
+    for name in sorted(known, key=lambda name: name != own):
+        try:
+            made = read(known[name])
+        except ToolkitError as error:
+            if name == own:
+                raise
+            _leave_out(str(error))
+        else:
+            yield name, made
+
+
+@lru_cache(maxsize=1024)
+def _leave_out(reason: str) -> None:
+    notice(f"left out: {reason}")
 
 
 COMMAND = "toolkit train-texture"

@@ -24,6 +24,7 @@ from toolkit.objects.records import (
     encode_png,
     pack_arrays,
     read_recorded,
+    read_usable,
     unpack_arrays,
 )
 from toolkit.objects.spec import MOST_PIECES, Material
@@ -460,11 +461,11 @@ def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
 def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
     """Folder of an object's wrap: the one of its name, else the first whose record names it; None where none does.
 
-    Of those that come with the package only one that fits: the user's own object may have a shipped one's name.
+    Of those that come with the package only one that fits: the user's own object may have a shipped one's name. Broken
+    wraps of other names are left out, see `read_usable`.
     """
-    known = workspace.wraps()
-    for name in sorted(known, key=lambda name: (name != item.name, name)):
-        record = read_json(known[name] / RECORD_FILE, WrapRecord)
+    known = dict(sorted(workspace.wraps().items()))
+    for name, record in read_usable(lambda folder: read_json(folder / RECORD_FILE, WrapRecord), known, item.name):
         is_own = not known[name].is_relative_to(PACKAGE_DATA)
         if record.object == item.name and (is_own or item.has_shape(record.mesh_sha256)):
             return known[name]

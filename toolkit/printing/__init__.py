@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from toolkit.core.config import Config, Flag
+from toolkit.core.config import Config, Flag, Joined
 from toolkit.core.errors import FieldError
 from toolkit.objects.spec import BASE_DPI, SCALE
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, Orientation, Paper, parse_paper
@@ -116,6 +116,7 @@ class SheetSettings(Config):
     squares: Annotated[
         tuple[int, int] | None,
         BeforeValidator(_read_squares),
+        Joined(" × "),
         Flag("--board-squares", metavar="COLUMNSxROWS", group=SHEET, typed=str),
     ] = Field(None, description="Of the board.  [default: 12x15]")
     square_mm: Annotated[float | None, Flag(group=SHEET)] = Field(

@@ -19,6 +19,7 @@ from toolkit.printing.page import (
     PagePlan,
     Rect,
     SheetTile,
+    StripPlace,
     TilePage,
 )
 from toolkit.rig.markers import DICTIONARY, STRIP_FIRST_ID, add_rects, black_rects
@@ -172,20 +173,11 @@ LONG_MM, SHORT_MM = STRIP.size_mm[0] + 2 * QUIET_MM, STRIP.size_mm[1] + CAPTION_
 """Of the strip with its caption and the white that its markers need."""
 
 
-@dataclass(frozen=True)
-class StripPlace:
-    """The strip on a page: its lower left corner in millimetres, lying level or turned to read upwards."""
-
-    x: float
-    y: float
-    upright: bool
-
-    @property
-    def area(self) -> Rect:
-        """What it covers with its caption and the white that its markers need."""
-        if self.upright:
-            return Rect(self.x - STRIP.size_mm[1] - QUIET_MM, self.y - QUIET_MM, SHORT_MM, LONG_MM)
-        return Rect(self.x - QUIET_MM, self.y - CAPTION_HEIGHT_MM - QUIET_MM, LONG_MM, SHORT_MM)
+def strip_area(place: StripPlace) -> Rect:
+    """What the strip covers with its caption and the white that its markers need."""
+    if place.upright:
+        return Rect(place.x - STRIP.size_mm[1] - QUIET_MM, place.y - QUIET_MM, SHORT_MM, LONG_MM)
+    return Rect(place.x - QUIET_MM, place.y - CAPTION_HEIGHT_MM - QUIET_MM, LONG_MM, SHORT_MM)
 
 
 def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:

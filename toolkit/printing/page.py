@@ -3,13 +3,10 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.text import name_letter
-
-if TYPE_CHECKING:
-    from toolkit.printing.marks import StripPlace
 
 Orientation = Literal["auto", "portrait", "landscape"]
 
@@ -201,11 +198,20 @@ NARROWEST_CELL_MM = 24.0
 
 
 @dataclass(frozen=True)
+class StripPlace:
+    """The colour strip on a page: its lower left corner in millimetres, lying level or turned to read upwards."""
+
+    x: float
+    y: float
+    upright: bool
+
+
+@dataclass(frozen=True)
 class CopiesPage:
     """A page of whole copies: each one's cut line, in the page's millimetres, and the colour strip where it fits."""
 
     cuts: tuple[Rect, ...]
-    strip: "StripPlace | None" = None
+    strip: StripPlace | None = None
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ from toolkit.printing.marks import (
     STRIP,
     PatchLabel,
     SheetDrawing,
-    StripPlace,
     draw_crop_marks,
     draw_frame,
     draw_page,
     draw_strip,
     reserve_strip,
+    strip_area,
 )
-from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, plan_sheet, turn_frames
+from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, StripPlace, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.rig.board import DEFAULT_BOARD, MARKER_SHARE, Board, CharucoBoard
 from toolkit.rig.board_file import DEFAULT_RING, MarkerRing, board_file, choose_ring, read_board, write_board
@@ -237,16 +237,17 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
     place, _ = next(reserve_strip(frame.content))
-    room = frame.content.centre(place.area.width, place.area.height)
-    middle = StripPlace(place.x - place.area.x + room.x, place.y - place.area.y + room.y, place.upright)
+    area = strip_area(place)
+    room = frame.content.centre(area.width, area.height)
+    middle = StripPlace(place.x - area.x + room.x, place.y - area.y + room.y, place.upright)
     pdf = Pdf(frame.paper, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
     with pdf.page():
         draw_strip(pdf, middle)
         # crop marks need room that a small page may not have; the strip is cut by its white border then
-        if middle.area.width + 2 * MARK_MM <= frame.content.width:
-            draw_crop_marks(pdf, middle.area)
+        if room.width + 2 * MARK_MM <= frame.content.width:
+            draw_crop_marks(pdf, room)
         draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)
-    return BoardDocument(pdf.finish(), PagePlan(frame, (CopiesPage((middle.area,), middle),)))
+    return BoardDocument(pdf.finish(), PagePlan(frame, (CopiesPage((room,), middle),)))
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,23 @@ from toolkit.printing.document import HASH_DIGITS
 from toolkit.printing.marks import (
     PatchLabel,
     SheetDrawing,
-    StripPlace,
     draw_frame,
     draw_page,
     draw_strip,
     reserve_strip,
 )
 from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
-from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
+from toolkit.printing.page import (
+    LARGEST_MM,
+    SMALLEST_MM,
+    PageFrame,
+    PagePlan,
+    Paper,
+    Rect,
+    StripPlace,
+    plan_sheet,
+    turn_frames,
+)
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field
 
-from toolkit.core.config import Config, Expect, Flag, Range, Rising
+from toolkit.core.config import Config, Expect, Flag, Joined, Range, Rising
 from toolkit.objects.spec import MOST_PIECES, Material, Side
 
 MOST_POSES = 10_000
@@ -84,9 +84,9 @@ class WrapConfig(Config):
     stretch: Annotated[float | None, Field(gt=0, le=0.5), Flag()] = Field(
         None, description="Most stretch of a piece, 0.03 is 3 %. Default: as {material} allows."
     )
-    sheet_mm: Annotated[Annotated[Range, AfterValidator(_check_sheet)], Flag(metavar="WIDTH HEIGHT", typed=Range)] = (
-        Field((177.0, 241.0), description="Largest piece, mm. Default: what a printed A4 page has room for.")
-    )
+    sheet_mm: Annotated[
+        Annotated[Range, AfterValidator(_check_sheet)], Joined(" × "), Flag(metavar="WIDTH HEIGHT", typed=Range)
+    ] = Field((177.0, 241.0), description="Largest piece, mm. Default: what a printed A4 page has room for.")
     net: Annotated[bool, Flag("--net")] = Field(
         False, description="Unfold the whole surface as a paper model with glue tabs; {pieces} does not count."
     )

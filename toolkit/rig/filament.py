@@ -11,6 +11,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, load_open3d
 from toolkit.rig.camera import Camera, orbit_direction
-from toolkit.rig.scene import Scene
+from toolkit.rig.scene import Scene, illuminate
 
 if TYPE_CHECKING:
     from open3d.visualization.rendering import OffscreenRenderer
@@ -69,7 +70,9 @@ def _probe() -> str:
     return ""
 
 
-SUN_LUX, ROOM_LUX = 90_000, 34_000
+SUN_LUX, ROOM_LUX = 79_000, 27_000
+"""Lux for an irradiance of 1 at exposure 1, from the key light and from the room: with these a matt box is as bright as
+the ray caster shows it. Filament's own camera keeps its default exposure."""
 
 
 class FilamentRenderer:
@@ -111,7 +114,8 @@ class FilamentRenderer:
 
         rendering = o3d.visualization.rendering
         renderer = rendering.OffscreenRenderer(width, height)
-        mean_room = self._studio.environment.mean(axis=(0, 1))
+        key, exposure = self._studio.key, self._studio.exposure
+        mean_room = self._studio.environment.mean(axis=(0, 1)) * exposure
         renderer.scene.set_background([*np.clip(mean_room, 0, 1).tolist(), 1.0])
         for index, material in enumerate(self._mesh.materials):
             faces = self._mesh.faces[self._mesh.face_material == index]
@@ -121,13 +125,14 @@ class FilamentRenderer:
         view, lights = renderer.scene.view, renderer.scene.scene
         view.set_post_processing(False)
         view.set_shadowing(True, rendering.View.ShadowType.PCF)
-        key = self._studio.key
         strength = max(key.irradiance)
         direction = -orbit_direction(key.azimuth_deg, key.elevation_deg)
-        lights.set_sun_light(direction.tolist(), [c / strength for c in key.irradiance], SUN_LUX * strength / 2.2)
+        tint = [c / strength for c in key.irradiance]
+        lights.set_sun_light(direction.tolist(), tint, SUN_LUX * strength * exposure)
         lights.enable_sun_light(True)
         lights.enable_indirect_light(True)
-        lights.set_indirect_light_intensity(ROOM_LUX)
+        room = float(illuminate(self._studio.environment, replace(key, irradiance=(0, 0, 0))).mean())
+        lights.set_indirect_light_intensity(ROOM_LUX * room * exposure)
         return renderer
 
     @staticmethod

@@ -24,6 +24,7 @@ from toolkit.objects.records import (
     encode_png,
     read_patch,
     read_texture,
+    read_usable,
 )
 from toolkit.objects.spec import ObjectSpec
 from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
@@ -35,15 +36,15 @@ from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 def find_texture(workspace: Workspace, item: TableObject) -> Texture:
     """The texture of an object: the one that bears its name, else the first by name that was trained on it.
 
+    Broken textures of other names are left out, see `read_usable`.
+
     Raises:
         ToolkitError: there is none, its files do not match, or the object's mesh is another than it was trained on.
     """
-    textures = workspace.textures()
-    for name in sorted(textures, key=lambda name: (name != item.name, name)):
-        record_file = textures[name].with_suffix(".json")
+    textures = dict(sorted(workspace.textures().items()))
+    for name, record in read_usable(_read_texture_record, textures, item.name):
         # one that lacks its record is refused by `read_texture`, and only where it is the object's by its name
-        listed = record_file.is_file() and read_json(record_file, TextureRecord).entry(item.name)
-        if listed or (name == item.name and not record_file.is_file()):
+        if name == item.name if record is None else record.entry(item.name):
             texture = read_texture(textures[name])
             check_fit(item, texture)
             return texture
@@ -51,6 +52,11 @@ def find_texture(workspace: Workspace, item: TableObject) -> Texture:
         f"no texture for object '{item.name}': train one with '{COMMAND} --object {item.name}', or leave the variants "
         "with textures out"
     )
+
+
+def _read_texture_record(png_file: Path) -> TextureRecord | None:
+    record_file = png_file.with_suffix(".json")
+    return read_json(record_file, TextureRecord) if record_file.is_file() else None
 
 
 def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
@@ -297,17 +303,15 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
 def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
     """The PNG that `find_patch` reads; None where the object has no patch.
 
-    Raises:
-        ToolkitError: the files of a patch that is asked for its class do not match.
+    Broken patches of other names are left out, see `read_usable`.
     """
     patches = workspace.patches()
     for name in (spec.name, str(spec.class_name).replace(" ", "_")):
         if name in patches:
             return patches[name]
-    for file in patches.values():
-        record = read_patch(file).record
-        if spec.class_name in (record.class_name, record.class_index):
-            return file
+    for name, patch in read_usable(read_patch, patches):
+        if spec.class_name in (patch.record.class_name, patch.record.class_index):
+            return patches[name]
     return None
 
 
@@ -315,8 +319,7 @@ def _next_patch(workspace: Workspace, own: Patch) -> Patch:
     patches = workspace.patches()
     names = sorted(patches)
     after = [name for name in names if name > own.record.name] + [name for name in names if name < own.record.name]
-    for name in after:
-        other = read_patch(patches[name])
+    for _, other in read_usable(read_patch, {name: patches[name] for name in after}):
         if other.record.class_index != own.record.class_index:
             return other
     raise ToolkitError("the variant wrong-patch needs a patch of another class: train one, or leave the variant out")

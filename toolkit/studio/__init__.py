@@ -1,1 +1,19 @@
 """`toolkit studio`: a local web page to photograph with, over the same functions as the command line."""
+
+from importlib.util import find_spec
+
+from toolkit.core.errors import ToolkitError
+
+
+def require_extra() -> None:
+    """Check that what the studio needs is installed. Call it before a module of this folder is imported.
+
+    Raises:
+        ToolkitError: the extra is missing; the line says how to install it.
+    """
+    missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
+    if missing:
+        raise ToolkitError(
+            f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: pip install '.[studio]' "
+            "in the kit's folder"
+        )

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
     import asyncio
@@ -47,7 +47,6 @@ UNROUTED = ("192.0.2.1", 9)
 """An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
 PATIENCE_S = 20.0
 """For the first line of a request to its last header; a phone takes milliseconds."""
-EXTRA = "pip install '.[studio]' in the kit's folder"
 
 
 def make_token() -> str:
@@ -234,15 +233,6 @@ def show_code(url: str, say: Callable[[str], object]) -> None:
     segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
     for line in buffer.getvalue().splitlines():
         say(line)
-
-
-def require_extra() -> None:
-    """A `ToolkitError` that names the extra where what the studio needs is not installed."""
-    from importlib.util import find_spec
-
-    missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
-    if missing:
-        raise ToolkitError(f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: {EXTRA}")
 
 
 def make_server(app: "ASGIApp") -> "uvicorn.Server":

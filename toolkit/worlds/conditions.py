@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from toolkit.core.config import Config, Flag
+from toolkit.core.config import Config, Flag, Joined
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.corruptions.catalogue import SEVERITIES, parse_severities
 
@@ -166,7 +166,7 @@ class PreviewRequest(Config):
         ("fog:1",),
         description="Weather of further pictures, under the first sky: fog:1, dust, rain:3-5, snow; repeat for more.",
     )
-    resolution: Annotated[tuple[int, int], Flag(metavar="WIDTH HEIGHT")] = Field(
+    resolution: Annotated[tuple[int, int], Joined(" × "), Flag(metavar="WIDTH HEIGHT")] = Field(
         (960, 540), description="Size of the pictures, pixels."
     )
     film_s: Annotated[float, Flag(metavar="X")] = Field(3.0, description="Length of the film, seconds; 0 makes none.")

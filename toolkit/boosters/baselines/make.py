@@ -1,7 +1,6 @@
 """Make the patch sets of a baseline, class by class: what is finished is kept, what is missing is made."""
 
 import json
-import os
 from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +32,7 @@ from toolkit.boosters.baselines.drawn import (
 )
 from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import record_network
+from toolkit.core.child import count_cores
 from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
@@ -140,7 +140,7 @@ class BestImages(_Photos):
             except UnreadableImage as error:
                 return error.reason
 
-        with ThreadPoolExecutor(min(MAX_DECODERS, os.cpu_count() or 1), thread_name_prefix="decode") as pool:
+        with ThreadPoolExecutor(min(MAX_DECODERS, count_cores()), thread_name_prefix="decode") as pool:
             for first in range(0, len(images), BATCH):
                 part = images[first : first + BATCH]
                 loaded = list(pool.map(load, part))

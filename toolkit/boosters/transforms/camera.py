@@ -143,8 +143,9 @@ class SensorNoise(ImageTransform):
         import torch
 
         shot, read, seeds = drawn
-        generator = torch.Generator(some.device).manual_seed(int(seeds[0]))
-        grain = torch.randn(some.shape, generator=generator, dtype=some.dtype, device=some.device)
+        # drawn on the CPU, so that a GPU trains on the same pictures
+        generator = torch.Generator().manual_seed(int(seeds[0]))
+        grain = torch.randn(some.shape, generator=generator, dtype=some.dtype).to(some.device)
         # ½ √(read² / v² + shot²), in place: grain is as large as the batch
         deviation = some.detach().clamp_min(DARKEST).reciprocal_().mul_(as_factors(read / 2, some)).square_()
         deviation.add_(as_factors(shot**2 / 4, some)).sqrt_()

@@ -149,12 +149,13 @@ def read_corruptions(given: object) -> object:
     return given
 
 
-# the other three count photons (shot_noise) or round to whole levels (pixelate, jpeg_compression)
 DIFFERENTIABLE = frozenset((
     "gaussian_noise", "impulse_noise", "speckle_noise", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur",
     "gaussian_blur", "snow", "frost", "fog", "brightness", "contrast", "elastic_transform", "spatter", "saturate",
 ))  # fmt: skip
 """What autograd goes through: noise, clouds, flakes and shifts are drawn without looking at the image."""
+STRAIGHT_THROUGH = frozenset(("shot_noise", "pixelate", "jpeg_compression"))
+"""What counts photons or rounds to whole levels: it acts forward, and backward counts as what it is near."""
 
 
 class Corrupted(ImageTransform):
@@ -205,9 +206,9 @@ class Corrupted(ImageTransform):
 def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":
     """`toolkit.corruptions.batch.corrupt` with a gradient.
 
-    Of what is in `DIFFERENTIABLE` the gradient is the true one. The others count photons or round to whole levels; they
-    act forward, and backward count as what they are near ("straight through"; Bengio et al. 2013; BPDA, Athalye et al.
-    2018): pixelate as its means, shot noise and JPEG as the identity.
+    The gradient of what is in `DIFFERENTIABLE` is the true one. What is in `STRAIGHT_THROUGH` acts forward, and
+    backward counts as what it is near (Bengio et al. 2013; BPDA, Athalye et al. 2018): pixelate as its means, shot
+    noise and JPEG as the identity.
 
     Args:
         images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
@@ -217,6 +218,9 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
 
     Returns:
         As `images`, what `corrupt` returns; differentiable.
+
+    Raises:
+        ToolkitError: nobody has said what gradient this corruption has.
     """
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
@@ -226,6 +230,11 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
     if name in DIFFERENTIABLE:
         return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
+    if name not in STRAIGHT_THROUGH:
+        raise ToolkitError(
+            f"corruption {name} has no gradient to train with: expected it in DIFFERENTIABLE or STRAIGHT_THROUGH of "
+            "toolkit.boosters.transforms.weather"
+        )
     near = pixelate_unrounded(images, cast(float, given)) if name == "pixelate" else images
     # forward near - near is exactly 0, and the gradient is that of `near`
     return corrupt(images, name, severity, seeds) + (near - near.detach())

@@ -153,7 +153,9 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         cache.add(CellLine(key=key, ranks=ranks.tolist()))
 
     title, units = "Evaluating (answers to images)", _list_units(grid, shards, missing, engine)
-    ran = run_resumable(title, wanted, missing, units, keep, engine, weigh=lambda cell: len(shards[cell.shard].images))
+    ran = run_resumable(
+        title, wanted, missing, units, keep, engine, cells_file.parent, lambda cell: len(shards[cell.shard].images)
+    )
     # a condition that lacks a cell is left out for all: variants are compared under the same ones
     lost = {cell.condition for cell in cache.find_missing(wanted).values()}
     if lost >= set(grid.config.conditions):

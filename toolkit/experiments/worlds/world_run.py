@@ -160,7 +160,9 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
         cache.add(FrameAnswers(frame=frame, answers=answers))
 
     units = list_units(asked, missing, engine)
-    ran = run_resumable("evaluating (pictures)", wanted, missing, units, keep, engine, lambda task: len(task.weathers))
+    ran = run_resumable(
+        "evaluating (pictures)", wanted, missing, units, keep, engine, log.parent, lambda task: len(task.weathers)
+    )
     found = _gather(asked, tasks, cache.known)
     if not found[0]:
         raise ToolkitError(ran.failed[0][1])
