@@ -1,7 +1,6 @@
 """`toolkit capture-sim`: shoot every object at every pose of the plan, with and without its patch."""
 
 import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from toolkit.core.config import Config
 from toolkit.core.console import Ticker
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import inside, sha256_bytes, write_bytes
+from toolkit.core.files import inside, sha256_bytes, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
@@ -499,8 +498,3 @@ def _encode(pixels: np.ndarray, image_format: str) -> bytes:
         return encode_image(pixels, "PNG", compress_level=3)  # a quarter of the default's time, a tenth more bytes
     # no chroma subsampling: coloured texels keep their edges
     return encode_image(pixels, "JPEG", quality=95, subsampling=0)
-
-
-def sha256_json(content: Any) -> str:
-    """Hash of a value that JSON can hold, keys in any order."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
