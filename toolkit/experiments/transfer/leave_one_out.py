@@ -24,6 +24,7 @@ from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, sho
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.records import list_version
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
 from toolkit.core.workspace import Workspace, copy_objects
@@ -40,6 +41,8 @@ from toolkit.rig.plan import CapturePlan, hash_pose, open_plan, write_plan
 BOOSTED = {"patched": "patch", "textured": "texture"}
 VARIANTS = {"patch": "patched", "texture": "textured"}
 SOURCE = "sim"
+JUDGING_VERSION = 1
+"""Raised when the same pictures and networks give other rows, so that networks are asked again."""
 Judge = Classifier | DetectorNetwork
 
 
@@ -274,7 +277,7 @@ def _judge(
     # the manifest's hash stands for all images: it holds theirs
     parts = (
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
-        config.objects, config.corruptions,
+        config.objects, config.corruptions, *list_version(JUDGING_VERSION),
     )  # fmt: skip
     key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     file = _cell_file(space.root, judge.name)
