@@ -78,7 +78,7 @@ class Rehearsal:
     def describe(self) -> dict[str, Any]:
         """All that it does, and the version of how: what a picture's hash is made of."""
         settings = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {"version": 3} | {
+        return {"version": 4} | {
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
 
@@ -453,7 +453,7 @@ def _list_units(
         }  # fmt: skip
         planned.update((shot.path, _describe_shot(shot, booster, made)) for shot in shots)
         places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
-        yield Unit(paths, shoot_unit, (item, booster, settings, places), f"{item.name} {variant}")
+        yield Unit(paths, shoot_unit, (item, variant, booster, settings, places), f"{item.name} {variant}")
 
 
 def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) -> CaptureRecord:
@@ -467,13 +467,13 @@ def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) ->
 
 
 def shoot_unit(
-    item: TableObject, booster: Worn | None, settings: ShootSettings,
+    item: TableObject, variant: str, booster: Worn | None, settings: ShootSettings,
     places: Sequence[tuple[Camera, np.ndarray, int]],
 ) -> Iterator[bytes]:  # fmt: skip
     """The work of a unit: the image files of one object in one variant.
 
     Args:
-        item, booster: what is shot.
+        item, variant, booster: what is shot.
         settings: how.
         places: camera, `T_world_camera` and number of the sensor's noise of each shot.
     """
@@ -488,8 +488,10 @@ def shoot_unit(
         if rehearsal is None:
             yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
             continue
-        rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {booster.name if booster else ''}")
-        developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number), rehearsal.noise)
+        # by variant, as two boosters may have one name; drawn before the light, so that each step has its own numbers
+        rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {variant}")
+        grain = int(rng.integers(1 << 62))
+        developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number, grain), rehearsal.noise)
         yield rehearsal.encode(developed)
 
 
