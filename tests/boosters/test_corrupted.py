@@ -236,6 +236,25 @@ def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
     assert found[True, True] > found[False, True] + 0.5
 
 
+def test_bare_and_patched_images_are_validated_in_the_same_corruption():
+    """What differs is the patch alone: where it does not lie, the noise is the same."""
+    asked = []
+
+    class Listening(torch.nn.Module):
+        def forward(self, photos: torch.Tensor) -> torch.Tensor:
+            asked.append(photos.clone())
+            return photos.mean((2, 3))[:, [0, 0, 0, 0]]
+
+    images = torch.full((4, 3, 36, 36), 128, dtype=torch.uint8)
+    small = Appearance(AffineRanges(rotation_deg=(0, 0), share=(0.1, 0.11), foreshortening=(1, 1)))
+    noise = Corrupted(corruptions=(("gaussian_noise", 3), ("brightness", 4)), probability=0.8)
+    target = Target(wrap(Listening()), 3)
+    validate_patch(torch.zeros(3, 8, 8), images, [target], small, 0, draws=4, corrupted=noise)
+    patched, bare = asked
+    same = (patched == bare).all(dim=1).float().mean((1, 2))
+    assert bare.std() > 0.05 and same.min() > 0.8 and same.max() < 1
+
+
 def test_a_texture_meets_corruptions_and_its_gradient_is_that_of_differences():
     """After the camera, by the same part as a patch; a config without them records what it recorded before."""
     from texture_parts import crate_config

@@ -1,6 +1,7 @@
 """From request to files, through kills."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,15 @@ from tiny_network import tiny_classifier, write_photos
 
 from toolkit.boosters.pixels import PixelTask, Target
 from toolkit.boosters.texture import TextureTask, train_texture
-from toolkit.boosters.texture_objects import load_objects
+from toolkit.boosters.texture_objects import TexturedObject, hash_objects, load_objects
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.objects.atlas import take_paint
-from toolkit.objects.load import load_object, read_mesh
+from toolkit.objects.atlas import make_atlas, take_paint
+from toolkit.objects.load import TableObject, load_object, read_mesh
+from toolkit.objects.mesh import Material
 from toolkit.objects.records import read_texture
+from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.views import ViewStream
 from toolkit.training.loop import fit
 
@@ -282,3 +285,19 @@ def test_a_run_goes_on_from_another_texture(space):
     (space.objects_dir / "box.toml").write_text(spec.replace('name = "crate"', 'name = "box"'))
     with pytest.raises(ToolkitError, match="was not trained on object 'box'"):
         run(space, crate_config(1, start=first.files.png, objects=("box",)), name="other")
+
+
+def test_kept_paint_is_part_of_what_a_texture_rests_on(make_box):
+    """Paint that is kept is seen beside the texture; paint that the texture covers is not."""
+    box = make_box()
+    spec = ObjectSpec(name="box", class_name="crate", mesh="builtin:racer", length_mm=100)
+
+    def hash_with(lid: int, wall: int, keep: tuple[str, ...]) -> str:
+        paints = [Material(name, np.full((2, 2, 3), level, np.uint8)) for name, level in (("lid", lid), ("wall", wall))]
+        face_material = np.int32(np.arange(len(box.faces)) >= 2)
+        mesh = replace(box, materials=tuple(paints), face_material=face_material)
+        return hash_objects([TexturedObject(TableObject(spec, mesh), make_atlas(mesh, TEXELS, keep))])
+
+    assert hash_with(20, 50, ("lid",)) == hash_with(20, 90, ("lid",))
+    assert hash_with(20, 50, ("lid",)) != hash_with(70, 50, ("lid",))
+    assert hash_with(20, 50, ()) == hash_with(70, 90, ())

@@ -1,6 +1,7 @@
 """Shots as print, tape, hand and phone will have them: each step against what it says, and the whole on disk."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -12,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from toolkit.boosters.transforms.camera import CameraBlur, Exposure
 from toolkit.boosters.transforms.printing import PrintProcess
 from toolkit.captures.manifest import read_manifest
-from toolkit.captures.shoot import Rehearsal, ShootSettings, describe_look, make_rehearsal, shoot_plan
+from toolkit.captures.shoot import Rehearsal, ShootSettings, describe_look, make_rehearsal, shoot_plan, shoot_unit
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.imaging.printer import SOLIDS
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.framing import BLUR, NETWORK_SIDE_PX
+from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shading import tone_map
@@ -128,6 +130,30 @@ def test_shots_are_whole_recorded_and_the_same_again(tmp_path, make_crate_space)
     assert "rehearsal" not in json.dumps(describe_look(space, item, "patched", PLAIN))
     other = ShootSettings(backdrop="white", rehearsal=Rehearsal(jpeg_quality=60))
     assert describe_look(space, item, "patched", other) != describe_look(space, item, "patched", REHEARSED)
+
+
+def test_each_photograph_has_its_own_grain(make_crate_space, tmp_path):
+    """Other noise for each variant, object and pose, as of real photographs: what is left of flat grey is no copy."""
+    space = make_crate_space(tmp_path)
+    item = load_object(space.object_spec("crate"))
+    still = Rehearsal(
+        blur=CameraBlur(probability=0.0), exposure=Exposure(factor=(1, 1), tint=0), noise=0.2, jpeg_quality=100,
+        stray_share=0, stray_deg=0,
+    )  # fmt: skip
+    settings = ShootSettings(backdrop="white", rehearsal=still)
+    pose = read_plan(space.plan_file).objects["crate"][0].matrix()
+    other = replace(item, spec=item.spec.model_copy(update={"name": "box"}))
+    shots = [(item, "unpatched", 1), (item, "grey", 1), (item, "unpatched", 2), (item, "unpatched", 1)]
+    pictures = []
+    for one, variant, number in [*shots, (other, "unpatched", 1)]:
+        places = [(Camera.from_fov(96, 72), pose, number)]
+        (content,) = shoot_unit(one, variant, None, settings, places)
+        pixels = np.asarray(Image.open(BytesIO(content)).convert("L"), float)
+        pictures.append((pixels - gaussian_filter(pixels, 1.5))[:12].ravel())
+    first, *others = pictures
+    grey, turned, same, box = (np.corrcoef(first, one)[0, 1] for one in others)
+    assert same == pytest.approx(1) and max(map(abs, (grey, turned, box))) < 0.2
+    assert describe_look(space, item, "patched", REHEARSED)["rehearsal"]["version"] == 4
 
 
 def test_tape_lies_over_the_paper_alone(tmp_path, make_crate_space):

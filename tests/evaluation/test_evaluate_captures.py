@@ -6,11 +6,12 @@ import re
 import shutil
 import threading
 import warnings
+from dataclasses import replace
 
 import pytest
 from PIL import Image
 
-from toolkit.captures.read import read_captures
+from toolkit.captures.read import read_captures, read_crop
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import EvalConfig, predict
 from toolkit.evaluation.evaluate import evaluate_captures
@@ -231,6 +232,28 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)
     assert len(found) == 160 and all(one.correct_top1 for one in found)
     assert most <= 4 + 4 + predict.MAX_DECODERS + 1
+
+
+def test_an_answer_depends_on_its_image_alone(put, workspace, colour_classifier):
+    """Whatever the batch and whoever else is asked about, to the last bit: passes of another shape give other ones."""
+    import torch
+
+    class ByShape(torch.nn.Module):
+        def forward(self, batch):
+            means = batch.mean((2, 3)) * (1 + 0.1 * len(batch))
+            return torch.cat([4 * means, torch.full_like(means[:, :1], 2.0)], dim=1)
+
+    network = replace(colour_classifier, module=ByShape().eval())
+    for pose in range(6):
+        put(f"real/racer/unpatched/{pose}.png", ("racer", "warplane")[pose % 2])
+    captures = read_captures(workspace.captures_dir).captures
+    whole = predict_captures(captures, {"racer": 0}, network)
+    for size in (1, 3, 4, 100):
+        assert predict_captures(captures, {"racer": 0}, network, batch_size=size) == whole
+    assert [one for capture in captures for one in predict_captures([capture], {"racer": 0}, network)] == whole
+    pixels = [read_crop(capture, network.preprocessing) for capture in captures]
+    streamed = predict.classify_stream(enumerate(pixels), network, 3)
+    assert [float(probabilities.max()) for _, _, probabilities in streamed] == [one.top1_prob for one in whole]
 
 
 def test_warnings_of_decoders_do_not_reach_the_user(put, workspace, colour_classifier, monkeypatch):

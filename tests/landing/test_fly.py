@@ -1,6 +1,7 @@
 """Closed loops: a classical finder lands, cells and pairs are counted right, runs go on, films show the flight."""
 
 import json
+import shutil
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -56,6 +57,16 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert "2 places of grass" in page
     assert "clear, 0" not in page
     assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
+
+
+def test_flights_of_an_older_method_are_not_mixed_in(
+    flown: tuple[Workspace, Flown], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    space = make_workspace(tmp_path / "work")
+    shutil.copytree(flown[0].eval_dir, space.eval_dir, dirs_exist_ok=True)
+    assert fly_all(space, QUICK, seed=2).made == 0
+    monkeypatch.setattr("toolkit.landing.fly.VERSION", 2)
+    assert [fly_all(space, QUICK, seed=2).made for _ in range(2)] == [2, 0]
 
 
 def test_more_pixels_find_a_tag_from_higher_up(tmp_path: Path) -> None:

@@ -406,12 +406,12 @@ def captured(tmp_path):
     ("function", "expected", "where"),
     [
         ("later_nan", "the network's output is not a number", "a/1.png"),
-        ("later_list", "gives a list of 2 for 3 images: expected 3×4", "a/0.png or one of the 2 images after it"),
-        ("later_shape", "gives 3×3 for 3 images: expected 3×4", "a/0.png or"),
-        ("later_fewer", "gives 1×4 for 3 images: expected 3×4", "a/0.png or"),
-        ("later_labels", "gives 3 for 3 images: expected 3×4", "a/0.png or"),
-        ("later_leaves", "fails at 3 images of 32 px: Gone: for good", "a/0.png or"),
-        ("later_fails", "fails at 3 images of 32 px: ValueError: no more of it", "a/0.png or"),
+        ("later_list", "gives a list of 2 for 4 images: expected 4×4", "a/0.png or one of the 2 images after it"),
+        ("later_shape", "gives 4×3 for 4 images: expected 4×4", "a/0.png or"),
+        ("later_fewer", "gives 1×4 for 4 images: expected 4×4", "a/0.png or"),
+        ("later_labels", "gives 4 for 4 images: expected 4×4", "a/0.png or"),
+        ("later_leaves", "fails at 4 images of 32 px: Gone: for good", "a/0.png or"),
+        ("later_fails", "fails at 4 images of 32 px: ValueError: no more of it", "a/0.png or"),
     ],
 )
 def test_one_that_turns_bad_later_is_named_with_the_image(code, captured, function, expected, where):

@@ -7,17 +7,21 @@ import import_bench
 import numpy as np
 import pytest
 from import_bench import LENS, RANK, Board, camera, imported, reasons, run, take
+from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.objects.load import load_object
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import CaptureKey
 from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.match import Decision, Doubt, RenderMatcher
+from toolkit.photos.match_render import RenderMatch
+from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.plan import read_plan
+from toolkit.rig.plan import hash_pose, make_plan, read_plan, write_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
 space, folder = import_bench.space, import_bench.folder
@@ -323,3 +327,100 @@ def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder,
     assert re.search(r"no board is seen, and it looks .* pose [13] .* pose [13] ", reasons(result)["IMG_7.jpg"])
     sure = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched", match="board"))
     assert reasons(sure) == {"IMG_7.jpg": "no board is seen"}
+
+
+# --- the order, compared with renders -------------------------------------------------------------------------------
+
+
+def rank_as(shows: dict[str, int], count: int = 4, right: float = 0.8, wrong: float = 0.4):
+    """Likeness to renders of photographs that show these poses; of others it is too small to say anything."""
+
+    def rank(matcher, evidence, group):
+        shown = shows.get(evidence.candidate.label)
+        scores = {pose: wrong for pose in range(1, count + 1)} | ({} if shown is None else {shown: right})
+        ranking = sorted(scores.items(), key=lambda one: -one[1]) if shown else [(pose, 0.1) for pose in scores]
+        return RenderMatch(tuple(ranking))
+
+    return rank
+
+
+def test_photographs_that_changed_places_are_told_by_their_renders(space, folder, monkeypatch):
+    """Two of ten are exchanged: they are doubts, and the others keep their order."""
+    pattern = Pattern(name="ring", count=10)
+    write_plan(space.plan_file, make_plan([load_object(space.object_spec("crate"))], Camera.from_fov(96, 72), pattern))
+    shows = dict(zip("abcdefghij", (1, 3, 2, 4, 5, 6, 7, 8, 9, 10), strict=True))
+    for number, name in enumerate(shows):
+        take(folder / f"{name}.jpg", number, number)
+    likeness = {f"{name}.jpg": pose for name, pose in shows.items() if name != "h"}
+    monkeypatch.setattr(RenderMatcher, "rank", rank_as(likeness, 10))
+    result = run(space, folder)
+    assert reasons(result) == {
+        "b.jpg": "its order says pose 2 and its likeness to the renders says pose 3",
+        "c.jpg": "its order says pose 3 and its likeness to the renders says pose 2",
+    }
+    assert {record.pose_id for record in result.imported} == {1, 4, 5, 6, 7, 8, 9, 10}
+    assert any("1 of 8 photographs are placed by their order alone" in note for note in result.notes), "h is like none"
+    # asked for, the order decides, and what speaks against it is said
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order", source="other"))
+    assert len(result.imported) == 10 and any(
+        note.startswith("2 of 10 photographs look like another pose than their order says (b.jpg: pose 3, not 2)")
+        for note in result.notes
+    )
+
+
+def test_an_order_that_most_renders_contradict_is_not_believed(space, folder, monkeypatch):
+    """Each then goes where its render says."""
+    shows = {"a.jpg": 2, "b.jpg": 1, "c.jpg": 4, "d.jpg": 3}
+    for number, name in enumerate(shows):
+        take(folder / name, number, number)
+    monkeypatch.setattr(RenderMatcher, "rank", rank_as(shows))
+    result = run(space, folder)
+    assert {record.made["original_name"]: record.pose_id for record in result.imported} == shows
+    assert {record.made["matched_by"] for record in result.imported} == {"render"}
+
+
+def test_a_likeness_that_is_ahead_by_chance_changes_no_order(space, folder, monkeypatch):
+    for number, name in enumerate("abcd"):
+        take(folder / f"{name}.jpg", number, number)
+    alike = rank_as({"a.jpg": 2, "b.jpg": 1, "c.jpg": 3, "d.jpg": 4}, right=0.64, wrong=0.6)
+    monkeypatch.setattr(RenderMatcher, "rank", alike)
+    result = run(space, folder)
+    assert [record.pose_id for record in result.imported] == [1, 2, 3, 4] and not result.refused
+
+
+def test_a_name_that_was_taken_comes_after_it_and_ties_are_said(space, folder):
+    """An app that names photographs by the second adds (1) to the second one; their times are the same."""
+    names = ["IMG_31.jpg", "IMG_31 (1).jpg", "IMG_32.jpg", "IMG_34.jpg"]
+    for number, name in enumerate(names):
+        take(folder / name, number, (0, 0, 1, 2)[number])
+    result = run(space, folder)
+    assert list(imported(result).values()) == names
+    assert "taken at the same time, so that their names order them: IMG_31.jpg, IMG_31 (1).jpg" in result.notes
+
+
+def test_each_shot_saved_twice_counts_once_in_the_order(space, folder):
+    for number in range(2):
+        file = take(folder / f"IMG_{number}.jpg", number, number, quality=95)
+        Image.open(file).save(folder / f"IMG_{number}.png")
+        Image.open(file).save(folder / f"IMG_{number} copy.jpg", quality=100, subsampling=0)
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order"))
+    assert not result.imported and "2 photographs for the 4 poses" in reasons(result)["IMG_0.jpg"]
+    assert {label for label, _ in result.duplicates} == {
+        f"IMG_{number}{rest}" for number in range(2) for rest in (".png", " copy.jpg")
+    }
+
+
+def test_a_photograph_keeps_the_pose_of_the_plan_it_was_imported_by(space, folder):
+    """After the plan changed, the same numbers mean other places: each says its own, and the run says so."""
+    plan = read_plan(space.plan_file)
+    take(folder / "a" / "pose_1.jpg", 1), take(folder / "a" / "pose_2.jpg", 2)
+    first = run(space, folder / "a", ImportSettings(object="crate", variant="unpatched"))
+    poses = plan.objects["crate"]
+    assert [one.made["pose_sha256"] for one in first.imported] == [hash_pose(plan.camera, one) for one in poses[:2]]
+    pattern = Pattern(name="ring", count=4, elevation_deg=(20, 20))
+    write_plan(space.plan_file, make_plan([load_object(space.object_spec("crate"))], plan.camera, pattern))
+    take(folder / "b" / "pose_1.jpg", 3), take(folder / "b" / "pose_2.jpg", 4)
+    second = run(space, folder / "b")
+    hashes = {one.made["pose_sha256"] for one in (*first.imported, *second.imported)}
+    assert len(hashes) == 4
+    assert any(note.startswith("crate/unpatched: 2 photographs are of another plan") for note in second.notes)

@@ -1,7 +1,7 @@
 """Photographs that a table pairs: no plan, no board, any names; copies count once; the evaluation compares variants."""
 
 import csv
-import time
+import unicodedata
 from pathlib import Path
 
 import cv2
@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 
 from toolkit.captures.like import read_measured
+from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates.check_captures import check_captures
-from toolkit.photos.importing.gather import Candidate, SourceIndex
+from toolkit.photos.importing.gather import Candidate, Gathered, SourceIndex
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.resolve import PairRow, match_pairs, number_poses
+from toolkit.photos.importing.pairs import PairRow, match_pairs
 from toolkit.photos.photo import Photo
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
@@ -153,8 +155,134 @@ def test_a_long_table_takes_work_in_proportion(tmp_path):
     """300,000 lines took an hour: poses were looked for in a list, and photographs once more for each line."""
     photo = Photo(Path("0.jpg"), "0" * 64, "jpeg", 640, 480)
     rows = [PairRow(f"{k}.jpg", "desk", "bare", f"view {k}") for k in range(100_000)]
-    started = time.process_time()
-    assert number_poses(rows)["desk", "view 99999"] == 100_000
-    candidates = [Candidate(photo, row.file, ()) for row in rows]
-    match_pairs(rows, candidates, SourceIndex(tmp_path, {}, {}, {}), {})
-    assert time.process_time() - started < 20
+    candidates = tuple(Candidate(photo, row.file, ()) for row in rows)
+    found = match_pairs(rows, Gathered(candidates, False, (), (), ()), SourceIndex(tmp_path, {}, {}, {}), "pairs.csv")
+    assert len(found.resolved) == 100_000 and found.resolved[-1][1].key.pose_id == 100_000
+
+
+def import_table(space, photos, tmp_path, rows, name: str = "pairs.csv", **settings):
+    table = write_table(tmp_path / name, rows)
+    return import_photos(space, [photos], ImportSettings(pairs=table, **settings))
+
+
+def list_places(space) -> dict[str, tuple[str, int]]:
+    """Variant and pose of each photograph that counts, by its own name."""
+    records = read_manifest(space.captures_dir / "real")
+    found = {record.made["original_name"]: (record.variant, record.pose_id) for record in records.values()}
+    assert sorted(records) == sorted(one.path_in_source for one in read_captures(space.captures_dir).captures)
+    for path, record in records.items():
+        assert sha256_file(space.captures_dir / "real" / path) == record.made["original_sha256"]
+    return found
+
+
+def test_a_corrected_table_moves_what_was_wrong_and_says_so(space, photos, tmp_path):
+    """Two swapped variants, a pose and a class: the second run leaves what the first would have made."""
+    right = rows_of()
+    wrong = list(right)
+    wrong[0], wrong[3] = (right[0][0], *right[3][1:]), (right[3][0], *right[0][1:])
+    wrong = [(*row[:4], "mouse") for row in wrong]
+    import_table(space, photos, tmp_path, wrong)
+    assert list_places(space)[right[0][0]] == ("bear1", 1)
+    result = import_table(space, photos, tmp_path, right)
+    expected = {name: (variant, VIEWS.index(view) + 1) for name, _, variant, view, _ in right}
+    assert list_places(space) == expected and len(result.imported) == 9 and not result.refused
+    said = [note for note in result.notes if "moved" in note]
+    assert len(said) == 9
+    assert (
+        f"{right[0][0]}: moved from desk/bear1/pose_01.jpg to desk/unpatched/pose_01.jpg, class mouse to computer "
+        "keyboard, as the table says now"
+    ) in said
+    assert import_table(space, photos, tmp_path, right).imported == ()
+
+
+def test_a_photograph_keeps_the_row_it_was_imported_by(space, photos, tmp_path):
+    result = import_table(space, photos, tmp_path, rows_of())
+    by_name = {row[0]: f"pairs.csv:{line}" for line, row in enumerate(rows_of(), 2)}
+    assert {record.made["original_name"]: record.made["row"] for record in result.imported} == by_name
+
+
+def test_a_row_that_is_gone_is_told(space, photos, tmp_path):
+    rows = rows_of()
+    import_table(space, photos, tmp_path, rows)
+    result = import_table(space, photos, tmp_path, rows[1:])
+    assert dict(result.refused)[rows[0][0]] == (
+        "imported before as desk/unpatched/pose_01.jpg, and pairs.csv lists it no longer: delete that file, or list it "
+        "again"
+    )
+    # another table is of other photographs
+    assert not import_table(space, photos, tmp_path, rows[1:], "more.csv").refused
+
+
+def test_a_place_that_is_taken_stays_taken(space, photos, tmp_path):
+    rows = rows_of()
+    import_table(space, photos, tmp_path, rows)
+    before = list_places(space)
+    (photos / rows[1][0]).unlink()
+    moved = [(rows[0][0], *rows[1][1:])]
+    result = import_table(space, photos, tmp_path, moved, "other.csv")
+    assert "has desk/unpatched/pose_02.jpg" in dict(result.refused)[rows[0][0]] and list_places(space) == before
+
+
+def test_poses_keep_their_numbers_in_another_table(space, photos, tmp_path):
+    """`4in_side` is pose 2 wherever it stands in a table, as a number is what pairs."""
+    rows = rows_of()
+    import_table(space, photos, tmp_path, rows[:3])
+    import_table(space, photos, tmp_path, [rows[5], rows[4], rows[3]], "more.csv")
+    assert {name: pose for name, (_, pose) in list_places(space).items()} == {
+        row[0]: VIEWS.index(row[3]) + 1 for row in rows[:6]
+    }
+    numbered = [(rows[6][0], "desk", "bearcontrol", "2", "")]
+    with pytest.raises(
+        ToolkitError, match=r"pose '2' of 'desk' would be number 2, which an earlier table gave to '4in"
+    ):
+        import_table(space, photos, tmp_path, numbered, "numbers.csv")
+
+
+def test_a_class_is_said_once(space, photos, tmp_path):
+    """By the spec, an earlier table and this one: a contradiction is a line, and an empty column takes the earlier."""
+    rows = rows_of()
+    (space.objects_dir / "mug.toml").write_text(
+        'name = "mug"\nclass = "coffee mug"\nmesh = "mug.obj"\nlength_mm = 90\n'
+    )
+    with pytest.raises(
+        ToolkitError, match=r"'mug' has the class 'cup' in the table of pairs, and 'coffee mug' in .*mug"
+    ):
+        import_table(space, photos, tmp_path, [(rows[0][0], "mug", "unpatched", "1", "cup")])
+    assert import_table(space, photos, tmp_path, [(rows[8][0], "mug", "unpatched", "1", "Coffee_mug")]).imported
+    import_table(space, photos, tmp_path, rows[:3])
+    with pytest.raises(
+        ToolkitError, match=r"'desk' has the class 'mouse' .* and 'computer keyboard' in an earlier one"
+    ):
+        import_table(space, photos, tmp_path, [(*row[:4], "mouse") for row in rows[3:6]], "more.csv")
+    result = import_table(space, photos, tmp_path, [(*row[:4], "") for row in rows[3:6]], "more.csv")
+    assert {record.made["class"] for record in result.imported} == {"computer keyboard"}
+
+
+def test_a_folder_that_contradicts_its_row_is_refused(space, photos, tmp_path):
+    (photos / "unpatched").mkdir()
+    rows = rows_of()
+    (photos / rows[3][0]).rename(photos / "unpatched" / rows[3][0])
+    result = import_table(space, photos, tmp_path, rows)
+    assert dict(result.refused) == {
+        f"unpatched/{rows[3][0]}": "its folder says variant 'unpatched', line 5 of the table says 'bear1'"
+    }
+
+
+@pytest.mark.parametrize("forms", [("NFD", "NFC"), ("NFC", "NFD")])
+def test_accents_are_the_same_however_they_are_stored(space, tmp_path, forms):
+    """A Mac keeps accents apart from their letters in file names, and tables are typed."""
+    on_disk, in_table = (unicodedata.normalize(form, "caf\u00e9") for form in forms)
+    for number in (1, 2):
+        take(tmp_path / "phone" / on_disk / f"{on_disk}_{number}.jpg", number)
+    files = f"{in_table}_1.jpg", f"{in_table}/{in_table}_2.jpg"
+    rows = [(file, "desk", variant, "1", "mug") for file, variant in zip(files, ("unpatched", "b"), strict=True)]
+    result = import_table(space, tmp_path / "phone", tmp_path, rows)
+    assert len(result.imported) == 2 and not result.refused
+
+
+def test_the_table_may_list_either_of_two_copies(space, photos, tmp_path):
+    rows = rows_of()
+    name = rows[0][0].replace(".jpg", ".png")
+    cv2.imwrite(str(photos / name), cv2.imread(str(photos / rows[0][0])))
+    result = import_table(space, photos, tmp_path, [(name, *rows[0][1:]), *rows[1:]])
+    assert len(result.imported) == 9 and not result.refused and [label for label, _ in result.duplicates] == [name]

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import unicodedata
 from datetime import datetime, timedelta, timezone
 from io import BytesIO
 
@@ -381,3 +382,12 @@ def test_names_are_shown_on_one_line_and_sorted_as_people_do():
     assert show_name("a\udcff.jpg").isprintable()
     names = ["IMG_9", "IMG_10", "img_1", "²", "٣", "10"]
     assert sorted(names, key=natural_key)[:4] == ["10", "img_1", "IMG_9", "IMG_10"]
+    # what a phone or a desktop adds to a name that is taken comes after the name itself
+    taken = [
+        "IMG_1.jpg", "IMG_1 (1).jpg", "IMG_1 (2).jpg", "IMG_1 (10).jpg", "IMG_2.jpg", "IMG_2~2.jpg", "IMG_2~3.jpg",
+        "IMG_3.jpg", "IMG_3 copy.jpg", "IMG_3 copy 2.jpg", "IMG_4.jpg", "IMG_4 - Copy.jpg", "IMG_4 - Copy (2).jpg",
+        "IMG_10.jpg", "IMG_10(1).jpg",
+    ]  # fmt: skip
+    assert sorted(reversed(taken), key=natural_key) == taken
+    assert natural_key(unicodedata.normalize("NFD", "caf\u00e9 2.jpg")) == natural_key("caf\u00e9 2.jpg")
+    assert show_name(unicodedata.normalize("NFD", "gr\u00f6\u00dfe.jpg")) == "gr\u00f6\u00dfe.jpg"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -178,9 +179,10 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     save(folder / "b.jpg", photograph(make_patch(1))[:, ::-1].copy())
     save(folder / "c.jpg", photograph(make_patch(3)))
     bare = save(tmp_path / "bare.jpg", photograph(make_patch(4)))
+    third = save(tmp_path / "third.jpg", photograph(make_patch(4), seed=1))
     (tmp_path / "broken.jpg").write_bytes(b"no picture")
     (folder / "linked.jpg").symlink_to(bare)
-    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare, tmp_path / "broken.jpg"))
+    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(bare, tmp_path / "broken.jpg", third))
     run = retexture(workspace, [folder], config)
     assert [Path(path).name for path, _ in run.skipped] == ["linked.jpg", "b.jpg", "c.jpg", "broken.jpg"]
     assert "a link" in run.skipped[0][1] and "mirrored" in run.skipped[1][1] and "not found" in run.skipped[2][1]
@@ -193,9 +195,9 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     assert any(note.startswith("retextured") and "desk/patched 1" in note for note in found.notes)
     variants = {one.variant for one in captures}
     assert variants == {"unpatched", "patched", "grey-patch", "random-patch", "as-taken"}
-    assert (
-        run.paired and {one.pose_id for one in captures} == {1} and {one.source for one in captures} == {"retextured"}
-    )
+    assert run.paired and {one.source for one in captures} == {"retextured"}
+    assert {one.pose_id for one in captures if one.variant != "unpatched"} == {1}
+    assert {one.pose_id for one in captures if one.variant == "unpatched"} == {1, 3}
     with Image.open(taken) as one, Image.open(run.folder / "desk/patched/pose_01.jpg") as other:
         assert one.quantization == other.quantization  # type: ignore[attr-defined]
         assert other.getexif()[0x0110] == "A phone"
@@ -204,6 +206,35 @@ def test_a_folder_becomes_captures_that_eval_reads(tmp_path: Path, workspace: Wo
     before = {file: file.stat().st_mtime_ns for file in run.folder.rglob("*.jpg") if "patch" in file.parent.name}
     retexture(workspace, [folder], config)
     assert {file: file.stat().st_mtime_ns for file in before} == before
+
+
+@pytest.mark.parametrize(
+    ("lost", "given", "pairs"), [(("b1", "p3"), 3, {"b2p2"}), (("p1",), 3, {"b2p2", "b3p3"}), (("b1",), 2, set())]
+)
+def test_bare_photographs_are_paired_before_any_is_refused(
+    tmp_path: Path, workspace: Workspace, monkeypatch: pytest.MonkeyPatch, lost: tuple[str, ...], given: int, pairs: set
+) -> None:
+    """The one at the same place, whichever others cannot be used; none where another number is given."""
+    old, new = save(tmp_path / "old.png", make_patch(1)), save(tmp_path / "new.png", make_patch(2))
+    names = ["p1", "p2", "p3", *(f"b{k + 1}" for k in range(given))]
+    for k, name in enumerate(names):
+        file = save(tmp_path / name[0] / f"{name}.jpg", np.full((64, 64, 3), 20 * k, np.uint8))
+        if name in lost:
+            file.write_bytes(b"no picture")
+    fitted = SimpleNamespace(
+        facts=dict, patch=SimpleNamespace(sha256="0" * 64),
+        with_patches=lambda some, draws: [np.zeros((64, 64, 3), np.uint8)] * len(some),
+    )  # fmt: skip
+    monkeypatch.setattr("toolkit.photos.retexture.fit_photo", lambda file, found: fitted)
+    config = RetextureConfig(found=(str(old),), given=(str(new),), bare=(tmp_path / "b",))
+    run = retexture(workspace, [tmp_path / "p"], config)
+    taken: dict[int, str] = {}
+    for record in sorted(read_manifest(run.folder).values(), key=lambda one: one.variant, reverse=True):
+        if record.variant in ("unpatched", "as-taken") and record.pose_id is not None:
+            name = str(record.made["original_name"]).removesuffix(".jpg")
+            taken[record.pose_id] = taken.get(record.pose_id, "") + name
+    assert {one for one in taken.values() if len(one) > 2} == pairs
+    assert run.paired == (given == 3) and len(run.skipped) == len(lost)
 
 
 def test_a_patch_that_is_there_twice_is_refused(tmp_path: Path) -> None:

@@ -11,7 +11,16 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import check_poses, keep_others, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.plan import (
+    check_poses,
+    hash_pose,
+    keep_others,
+    make_plan,
+    open_plan,
+    read_plan,
+    scale_resolution,
+    write_plan,
+)
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +86,68 @@ def test_focal_length_and_sensor_stand_for_the_field_of_view(written):
     camera = written(to_lens).camera
     assert camera.fov_deg == pytest.approx(54.43, abs=0.01)  # the 35 mm lens of the textbooks
     assert camera.fx == pytest.approx(640 * 35 / 36)
+
+
+LENS = {"fx": 700.0, "fy": 690.5, "cx": 310.25, "cy": 250.0, "distortion": (0.1, -0.2, 0.001, 0.0, 0.03)}
+
+
+def test_a_measured_lens_is_written_and_read_whole(tmp_path, crate):
+    camera = Camera(640, 480, **LENS)
+    plan = make_plan([crate], camera, Pattern(count=2))
+    again = read_plan(write_plan(tmp_path / "plan.json", plan))
+    assert again.camera == camera and keep_others(again, plan) == plan
+    for pose in again.objects["crate"]:
+        pixels, depth = project(camera, pose.matrix(), crate.mesh.vertices)
+        assert depth.min() > 0 and np.abs(pixels - [320, 240]).max() == pytest.approx(0.8 * 240, abs=0.1)
+    small = scale_resolution(plan, 320).camera
+    assert (small.fy, small.cx, small.distortion) == (690.5 / 2, 310.25 / 2, camera.distortion)
+
+
+def test_a_plain_camera_is_written_and_hashed_as_before(crate):
+    plan = make_plan([crate], Camera.from_fov(), Pattern(count=2))
+    assert plan.model_dump(mode="json", include={"camera"})["camera"] == {
+        "width": 640, "height": 480, "fov_deg": 40.0, "focal_mm": None, "sensor_width_mm": None,
+        "convention": "opencv",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("lens", "words"),
+    [
+        ({"focal_mm": 35.0}, "focal_mm says how wide the camera sees only with sensor_width_mm: add it"),
+        ({"sensor_width_mm": 36.0}, "sensor_width_mm says how wide the camera sees only with focal_mm: add it"),
+        (
+            {"fov_deg": 40.0, "focal_mm": 35.0, "sensor_width_mm": 36.0},
+            r"fov_deg \(879.2 px\) and focal_mm \(622.2 px\) are different focal lengths: keep one",
+        ),
+        ({"fov_deg": 40.0, "fx": 700.0}, r"fov_deg \(879.2 px\) and fx \(700.0 px\) are different"),
+        ({"fov_deg": 40.0, "distortion": [0.1, 0.2]}, "camera.distortion"),
+    ],
+)
+def test_a_lens_that_is_said_by_half_or_twice_is_refused(written, lens, words):
+    def change(content):
+        content["camera"] = {"width": 640, "height": 480, **lens}
+
+    with pytest.raises(ToolkitError, match=words) as caught:
+        written(change)
+    assert "plan.json: field 'camera" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_the_same_lens_said_twice_is_read(written):
+    camera = written(lambda c: c["camera"].update(focal_mm=49.455, sensor_width_mm=36.0)).camera
+    assert camera == Camera.from_fov()
+
+
+def test_a_pose_is_known_by_where_the_camera_stands_and_how_it_sees(crate):
+    plan = make_plan([crate], Camera.from_fov(), Pattern(count=2))
+    first, second = plan.objects["crate"]
+    known = hash_pose(plan.camera, first)
+    assert known == hash_pose(plan.camera, first.model_copy(update={"id": 9, "T_world_camera": None}))
+    assert known != hash_pose(plan.camera, second)
+    assert known != hash_pose(plan.camera, first.model_copy(update={"distance_mm": first.distance_mm + 1}))
+    assert known != hash_pose(Camera.from_fov(fov_deg=41), first)
+    # other machines differ in the last digits
+    assert known == hash_pose(Camera.from_fov(fov_deg=40 + 1e-13), first)
 
 
 def first_pose(content):

@@ -127,6 +127,23 @@ def test_renders_of_the_rig(tmp_path, make_crate_space):
     assert first.std() > 5
 
 
+def test_renders_are_of_the_mesh_with_its_colours(tmp_path, make_crate_space):
+    """Colours that an OBJ keeps in an MTL and a picture beside it are part of what the renders rest on."""
+    space = make_crate_space(tmp_path)
+    mesh = space.objects_dir / "crate.obj"
+    mesh.write_text("mtllib crate.mtl\nvt 0 0\nusemtl wood\n" + mesh.read_text().replace("\nf ", "\nf ").strip() + "\n")
+    keys = []
+
+    def note(file: str, content: bytes) -> None:
+        (space.objects_dir / file).write_bytes(content)
+        keys.append(open_source("rig", space, COUNTS).key)
+
+    note("crate.mtl", b"newmtl wood\nKd 0.8 0.5 0.2\n")
+    note("crate.mtl", b"newmtl wood\nKd 0.1 0.5 0.2\n")
+    note("crate.obj", mesh.read_bytes() + b"# another word\n")
+    assert keys[0] != keys[1] == keys[2]
+
+
 @pytest.mark.slow
 def test_renders_are_made_by_processes_and_kept(tmp_path, make_crate_space):
     from toolkit.training.renders import render_shards

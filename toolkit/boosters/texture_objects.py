@@ -18,6 +18,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import hash_paint
 from toolkit.objects.records import read_texture
 from toolkit.rig.variants import check_fit
 from toolkit.rig.views import PaintableObject
@@ -110,12 +111,15 @@ def find_source(objects: Sequence[TexturedObject]) -> np.ndarray:
 
 
 def hash_objects(objects: Sequence[TexturedObject]) -> str:
-    """Hash of the shapes, their texture coordinates and what is kept."""
+    """Hash of the shapes, their texture coordinates, which faces keep their paint, and that paint."""
     parts: list[Any] = []
     for one in objects:
         uv = sha256_bytes(np.ascontiguousarray(one.atlas.corner_uv).tobytes())
         trained = sha256_bytes(one.atlas.trained.tobytes())
-        parts.append([one.name, one.item.shape_sha256, uv, trained, one.atlas.covered.shape])
+        kept = np.unique(one.atlas.mesh.face_material[~one.atlas.trained])
+        # nothing where all is trained: then no paint is seen beside the texture
+        paint = [hash_paint(one.atlas.mesh.materials[index] for index in kept)] if len(kept) else []
+        parts.append([one.name, one.item.shape_sha256, uv, trained, one.atlas.covered.shape, *paint])
     return sha256_bytes(json.dumps(parts).encode())
 
 

@@ -92,9 +92,9 @@ def validate_patch(
             # images that come again in other placements are asked bare once: the answer would be the same
             fresh = which < len(images)
             if corrupted is not None:
+                # both from the same draw, so that bare and patched differ in the patch alone
                 photos, batch = (
-                    corrupted.change(seen, Draws(seed, start, "validate").of(f"corrupted {what}"))
-                    for what, seen in (("patched", photos), ("bare", batch))
+                    corrupted.change(seen, Draws(seed, start, "validate").of("corrupted")) for seen in (photos, batch)
                 )
             for k, target in enumerate(targets):
                 patched[k] += target.count_hits(photos)

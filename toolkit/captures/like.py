@@ -16,11 +16,10 @@ from toolkit.captures.shoot import (
     Shot,
     check_settings,
     describe_look,
-    sha256_json,
     take_shots,
 )
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import real_path
+from toolkit.core.files import real_path, sha256_json
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.objects.load import TableObject, load_object

@@ -1,7 +1,6 @@
 """`toolkit capture-sim`: shoot every object at every pose of the plan, with and without its patch."""
 
 import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from toolkit.core.config import Config
 from toolkit.core.console import Ticker
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import inside, sha256_bytes, write_bytes
+from toolkit.core.files import inside, sha256_bytes, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
@@ -89,7 +88,7 @@ class Rehearsal:
     def describe(self) -> dict[str, Any]:
         """All that it does, and the version of how: what a picture's hash is made of."""
         settings = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {"version": 3} | {
+        return {"version": 4} | {
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
 
@@ -494,7 +493,7 @@ def _list_units(
         made = describe_made(item, booster, settings)
         planned.update((shot.path, _describe_shot(shot, booster, made)) for shot in shots)
         places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
-        yield Unit(paths, shoot_unit, (item, booster, settings, places), f"{item.name} {variant}")
+        yield Unit(paths, shoot_unit, (item, variant, booster, settings, places), f"{item.name} {variant}")
 
 
 def describe_made(item: TableObject, booster: Worn | None, settings: ShootSettings) -> dict[str, Any]:
@@ -526,13 +525,13 @@ def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) ->
 
 
 def shoot_unit(
-    item: TableObject, booster: Worn | None, settings: ShootSettings,
+    item: TableObject, variant: str, booster: Worn | None, settings: ShootSettings,
     places: Sequence[tuple[Camera, np.ndarray, int]],
 ) -> Iterator[bytes]:  # fmt: skip
     """The work of a unit: the image files of one object in one variant.
 
     Args:
-        item, booster: what is shot.
+        item, variant, booster: what is shot.
         settings: how.
         places: camera, `T_world_camera` and number of the sensor's noise of each shot.
     """
@@ -547,8 +546,10 @@ def shoot_unit(
         if rehearsal is None:
             yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
             continue
-        rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {booster.name if booster else ''}")
-        developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number), rehearsal.noise)
+        # by variant, as two boosters may have one name; drawn before the light, so that each step has its own numbers
+        rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {variant}")
+        grain = int(rng.integers(1 << 62))
+        developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number, grain), rehearsal.noise)
         yield rehearsal.encode(developed)
 
 
@@ -557,8 +558,3 @@ def _encode(pixels: np.ndarray, image_format: str) -> bytes:
         return encode_image(pixels, "PNG", compress_level=3)  # a quarter of the default's time, a tenth more bytes
     # no chroma subsampling: coloured texels keep their edges
     return encode_image(pixels, "JPEG", quality=95, subsampling=0)
-
-
-def sha256_json(content: Any) -> str:
-    """Hash of a value that JSON can hold, keys in any order."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

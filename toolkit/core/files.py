@@ -307,6 +307,11 @@ def sha256_file(path: Path) -> str:
     return digest.hexdigest()
 
 
+def sha256_json(content: Any) -> str:
+    """SHA-256 of a value that JSON can hold, keys in any order; what JSON does not know is taken as text."""
+    return sha256_bytes(json.dumps(content, sort_keys=True, default=str).encode())
+
+
 def load_json(path: Path) -> Any:
     """The content of a JSON file.
 

@@ -21,7 +21,7 @@ from toolkit.core.child import count_cores
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.records import RecordLog, hold_folder, list_version
 from toolkit.engine.units import RecordCache
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
@@ -105,7 +105,8 @@ def predict_captures(
     """Classify images; the order of the result is that of `captures`.
 
     Decoding runs in threads beside the network: Pillow and torch both release the interpreter's lock. At most one batch
-    is decoded ahead, so memory does not grow with the number of images.
+    is decoded ahead, so memory does not grow with the number of images. On a CPU the numbers depend neither on the
+    batch nor on the threads; on a GPU their last digits may depend on the batch.
 
     Args:
         captures: the images.
@@ -120,11 +121,8 @@ def predict_captures(
     predictions: list[Prediction] = []
     with progress("classifying", len(captures)) as ticker:
         for batch in batch_pixels(captures, classifier, choose_batch_size(classifier, batch_size)):
-            read = [pixels for _, pixels in batch if not isinstance(pixels, str)]
-            try:
-                outputs = iter(classify_images(read, classifier) if read else ())
-            except BadAnswer as error:
-                raise error.at([one.path for one, pixels in batch if not isinstance(pixels, str)]) from None
+            read = [(one.path, pixels) for one, pixels in batch if not isinstance(pixels, str)]
+            outputs = iter(classify_parts([pixels for _, pixels in read], classifier, [path for path, _ in read]))
             for capture, pixels in batch:
                 true = true_classes[capture.object]
                 if isinstance(pixels, str):
@@ -138,11 +136,16 @@ def predict_captures(
 
 
 def choose_batch_size(classifier: Classifier, batch_size: int | None = None) -> int:
-    """Images per pass of the network: as asked for, else what suits its device."""
+    """Images that are gathered before the network is asked: as asked for, else what suits its device.
+
+    On a CPU these are whole parts: a part that is not full is filled up with copies, which would be work for nothing.
+    """
     import torch
 
-    # on a CPU a pass for each thread: what more are held costs memory alone
-    return batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_PART * torch.get_num_threads())
+    if classifier.device == "cpu":
+        # a pass for each thread: what more are held costs memory alone
+        return CPU_PART * (-(-batch_size // CPU_PART) if batch_size else torch.get_num_threads())
+    return batch_size or CUDA_BATCH
 
 
 def classify_images(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -178,30 +181,48 @@ def classify_stream(
         ToolkitError: as `predict_captures`.
     """
     size, rest = choose_batch_size(classifier, batch_size), iter(images)
-    if classifier.device == "cpu":
-        # whole parts alone, as a pass of another shape may give other last digits
-        size = -(-size // CPU_PART) * CPU_PART
     while batch := list(islice(rest, size)):
-        found = _classify_parts([pixels for _, pixels in batch], classifier)
+        found = classify_parts([pixels for _, pixels in batch], classifier)
         for (tag, _), (order, probabilities) in zip(batch, found, strict=True):
             yield tag, order, probabilities
 
 
-def _classify_parts(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
-    if classifier.device != "cpu":
-        return classify_images(images, classifier)
+def classify_parts(
+    images: Sequence[np.ndarray], classifier: Classifier, names: Sequence[str] = ()
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """`classify_images` of any number; on a CPU an image's numbers depend on that image alone.
+
+    There every pass has one shape and runs on one thread.
+
+    Args:
+        images: (crop, crop, 3) uint8 sRGB each.
+        classifier: answers.
+        names: of the images, for errors.
+
+    Raises:
+        ToolkitError: as `predict_captures`.
+    """
     from toolkit.corruptions.batch import run_each
 
-    parts = [images[start : start + CPU_PART] for start in range(0, len(images), CPU_PART)]
+    on_cpu = classifier.device == "cpu"
+    side = CPU_PART if on_cpu else max(len(images), 1)
+    parts = [slice(start, start + side) for start in range(0, len(images), side)]
     found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in parts]
 
     def work(index: int) -> None:
-        own = parts[index]
-        # the last part is filled up with copies, so that every pass has one shape
-        whole = [*own, *[own[-1]] * (CPU_PART - len(own))]
-        found[index] = classify_images(whole, classifier)[: len(own)]
+        own = images[parts[index]]
+        # the last part is filled up with copies: a pass of another shape may give other last digits
+        whole = [*own, *[own[-1]] * (side - len(own))]
+        try:
+            found[index] = classify_images(whole, classifier)[: len(own)]
+        except BadAnswer as error:
+            raise (error.at(names[parts[index]]) if names else error) from None
 
-    run_each(work, len(parts))
+    if on_cpu:
+        run_each(work, len(parts))
+    else:
+        for index in range(len(parts)):
+            work(index)
     return [one for part in found for one in part]
 
 
@@ -323,6 +344,11 @@ CHUNK = 128
 """Images between two writes: what a kill may cost."""
 
 
+VERSION = 2
+"""Raised when the same image and network give other numbers, so that images are asked about again. In the first, the
+last digits depended on the batch."""
+
+
 class CachedPrediction(BaseModel):
     """One line of the file.
 
@@ -379,7 +405,7 @@ def predict_once(
 
 
 def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
-    """Hash of everything that a prediction depends on: image, corruption, weights, preprocessing, truth."""
+    """Hash of all that a prediction depends on: image, corruption, weights, preprocessing, truth, `VERSION`."""
     try:
         # one that must not be opened is known by its path alone, and is never kept
         image = capture.path if capture.refused is not None else sha256_file(capture.file)
@@ -387,6 +413,7 @@ def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
         image = capture.path
     # by the weights' hash, not their name: a file may be replaced under its name
     parts = [image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index]
+    parts += list_version(VERSION)
     corruption = find_pending(capture)
     if corruption is not None:  # whose seed is the path
         parts += [*corruption, capture.path_in_source]

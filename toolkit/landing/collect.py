@@ -35,6 +35,8 @@ from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World
 
 MOST_TRIES = 60
+VERSION = 1
+"""Raised when the same inputs give other frames, so that a set that was begun before is not gone on with."""
 UNIT_FRAMES = 100
 """Frames that are shot together."""
 
@@ -168,7 +170,7 @@ def collect(
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
     """The set's file, of this or an earlier run; what a killed one left half-written is removed."""
     world, pad, settings = collector.world, collector.pad, config.record()
-    inputs = config.sha256(world.sha256, pad.sha256, collector.seed, 1)
+    inputs = config.sha256(world.sha256, pad.sha256, collector.seed, VERSION)
     file = folder / DATASET
     if restart:
         for found in (*folder.glob("*.tar"), file):

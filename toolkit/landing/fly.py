@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, sha256_bytes
-from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.records import RecordLog, hold_folder, list_version
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
@@ -29,6 +29,8 @@ FINDERS = ("features", "apriltag")
 TICKS = 100_000
 """Pictures of an episode at most; its noise and weather are drawn by index · TICKS + tick."""
 KEPT_TRACKS = 16
+VERSION = 1
+"""Raised when the same inputs give other flights, so that episodes are flown again."""
 
 
 class Pilot:
@@ -220,7 +222,7 @@ class FlightSetup:
         config, sites = self.config, self.sites
         inputs = config.episode.sha256(
             config.descent.record(), sites.world.sha256, [(place.centre, place.turn_deg) for place in sites.places],
-            config.time, self.seed, sites.optics.record(),
+            config.time, self.seed, sites.optics.record(), *list_version(VERSION),
         )[:16]  # fmt: skip
         return f"{inputs}-{_digest(cell, self.pads, self.predictors)}"
 

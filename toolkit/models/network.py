@@ -70,8 +70,8 @@ class BadAnswer(FieldError):
         self.row = row
 
     def at(self, names: Sequence[str]) -> FieldError:
-        """The same with the image's name, of those in the batch."""
-        where = names[self.row or 0]
+        """The same with the image's name, of those in the batch; copies of the last one may come after them."""
+        where = names[min(self.row or 0, len(names) - 1)]
         if self.row is None and len(names) > 1:
             where += f" or one of the {len(names) - 1} images after it"
         return FieldError(f"{self.expected} (at {where})", self.found)

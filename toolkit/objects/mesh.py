@@ -372,12 +372,23 @@ def check_mesh(mesh: Mesh, source: str) -> Mesh:
 def hash_mesh(mesh: Mesh) -> str:
     """SHA-256 of all that a renderer makes of a mesh but its normals, 64 hex digits."""
     digest = _hash_arrays((mesh.vertices, mesh.faces, mesh.uv, mesh.face_material))
-    for material in mesh.materials:
+    _add_paint(digest, mesh.materials)
+    return digest.hexdigest()
+
+
+def hash_paint(materials: Iterable[Material]) -> str:
+    """SHA-256 of the colours and gloss of materials, 64 hex digits."""
+    digest = hashlib.sha256()
+    _add_paint(digest, materials)
+    return digest.hexdigest()
+
+
+def _add_paint(digest: "hashlib._Hash", materials: Iterable[Material]) -> None:
+    for material in materials:
         digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
         digest.update(np.ascontiguousarray(material.texture).tobytes())
         if material.emission is not None:
             digest.update(np.ascontiguousarray(material.emission).tobytes())
-    return digest.hexdigest()
 
 
 def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:

@@ -27,7 +27,7 @@ class RetextureConfig(Config):
     )
     bare: Annotated[tuple[Path, ...], Flag("--bare", metavar="PHOTO")] = Field(
         (),
-        description="Photographs without a patch. If there are as many as with one, they are paired in order of name.",
+        description="Photographs without a patch. If you give as many as with one, they are paired in order of name.",
     )
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of the noise and of the random patch.")
 

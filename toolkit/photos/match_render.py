@@ -110,7 +110,7 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
     if not poses:
         raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
     share = RENDER_SIDE_PX / min(camera.width, camera.height)
-    small = Camera.from_fov(round(camera.width * share), round(camera.height * share), camera.fov_deg)
+    small = camera.scaled(round(camera.width * share), round(camera.height * share))
     renderer = RaycastRenderer(mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
     edges, edge_masks, colours, colour_masks, spread = [], [], [], [], []
     lights = renderer.render_many((small, pose.matrix()) for pose in poses)

@@ -3,11 +3,12 @@
 import contextlib
 import math
 import re
+import unicodedata
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
 import numpy as np
@@ -362,15 +363,34 @@ def list_photos(folder: Path) -> FoundPhotos:
     return FoundPhotos(tuple(folder / Path(*parts) for parts in paths), found.refused, found.others)
 
 
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorts names as people do: IMG_9 before IMG_10."""
-    parts = re.split(r"([0-9]+)", name.lower())
+Numbered = list[tuple[int, int, str]]
+SortKey = tuple[Numbered, Numbered, Numbered]
+COPY_TAIL = re.compile(r"(?:( - copy| copy)(?: ?\((\d{1,4})\)| (\d{1,4}))?| ?\((\d{1,4})\)|~(\d{1,4}))$")
+"""What is added to a name that is taken: `IMG (1)`, `IMG~2`, `IMG copy 2`, `IMG - Copy (2)`."""
+
+
+def split_copy(stem: str) -> tuple[str, str]:
+    """A file's stem, in lower case, and what was added because the name was taken: `img_1` and ` (2)`."""
+    plain = unicodedata.normalize("NFC", stem).lower()
+    found = COPY_TAIL.search(plain)
+    return (plain[: found.start()], plain[found.start() :]) if found and found.start() else (plain, "")
+
+
+def natural_key(name: str) -> SortKey:
+    """Sorts names as people do: IMG_9 before IMG_10, and IMG_9 before IMG_9 (1)."""
+    path = PurePosixPath(name)
+    base, tail = split_copy(path.stem)
+    return _split_numbers(base), _split_numbers(tail), _split_numbers(path.suffix.lower())
+
+
+def _split_numbers(text: str) -> Numbered:
+    parts = re.split(r"([0-9]+)", text)
     return [(0, int(part), "") if part.isascii() and part.isdecimal() else (1, 0, part) for part in parts if part]
 
 
 def show_name(name: str) -> str:
-    """A file name on one line: what cannot be printed, such as a line's end, is written as an escape."""
-    return escape(show_path((name,)))
+    """A file name on one line, as text is typed (NFC): what cannot be printed, as a line's end, becomes an escape."""
+    return escape(unicodedata.normalize("NFC", show_path((name,))))
 
 
 def read_photo(path: Path) -> Photo:

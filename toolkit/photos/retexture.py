@@ -27,7 +27,7 @@ from toolkit.models.network import Classifier
 from toolkit.photos import RetextureConfig
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.photos.prints.find import rectify_patch
-from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, read_known, use_each
+from toolkit.photos.prints.fitted_photo import FittedPhoto, KnownPatch, fit_photo, list_files, read_known, use_each
 from toolkit.photos.prints.look import read_texels
 
 RETEXTURED = "retextured"
@@ -50,7 +50,7 @@ class RetextureRun:
         photos: (file's name, facts) of each photograph that was used.
         skipped: (path, reason) of those that could not be.
         bare: how many true photographs without a patch lie beside them.
-        paired: whether these are paired with the others.
+        paired: whether these are paired with the others, each with the one that was given at the same place.
     """
 
     folder: Path
@@ -86,26 +86,27 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     variants = dict(zip(names, given, strict=False)) | make_controls(given[0].pixels.shape[0], config.seed)
     name = config.object or _name_object(photos[0])
     root = workspace.source_dir(RETEXTURED)
-    done, count = read_manifest(root) if root.is_dir() else {}, itertools.count(1)
+    done = read_manifest(root) if root.is_dir() else {}
+    # numbers are given before anything is opened: one that cannot be used leaves a gap, and moves no other
+    files, bare_files = (list_files(given)[0] if given else [] for given in (photos, config.bare))
+    paired = len(files) == len(bare_files)
+    number_of = {file: number for number, file in enumerate(files, 1)}
+    # true photographs take the others' numbers where as many are given, since a number is what pairs them
+    bare_number_of = {file: number for number, file in enumerate(bare_files, 1 if paired else len(files) + 1)}
     bare, refused = use_each("reading bare photographs", config.bare, read_photo) if config.bare else ([], [])
-    # one that cannot be used leaves a gap: the others' numbers do not depend on it
     kept, skipped = use_each(
         "retexturing",
         photos,
-        lambda file: _retexture(root, name, next(count), file, found, variants, seed=config.seed, done=done),
+        lambda file: _retexture(root, name, number_of[file], file, found, variants, seed=config.seed, done=done),
     )
-    numbers = [number for number, _, _ in kept]
-    paired = len(bare) == len(numbers)
-    for k, photo in enumerate(bare):
-        # true photographs take the others' numbers where there are as many, since a number is what pairs them
-        number = numbers[k] if paired else next(count)
+    for photo in bare:
+        number = bare_number_of[photo.path]
         if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
             continue
         made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         content = encode_like(photo, None)
         _write(root, name, "unpatched", number, photo, content, made=made, inputs_sha256=photo.sha256)
-    shown = tuple((one, facts) for _, one, facts in kept)
-    return RetextureRun(root, name, (*variants, AS_TAKEN), shown, (*skipped, *refused), len(bare), paired)
+    return RetextureRun(root, name, (*variants, AS_TAKEN), tuple(kept), (*skipped, *refused), len(bare), paired)
 
 
 def _name_object(path: Path) -> str:
@@ -118,8 +119,8 @@ def _name_object(path: Path) -> str:
 def _retexture(
     root: Path, name: str, number: int, file: Path, found: Sequence[KnownPatch], variants: dict[str, KnownPatch],
     seed: int, done: dict[str, CaptureRecord],
-) -> tuple[int, str, dict[str, Any]]:  # fmt: skip
-    """Number, name and facts of one photograph, its variants written."""
+) -> tuple[str, dict[str, Any]]:  # fmt: skip
+    """Name and facts of one photograph, its variants written."""
     photo = read_photo(file)
     inputs = {
         variant: sha256_bytes(repr((VERSION, photo.sha256, [one.sha256 for one in found], patch.sha256, seed)).encode())
@@ -130,7 +131,7 @@ def _retexture(
     finished = {variant for variant, one in records.items() if is_finished(root, one, inputs[variant])}
     first = records[next(iter(variants))]
     if first is not None and len(finished) == len(inputs):
-        return number, photo.name, dict(first.made[RETEXTURED])
+        return photo.name, dict(first.made[RETEXTURED])
     fitted = fit_photo(file, found)
     facts = fitted.facts()
     made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
@@ -148,7 +149,7 @@ def _retexture(
             root, name, AS_TAKEN, number, photo, encode_like(photo, None), booster_sha256=fitted.patch.sha256,
             made=taken, inputs_sha256=photo.sha256,
         )  # fmt: skip
-    return number, photo.name, facts
+    return photo.name, facts
 
 
 def _path(name: str, variant: str, number: int, photo: Photo) -> str:

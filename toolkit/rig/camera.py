@@ -196,9 +196,9 @@ def distance_to_fill(
 ) -> float:  # fmt: skip
     """The distance at which the points reach `fill` of the frame's shorter side, across or up, and no further.
 
-    For a camera with square pixels and a centred lens, as those of plans are. The shorter side is what a classifier's
-    square centre crop keeps. Closed form: a point at (X, Y, z) from the target
-    in camera axes stays inside the square of side S where d >= f·max(|X|, |Y|) / (fill·S/2) - z.
+    The shorter side is what a classifier's square centre crop keeps; distortion is left out. Closed form: a point at
+    (X, Y, z) from the target in camera axes stays inside the square of side S where d >= f·max(|X|, |Y|) / (fill·S/2)
+    - z, with the room on each side of the principal point in place of S/2 where the lens is not centred.
 
     Args:
         camera: gives focal length and frame.
@@ -212,5 +212,11 @@ def distance_to_fill(
     x, y, z = ((np.asarray(points_mm, float) - target_mm) @ rotation).T
     half = min(camera.width, camera.height) / 2
     # solved for d where the image reaches fill * half; the point that asks for the most decides
-    across = np.maximum(np.abs(x), np.abs(y)) / half * camera.fx / fill
-    return float((across - z).max())
+    depth = np.zeros_like(z)
+    for side, focal_px, aside in (
+        (x, camera.fx, camera.cx - camera.width / 2), (y, camera.fy, camera.cy - camera.height / 2),
+    ):  # fmt: skip
+        for sign in (1, -1):
+            room = max(fill * half - sign * aside, 1e-6)  # none where the target itself lies outside the square
+            depth = np.maximum(depth, sign * side * focal_px / room)
+    return float((depth - z).max())

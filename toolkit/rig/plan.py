@@ -1,20 +1,30 @@
 """The capture plan: where the camera stands for every pose of every object, in `rig/plan.json`."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import CoreSchema, core_schema
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_json, write_json
+from toolkit.core.files import read_json, sha256_json, write_json
 from toolkit.core.text import FileName
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig import MOST_POSES, Pattern
-from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, project
+from toolkit.rig.camera import Camera, Distortion, distance_to_fill, orbit_pose, project
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
 
 
@@ -89,7 +99,16 @@ Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class _CameraFields(BaseModel):
-    """A camera as a plan's file has it: pixels, and the field of view or the focal length and sensor width in mm."""
+    """A camera as a plan's file has it: how wide it sees, and what else differs from a centred lens and square pixels.
+
+    Attributes:
+        width, height: pixels.
+        fov_deg: horizontal field of view.
+        focal_mm, sensor_width_mm: the same as a focal length over a sensor as wide as the picture.
+        fx, fy: the same as focal lengths in pixels; fy by default as fx.
+        cx, cy: principal point, pixels; by default the middle.
+        distortion: k1, k2, p1, p2, k3 of OpenCV.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     width: int = Field(640, ge=LEAST_SIDE_PX, le=MOST_SIDE_PX)
@@ -97,17 +116,72 @@ class _CameraFields(BaseModel):
     fov_deg: float | None = Field(None, gt=1, lt=170)
     focal_mm: float | None = Field(None, ge=0.1, le=1e4)
     sensor_width_mm: float | None = Field(None, ge=0.1, le=1e3)
+    fx: float | None = Field(None, ge=1, le=1e6)
+    fy: float | None = Field(None, ge=1, le=1e6)
+    cx: float | None = Field(None, ge=0, le=MOST_SIDE_PX)
+    cy: float | None = Field(None, ge=0, le=MOST_SIDE_PX)
+    distortion: Distortion | None = None
     convention: Literal["opencv"] = "opencv"
+
+    @model_validator(mode="after")
+    def _agree(self) -> "_CameraFields":
+        if (self.focal_mm is None) != (self.sensor_width_mm is None):
+            given, lacks = ("focal_mm", "sensor_width_mm") if self.focal_mm else ("sensor_width_mm", "focal_mm")
+            raise ValueError(
+                f"{given} says how wide the camera sees only with {lacks}: add it, or give fov_deg instead"
+            )
+        lenses = self._lenses()
+        if lenses and max(lenses.values()) > min(lenses.values()) * (1 + SAME_LENS):
+            said = " and ".join(f"{name} ({focal_px:.1f} px)" for name, focal_px in lenses.items())
+            raise ValueError(f"{said} are different focal lengths: keep one of them")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _leave_out(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A camera of a field of view alone is written, and hashed, as it was before there was more."""
+        return {name: value for name, value in dump(self).items() if value is not None or name not in PIXEL_FIELDS}
+
+    def _lenses(self) -> dict[str, float]:
+        """Focal length in pixels by each way that says it."""
+        found = {}
+        if self.fov_deg is not None:
+            found["fov_deg"] = Camera.from_fov(self.width, self.height, self.fov_deg).fx
+        if self.focal_mm is not None and self.sensor_width_mm is not None:
+            found["focal_mm"] = Camera.from_focal_mm(self.width, self.height, self.focal_mm, self.sensor_width_mm).fx
+        if self.fx is not None:
+            found["fx"] = self.fx
+        return found
 
     @classmethod
     def of(cls, camera: Camera) -> "_CameraFields":
-        return cls(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+        """The shortest way to write a camera."""
+        if is_plain(camera):
+            return cls(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+        return cls(
+            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy,
+            distortion=camera.distortion,
+        )  # fmt: skip
 
     def camera(self) -> Camera:
-        if self.fov_deg is None and self.focal_mm and self.sensor_width_mm:
-            return Camera.from_focal_mm(self.width, self.height, self.focal_mm, self.sensor_width_mm)
-        size = self.width, self.height
-        return Camera.from_fov(*size) if self.fov_deg is None else Camera.from_fov(*size, self.fov_deg)
+        lenses = self._lenses()
+        made = Camera.from_fov(self.width, self.height)
+        if lenses:
+            made = Camera.from_focal_px(self.width, self.height, next(iter(lenses.values())))
+        given = {name: getattr(self, name) for name in PIXEL_FIELDS}
+        return replace(made, **{name: value for name, value in given.items() if value is not None})
+
+
+PIXEL_FIELDS = ("fx", "fy", "cx", "cy", "distortion")
+SAME_LENS = 1e-3
+"""Two ways to say a focal length may differ by this share: numbers in files are rounded."""
+
+
+def is_plain(camera: Camera) -> bool:
+    """Whether its field of view says it all: square pixels, a centred lens, no distortion."""
+    plain = Camera.from_fov(camera.width, camera.height, camera.fov_deg)
+    # the field of view is rounded to 12 digits
+    same = np.allclose(list(camera.intrinsics.values()), list(plain.intrinsics.values()), rtol=1e-9, atol=0)
+    return same and not any(camera.distortion)
 
 
 class _InFile:
@@ -164,6 +238,19 @@ class Pose(BaseModel):
     def matrix(self) -> np.ndarray:
         """(4, 4) `T_world_camera`."""
         return self._derived() if self.T_world_camera is None else np.array(self.T_world_camera)
+
+
+def hash_pose(camera: Camera, pose: Pose) -> str:
+    """SHA-256 of where a plan's camera stands for a pose and how it sees, 64 hex digits; the pose's number is left out.
+
+    Numbers are rounded to a millionth of a pixel, millimetre or degree, so that every machine finds the same.
+    """
+    numbers = [
+        *camera.intrinsics.values(), *camera.distortion, pose.azimuth_deg, pose.elevation_deg, pose.roll_deg,
+        pose.distance_mm, *pose.target_mm,
+    ]  # fmt: skip
+    # + 0.0: there is one zero
+    return sha256_json([f"{round(number, 6) + 0.0:.6f}" for number in numbers])
 
 
 class CapturePlan(BaseModel):
@@ -343,8 +430,11 @@ def scale_resolution(plan: CapturePlan, width_px: int) -> CapturePlan:
     Raises:
         ToolkitError: width or height is under 16 or over 16384 pixels.
     """
-    height_px = round(plan.camera.height * width_px / plan.camera.width)
-    return plan.model_copy(update={"camera": make_camera(width_px, height_px, plan.camera.fov_deg)})
+    camera = plan.camera
+    small = make_camera(width_px, round(camera.height * width_px / camera.width), camera.fov_deg)
+    # the shape is rounded to whole pixels: of a plain camera pixels stay square
+    scaled = small if is_plain(camera) else camera.scaled(small.width, small.height)
+    return plan.model_copy(update={"camera": scaled})
 
 
 def _move(pose: Pose, factor: float) -> Pose:

@@ -61,7 +61,7 @@ def draw_contact_sheet(
     item: TableObject, camera: Camera, poses: list[Pose], studio: Scene, columns: int = 6, tile_px: int = 320
 ) -> bytes:
     """PNG of what every pose sees, with its number and angles."""
-    small = Camera.from_fov(tile_px, round(tile_px * camera.height / camera.width), camera.fov_deg)
+    small = camera.scaled(tile_px, round(tile_px * camera.height / camera.width))
     renderer = make_renderer("raycast", item.mesh, studio)
     columns = min(columns, len(poses))
     rows = -(-len(poses) // columns)

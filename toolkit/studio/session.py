@@ -26,7 +26,7 @@ from toolkit.photos.importing.gather import (
     find_original,
     index_source,
 )
-from toolkit.photos.importing.match import Decision
+from toolkit.photos.importing.match import Decision, name_pose
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.photo import read_photo
 from toolkit.rig.plan import CapturePlan, Pose, read_plan
@@ -174,7 +174,7 @@ class Session:
             )  # fmt: skip
             # stored before it is dropped: a kill in between leaves it in both, see `_look_up`
             store_photo(
-                self._index(), evidence, Decision(key, "user", seen.match),
+                self._index(), evidence, name_pose(Decision(key, "user", seen.match), self.plan),
                 self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
             )  # fmt: skip
             self.folders.drop_waiting(step)

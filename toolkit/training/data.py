@@ -16,7 +16,6 @@ from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import (
     delete_folder,
-    inside,
     load_json,
     open_whole,
     real_path,
@@ -28,7 +27,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.network import Classifier, match_classes
-from toolkit.objects.spec import read_spec
+from toolkit.objects.load import load_object
+from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
 from toolkit.training.images import (
     CIFAR_PREFIX,
     CifarImage,
@@ -163,7 +163,9 @@ def _rig(workspace: Workspace, counts: RenderCounts) -> DataSource:
                 f"{file}: field 'class' is the number {spec.class_name}: a new classifier needs its classes by name"
             )
         units.append(counts.units(str(file), spec.class_name, f"{RIG}/{name}"))
-        keys.append([spec.model_dump(mode="json"), _hash_mesh(file, spec.mesh)])
+        # the mesh as it is read: an OBJ, glTF or PLY has its colours and numbers in other files
+        is_builtin = spec.mesh.startswith(BUILTIN_PREFIX)
+        keys.append([spec.model_dump(mode="json"), spec.mesh if is_builtin else load_object(file).mesh_sha256])
     kinds = {spec.class_name for _, spec in specs.values()}
     record = {"source": RIG, "classes": len(kinds), "objects": list(specs)}
     words = f"renders of {len(specs)} objects in the rig"
@@ -174,12 +176,6 @@ def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str
     train = tuple(unit for own, _ in units for unit in own)
     held_out = tuple(unit for _, own in units for unit in own)
     return DataSource(train, held_out, (), record, key, words, held_out_words)
-
-
-def _hash_mesh(spec_file: Path, mesh: str) -> str:
-    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
-        return sha256_file(path)
-    return mesh
 
 
 def _hash_code() -> str:

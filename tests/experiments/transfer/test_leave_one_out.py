@@ -145,3 +145,31 @@ def test_a_network_is_left_out_by_the_name_that_was_typed(space, monkeypatch):
         outcome = CliRunner().invoke(make_single(transfer), words)
         assert outcome.exit_code == 0, outcome.output
     assert asked == [("timm-lite",)] * 2
+
+
+def test_rows_of_other_settings_are_not_mixed_in(space, monkeypatch, capsys):
+    """A network that an earlier run left out counts only if that run had these settings, poses and objects."""
+    monkeypatch.setattr(experiment, "_train", lambda *a: None)
+
+    def shoot(made, *_):
+        made.captures_dir.joinpath("sim").mkdir(parents=True, exist_ok=True)
+        made.captures_dir.joinpath("sim/manifest.jsonl").write_text("")
+
+    monkeypatch.setattr(experiment, "_shoot", shoot)
+    monkeypatch.setattr(experiment, "evaluate_captures", lambda captures, made, judge, settings: judge.name)
+    monkeypatch.setattr(experiment, "collect_rows", lambda judge, left_out, _: [row(left_out, judge, "crate")])
+    networks = [network(1), network(2)]
+    config = TransferConfig(objects=("crate",), kinds=("patch",), steps=4)
+
+    def left_out(**more) -> set[str]:
+        return {one.left_out for one in leave_one_out(space, config.with_overrides(**more), networks).rows}
+
+    assert left_out() == left_out(left_out=("tiny:2",)) == {"tiny:1", "tiny:2"}
+    assert left_out(left_out=("tiny:2",), steps=5) == {"tiny:2"}
+    assert "without tiny:1: the answers of tiny:1, tiny:2 are of an earlier run" in capsys.readouterr().err
+    # the same pictures again: nothing is asked, and the rows count for these settings
+    monkeypatch.setattr(experiment, "evaluate_captures", None)
+    assert left_out(steps=5) == {"tiny:1", "tiny:2"}
+    spec = space.objects_dir / "crate.toml"
+    spec.write_text(spec.read_text().replace("length_mm = 100", "length_mm = 90"))
+    assert left_out(left_out=("tiny:2",), steps=5) == {"tiny:2"}

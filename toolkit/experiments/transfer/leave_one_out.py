@@ -23,7 +23,8 @@ from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import read_json, sha256_file, write_json, write_text
+from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.records import list_version
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
 from toolkit.core.workspace import Workspace, copy_objects
@@ -34,11 +35,14 @@ from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.experiments.transfer import FOR_CLASSIFIERS, Kind, TransferConfig
 from toolkit.models.network import Classifier
-from toolkit.rig.plan import CapturePlan, open_plan, write_plan
+from toolkit.objects.load import load_object
+from toolkit.rig.plan import CapturePlan, hash_pose, open_plan, write_plan
 
 BOOSTED = {"patched": "patch", "textured": "texture"}
 VARIANTS = {"patch": "patched", "texture": "textured"}
 SOURCE = "sim"
+JUDGING_VERSION = 1
+"""Raised when the same pictures and networks give other rows, so that networks are asked again."""
 Judge = Classifier | DetectorNetwork
 
 
@@ -80,11 +84,13 @@ class JudgedCell(BaseModel):
 
     Attributes:
         key: hash of all that it depends on.
+        settings_sha256: hash of the settings, poses, objects and networks of the run that asked; empty in older files.
         rows: by source, object and kind.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     key: str
+    settings_sha256: str = ""
     rows: list[JudgedRow]
 
 
@@ -183,6 +189,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
             raise one_of("network", name, list(groups))
     objects = list(config.objects) or sorted(workspace.object_specs())
     plan = open_plan(workspace, objects)
+    shown = _describe_objects(workspace, plan, objects)
     folder = workspace.eval_dir / "transfer" / config.run
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
@@ -194,9 +201,14 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
                 _train(space, kind, name, others, config)
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
-            _judge(space, judge, left_out, others, config)
+            _judge(space, judge, left_out, others, config, _hash_settings(config, judge, others, shown))
     # also of networks that an earlier run left out
-    rows = [row for name in groups for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
+    rows: list[JudgedRow] = []
+    for left_out in groups:
+        others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        rows += _read_rows(folder, left_out, {
+            judge.name: _hash_settings(config, judge, others, shown) for judge in networks
+        })  # fmt: skip
     about = {"run": config.run, "settings": config.record(), "networks": {
         name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
         | ({"kind": "detector"} if isinstance(one, DetectorNetwork) else {})
@@ -238,19 +250,42 @@ def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: 
     shoot_plan(space, plan, objects, variants, ShootSettings(config.seed), SOURCE, stored=stored)
 
 
-def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig) -> None:
+def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence[str]) -> list[Any]:
+    """Each object's name, spec, mesh and poses, as JSON has them."""
+    items = [load_object(workspace.object_spec(name)) for name in objects]
+    return [
+        [item.name, item.spec.model_dump(mode="json"), item.mesh_sha256]
+        + [hash_pose(plan.camera, pose) for pose in plan.objects[item.name]]
+        for item in items
+    ]
+
+
+def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
+    """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
+    networks = [(one.name, one.weights.sha256, one.preprocessing.describe()) for one in (judge, *others)]
+    return sha256_json([settings, networks, shown])
+
+
+def _judge(
+    space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig,
+    settings_sha256: str,
+) -> None:  # fmt: skip
     """Ask one network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [one.name for one in others]
     # the manifest's hash stands for all images: it holds theirs
     parts = (
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
-        config.objects, config.corruptions,
+        config.objects, config.corruptions, *list_version(JUDGING_VERSION),
     )  # fmt: skip
     key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     file = _cell_file(space.root, judge.name)
     try:
-        if read_json(file, JudgedCell).key == key:
+        earlier = read_json(file, JudgedCell)
+        if earlier.key == key:
+            # the same pictures, as this run's settings make them
+            write_json(file, earlier.model_copy(update={"settings_sha256": settings_sha256}).model_dump())
             return
     except ToolkitError:
         pass  # none yet, or of another version
@@ -262,7 +297,7 @@ def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge
         rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
     else:
         rows = collect_rows(evaluate_captures(captures, space, judge, settings), left_out, seen)
-    write_json(file, JudgedCell(key=key, rows=rows).model_dump())
+    write_json(file, JudgedCell(key=key, settings_sha256=settings_sha256, rows=rows).model_dump())
 
 
 def name_folder(network: str) -> str:
@@ -274,6 +309,22 @@ def _cell_file(root: Path, judge: str) -> Path:
     return root / f"judged-by-{name_folder(judge)}.json"
 
 
-def _read_rows(root: Path, judges: Sequence[str]) -> list[JudgedRow]:
-    files = [_cell_file(root, judge) for judge in judges]
-    return [row for file in files if file.is_file() for row in read_json(file, JudgedCell).rows]
+def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
+    """Rows of one network left out; `settings` is the hash that each judge's rows must rest on to count."""
+    rows: list[JudgedRow] = []
+    others = []
+    for judge, sha256 in settings.items():
+        file = _cell_file(folder / f"without-{name_folder(left_out)}", judge)
+        if not file.is_file():
+            continue
+        cell = read_json(file, JudgedCell)
+        if cell.settings_sha256 == sha256:
+            rows += cell.rows
+        else:
+            others.append(judge)
+    if others:
+        notice(
+            f"without {left_out}: the answers of {', '.join(others)} are of an earlier run with other settings, and "
+            "the matrix leaves them out: leave this network out again to make them new"
+        )
+    return rows

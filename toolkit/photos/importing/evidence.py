@@ -2,16 +2,20 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from toolkit.captures.read import read_pose_id
-from toolkit.core.console import progress
+from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported
 from toolkit.photos.locate import Locate, PoseMatch, match_pose
+from toolkit.photos.match_render import LEAST_SCORE, RenderMatch
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.plan import CapturePlan
@@ -20,7 +24,11 @@ from toolkit.rig.variants import VARIANTS
 
 FOLLOWED_SHARE = 0.75
 """Share of the photographs with a board or a telling name that must agree with the order before it is believed."""
-NOT_FOLLOWED = "by their boards or names, the photographs were not taken in this order"
+NOT_FOLLOWED = "by their boards, names or likeness to renders, the photographs were not taken in this order"
+EXCHANGED = 0.1
+"""Gain in likeness by which photographs that changed places are told. In 144 rehearsed shots of the four built-in
+objects none was told falsely; of two neighbours that were exchanged, 101 of 102 pairs were told, and 24 of 34 of the
+eggnog, whose sides are alike."""
 Group = tuple[str, str]
 """Object and variant."""
 
@@ -36,6 +44,8 @@ class Evidence:
         ordered: what its place in the order of shooting says.
         located: where the board says the camera stood.
         between: shots that it may be, where the order has gaps and does not say which.
+        is_compared: whether what the order says was compared with renders.
+        looks: the pose that it looks like, where that is another than its order says.
         no_board: why there is no `located`.
         no_order: why there is no `ordered`; empty where there is one.
         unusable: why it cannot be imported at all.
@@ -47,6 +57,8 @@ class Evidence:
     ordered: CaptureKey | None = None
     located: PosedCamera | None = None
     between: tuple[CaptureKey, ...] = ()
+    is_compared: bool = False
+    looks: int | None = None
     no_board: str = "no board is seen"
     no_order: str = ""
     unusable: str | None = None
@@ -56,9 +68,13 @@ class Evidence:
         return self.group or ((self.ordered.object, self.ordered.variant) if self.ordered else None)
 
 
+Rank = Callable[[Evidence, Group], "RenderMatch | str"]
+"""(photograph, its object and variant) -> how much it looks like each pose, or why no render can be made."""
+
+
 def collect_evidence(
     candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
-    settings: ImportSettings, locate: Locate,
+    settings: ImportSettings, locate: Locate, rank: Rank,
 ) -> list[Evidence]:  # fmt: skip
     """Everything but the decision, for the photographs that were not imported before.
 
@@ -91,6 +107,8 @@ def collect_evidence(
             except UnreadableImage as error:
                 every[i] = replace(every[i], unusable=error.reason)
             bar.advance(note=candidates[i].label)
+    if settings.match in ("auto", "order"):
+        compare_with_renders(every, waiting, rank)
     if settings.match == "auto":
         # names and boards show that nobody kept the order: then it says nothing of those without either, too
         for part in (*groups.values(), ungrouped):
@@ -155,7 +173,7 @@ def _match_orders(
 
 
 def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
-    """Whether photographs whose pose a board or a name says follow the order of shooting; yes where none says it."""
+    """Whether photographs follow the order of shooting, by boards, names and renders; yes where none says anything."""
     agreements = []
     for one in evidence:
         if one.ordered is None:
@@ -165,7 +183,64 @@ def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
             agreements.append(one.ordered.pose_id in possible_poses(match))
         elif one.named is not None:
             agreements.append(one.ordered.pose_id == one.named)
+        elif one.is_compared:
+            agreements.append(one.looks is None)
     return sum(agreements) >= FOLLOWED_SHARE * len(agreements)
+
+
+def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Rank) -> None:
+    """Check what the order alone says: add the pose that each photograph looks like, if that is another one.
+
+    The photographs of an object's variant are laid on the poses that the order gives them, each on one, so that they
+    look most like its render (an assignment problem). Where that exchanges photographs and gains `EXCHANGED` or more,
+    these look like other poses.
+    """
+    groups: dict[Group, list[int]] = {}
+    for i in chosen:
+        one = every[i]
+        if one.ordered is not None and one.located is None and one.named is None and one.unusable is None:
+            groups.setdefault((one.ordered.object, one.ordered.variant), []).append(i)
+    with progress("comparing with renders", sum(map(len, groups.values()))) as bar:
+        for group, members in groups.items():
+            found = {i: _rank_poses(every[i], group, rank, bar) for i in members}
+            seen = [i for i in members if found[i] and max(found[i].values()) >= LEAST_SCORE]
+            poses = [one.ordered.pose_id for i in seen if (one := every[i]).ordered is not None]
+            scores = np.array([[found[i][pose] for pose in poses] for i in seen]).reshape(len(seen), len(seen))
+            for i, other in zip(seen, find_exchanged(scores), strict=True):
+                every[i] = replace(every[i], is_compared=True, looks=None if other is None else poses[other])
+
+
+def _rank_poses(one: Evidence, group: Group, rank: Rank, bar: Ticker) -> dict[int, float]:
+    """Likeness to the render of each pose; empty if there is none."""
+    bar.advance(note=one.candidate.label)
+    with suppress(UnreadableImage):  # storing it says so
+        ranked = rank(one, group)
+        return {} if isinstance(ranked, str) else dict(ranked.ranking)
+    return {}
+
+
+def find_exchanged(scores: np.ndarray) -> list[int | None]:
+    """For each of n photographs the place whose render it looks like, None where that is its own.
+
+    Args:
+        scores: (n, n) likeness of photograph i to the render at the place of photograph j.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    n = len(scores)
+    found: list[int | None] = [None] * n
+    if n == 0:
+        return found
+    best = linear_sum_assignment(scores, maximize=True)[1]
+    for start in range(n):
+        # a permutation is cycles: photographs that changed places among themselves
+        cycle = [start]
+        while best[cycle[-1]] != start:
+            cycle.append(int(best[cycle[-1]]))
+        gain = sum(scores[i, best[i]] - scores[i, i] for i in cycle)
+        if gain >= EXCHANGED:
+            found[start] = int(best[start])
+    return found
 
 
 def possible_poses(match: PoseMatch) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -12,10 +12,20 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, real_path, sha256_file, write_text
 from toolkit.imaging.read import UnreadableImage, is_image_name, show_path
-from toolkit.photos.photo import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
+from toolkit.photos.importing.copies import find_copied
+from toolkit.photos.photo import (
+    Photo,
+    SortKey,
+    check_file,
+    is_photo_name,
+    list_photos,
+    natural_key,
+    read_photo,
+    show_name,
+    split_copy,
+)
 from toolkit.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
 
-SortKey = list[tuple[int, int, str]]
 LIVE_PHOTO_S = 5.0
 """A video no longer than this beside a photograph of the same name is what a phone records around it."""
 COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
@@ -44,6 +54,7 @@ class Gathered:
         candidates: in the order in which they were taken.
         by_time: whether that order is the camera's time, and not the order of names.
         duplicates: (label, reason) of photographs that are here twice.
+        kept: label of the one that is kept, by the label of a duplicate.
         unreadable: (label, reason) of photographs that cannot be used.
         others: names of files that are no photographs.
     """
@@ -53,6 +64,16 @@ class Gathered:
     duplicates: tuple[tuple[str, str], ...]
     unreadable: tuple[tuple[str, str], ...]
     others: tuple[str, ...]
+    kept: dict[str, str] = field(default_factory=dict)
+
+    def find_ties(self) -> list[tuple[str, ...]]:
+        """Labels of photographs that carry one time, so that their names order them."""
+        tied: dict[object, list[str]] = {}
+        for one in self.candidates:
+            taken = one.photo.taken
+            if self.by_time and taken is not None:
+                tied.setdefault(taken.replace(tzinfo=None), []).append(one.label)
+        return [tuple(labels) for labels in tied.values() if len(labels) > 1]
 
 
 def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gathered:
@@ -71,6 +92,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
         raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
+    kept: dict[str, str] = {}
     first: dict[str, str] = {}
     with progress("reading photographs", len(listed)) as bar:
         for file, label, folders in listed:
@@ -78,37 +100,45 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
                 photo = read_photo(file)
                 if photo.sha256 in first:
                     duplicates.append((label, f"the same photograph as {first[photo.sha256]}"))
+                    kept[label] = first[photo.sha256]
                 else:
                     first[photo.sha256] = label
                     found.append(Candidate(photo, label, folders))
             except UnreadableImage as error:
                 unreadable.append((label, error.reason))
             bar.advance()
-    kept, companions = drop_companions(found)
+    rest, companions = drop_companions(found)
+    rest, copies = drop_twins(rest)
+    kept |= {label: best for label, best, _ in (*companions, *copies)}
+    duplicates += [(label, reason) for label, _, reason in (*companions, *copies)]
     candidates: list[Candidate] = []
-    for candidate in kept:
+    for candidate in rest:
         try:
             candidates += _take_frames(candidate, every_s)
         except UnreadableImage as error:
             unreadable.append((candidate.label, error.reason))
     ordered, by_time = sort_by_time(candidates)
-    return Gathered(tuple(ordered), by_time, (*duplicates, *companions), tuple(unreadable), tuple(others))
+    return Gathered(tuple(ordered), by_time, tuple(duplicates), tuple(unreadable), tuple(others), kept)
 
 
-def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[tuple[str, str]]]:
+LeftOut = tuple[str, str, str]
+"""Label of a photograph that is left out, label of the one that is kept for it, and the reason."""
+
+
+def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
     """Leave out what a camera stored beside a photograph of the same shot.
 
     Files of one name (IMG_1.HEIC, IMG_1.JPG, IMG_1.DNG, IMG_1.MOV) in one folder are one shot when they were taken at
     the same moment, or when one is the short film of a live photo.
 
     Returns:
-        The rest, and (label, reason) of those left out.
+        The rest, and those left out.
     """
     groups: dict[tuple[Path, str], list[Candidate]] = {}
     for candidate in candidates:
         path = candidate.photo.path
         groups.setdefault((path.parent, path.stem.lower()), []).append(candidate)
-    dropped: dict[int, str] = {}
+    dropped: dict[int, LeftOut] = {}
     for group in groups.values():
         stills = [one for one in group if one.photo.kind != "video"]
         # the lowest rank is kept; a raw file comes last, as only its preview would be taken
@@ -118,12 +148,45 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
                 continue
             best = stills[0]
             if one.photo.kind == "video" and _is_live(one.photo):
-                dropped[id(one)] = f"the film of the live photo {best.label}"
+                dropped[id(one)] = one.label, best.label, f"the film of the live photo {best.label}"
             # the same name alone is not enough: counters of cameras start again at 1
             elif one.photo.taken is not None and one.photo.taken == best.photo.taken:
-                dropped[id(one)] = f"the same shot as {best.label}, in another format"
+                dropped[id(one)] = one.label, best.label, f"the same shot as {best.label}, in another format"
+    return _leave_out(candidates, dropped)
+
+
+def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
+    """Leave out what was saved once more: IMG_1.png or `IMG_1 copy.jpg` with the pixels of IMG_1.jpg beside it.
+
+    Only these names are compared: from a tripod, pictures of other variants may look the same.
+    """
+    groups: dict[tuple[Path, str], list[Candidate]] = {}
+    for candidate in candidates:
+        path = candidate.photo.path
+        if candidate.photo.kind != "video":
+            groups.setdefault((path.parent, split_copy(path.stem)[0]), []).append(candidate)
+
+    def find_tail(one: Candidate) -> str:
+        return split_copy(one.photo.path.stem)[1]
+
+    dropped: dict[int, LeftOut] = {}
+    for group in groups.values():
+        group.sort(key=lambda one: (bool(find_tail(one)), COMPANION_RANK.get(one.photo.kind, 9), _name_key(one)))
+        kept: list[Candidate] = []
+        for one in group:
+            beside = [other for other in kept if find_tail(other) in ("", find_tail(one))]
+            number = find_copied(one.photo, [other.photo for other in beside])
+            if number is None:
+                kept.append(one)
+            else:
+                best = beside[number].label
+                dropped[id(one)] = one.label, best, f"a copy of {best}: one photograph counts once"
+    return _leave_out(candidates, dropped)
+
+
+def _leave_out(candidates: Sequence[Candidate], dropped: dict[int, LeftOut]) -> tuple[list[Candidate], list[LeftOut]]:
     rest = [one for one in candidates if id(one) not in dropped]
-    return rest, [(one.label, dropped[id(one)]) for one in candidates if id(one) in dropped]
+    return rest, [dropped[id(one)] for one in candidates if id(one) in dropped]
 
 
 def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
@@ -134,7 +197,7 @@ def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool
         return sorted(candidates, key=_name_key), False
     zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
 
-    def moment(one: Candidate) -> tuple[datetime, SortKey]:
+    def moment(one: Candidate) -> tuple[datetime, list[SortKey]]:
         taken = one.photo.taken
         assert taken is not None
         # one camera's wall clock orders its photographs; zones only help where all have one
@@ -170,7 +233,7 @@ def _list_all(
             except UnreadableImage as error:
                 unreadable.append((label, error.reason))
             else:
-                listed.append((file, label, (real_path(path).name, *parts[:-1])))
+                listed.append((file, label, tuple(map(show_name, (real_path(path).name, *parts[:-1])))))
     return listed, unreadable, others
 
 
@@ -198,8 +261,8 @@ def _is_live(photo: Photo) -> bool:
     return facts.n_frames / facts.fps <= LIVE_PHOTO_S
 
 
-def _name_key(candidate: Candidate) -> SortKey:
-    return natural_key(candidate.label)
+def _name_key(candidate: Candidate) -> list[SortKey]:
+    return [natural_key(part) for part in candidate.label.split("/")]
 
 
 REPLACED = ".replaced"

@@ -1,7 +1,7 @@
 """`toolkit import`: from a phone's photographs to a capture folder in which each is known to show what it shows."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -9,13 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import real_path
+from toolkit.core.files import inside, real_path
 from toolkit.core.records import hold_folder
 from toolkit.core.text import is_folder_name
 from toolkit.core.workspace import Workspace
@@ -24,24 +21,29 @@ from toolkit.objects.load import load_object
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates import Check
 from toolkit.photos.importing.align import Clues, place_with_gaps
-from toolkit.photos.importing.evidence import collect_evidence
+from toolkit.photos.importing.copies import find_copied
+from toolkit.photos.importing.evidence import Evidence, collect_evidence
 from toolkit.photos.importing.gather import (
+    Candidate,
     CaptureKey,
     Gathered,
     SourceIndex,
     describe_imported,
+    drop_records,
     find_images,
+    find_original,
     gather_photos,
     index_source,
     is_whole,
 )
-from toolkit.photos.importing.match import MatchRender, RenderMatcher
-from toolkit.photos.importing.resolve import Ask, Resolved, match_pairs, read_pairs, resolve_occupied, resolve_photos
+from toolkit.photos.importing.match import MatchRender, RenderMatcher, name_pose
+from toolkit.photos.importing.pairs import check_classes, describe_moves, match_pairs, read_pairs, settle_moves
+from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.photos.photo import load_pixels
 from toolkit.rig import PAIR
-from toolkit.rig.plan import CapturePlan, open_plan
+from toolkit.rig.plan import CapturePlan, hash_pose, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS, find_booster
 
@@ -253,12 +255,12 @@ def _import_photos(
     _check_pose(plan, settings, gathered)
     locate, matcher = locate or locate_by_board(workspace), RenderMatcher(workspace, plan)
     by_render = by_render or matcher
-    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate)
+    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate, rank=matcher.rank)
     if settings.match == "auto" and settings.first_shot is None and settings.pose is None:
         clues = Clues(workspace, plan, matcher)
         evidence = place_with_gaps(evidence, plan, steps, index, clues, again=settings.replace)
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
-    resolved = drop_copies(resolved, refused)
+    resolved = [(one, name_pose(decision, plan)) for one, decision in drop_copies(resolved, refused)]
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     # photographs without a measured board count as pale: there is nothing to warn of
     black = sum(record.made.get("board_ink", 1.0) < BLACK_INK for record in imported)
@@ -267,8 +269,8 @@ def _import_photos(
             f"the board is printed in black in {black} photographs, and networks take it for a puzzle: "
             "print a pale one with 'toolkit print --board --ink 10'"
         )
-    if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
-        notes.append("the photographs carry no time: their order is that of their names")
+    notes += _question_order(gathered, [one for one, decision in resolved if decision.matched_by == "order"])
+    notes += _list_other_plans(index, plan, {record.object for record in imported})
     coverage = partial(measure_coverage, plan=plan, imported=imported, name=settings.object)
     return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
 
@@ -281,13 +283,71 @@ def _import_pairs(
     rows, notes = read_pairs(table), list[str]()
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.source_dir(settings.source))
-    resolved, refused = match_pairs(rows, gathered.candidates, index, dict(gathered.duplicates))
-    resolved = drop_copies(resolve_occupied(resolved, refused, index, settings, ask), refused)
+    matched = match_pairs(rows, gathered, index, table.name, list(workspace.object_specs()))
+    placed = {one.candidate.photo.identity for one, _ in matched.resolved}
+    check_classes(
+        workspace, rows, index, [record.path for identity, record in index.current.items() if identity in placed]
+    )
+    resolved, moved = settle_moves(matched, index, settings, ask)
+    refused = matched.refused
     if locate is not None:
         resolved = _locate_pairs(resolved, locate, notes)
+    resolved = drop_copies(resolved, refused)
+    stored = {one.candidate.photo.identity for one, _ in resolved}
+    moved = [record for record in moved if find_original(record) in stored]
+    # what moves is in hand: a run that is stopped here imports it afresh
+    for record in moved:
+        inside(index.source_dir, record.path).unlink(missing_ok=True)
+        index.records.pop(record.path, None)
+    drop_records(index.source_dir, {record.path for record in moved})
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
+    notes += describe_moves(moved, imported)
     coverage = partial(count_variants, imported=imported)
     return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
+
+
+def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str]:
+    """What to know of photographs that their order alone places."""
+    if not ordered:
+        return []
+    notes = [] if gathered.by_time else ["the photographs carry no time: their order is that of their names"]
+    labels = {one.candidate.label for one in ordered}
+    ties = [tie for tie in gathered.find_ties() if labels & set(tie)]
+    if ties:
+        more = f", and {len(ties) - 1} more such groups" if len(ties) > 1 else ""
+        notes.append(f"taken at the same time, so that their names order them: {', '.join(ties[0])}{more}")
+    wrong = [
+        f"{one.candidate.label}: pose {one.looks}, not {one.ordered.pose_id}"
+        for one in ordered
+        if one.looks is not None and one.ordered is not None
+    ]
+    if wrong:
+        notes.append(
+            f"{len(wrong)} of {len(ordered)} photographs look like another pose than their order says ({wrong[0]}): "
+            "look at them, or match them by 'auto'"
+        )
+    unseen = [one for one in ordered if not one.is_compared and one.located is None and one.named is None]
+    if unseen:
+        notes.append(
+            f"{len(unseen)} of {len(ordered)} photographs are placed by their order alone: they look like no render of "
+            "the object, or it cannot be rendered"
+        )
+    return notes
+
+
+def _list_other_plans(index: SourceIndex, plan: CapturePlan, names: Collection[str]) -> list[str]:
+    """A line for each object and variant with photographs that were imported by another plan."""
+    hashes = {(name, pose.id): hash_pose(plan.camera, pose) for name in names for pose in plan.objects[name]}
+    others = Counter(
+        (record.object, record.variant)
+        for record in index.records.values()
+        if record.object in names
+        and record.made.get("pose_sha256") not in (None, hashes.get((record.object, record.pose_id or 0)))
+    )
+    return [
+        f"{name}/{variant}: {count} photographs are of another plan: the same pose numbers now mean other places"
+        for (name, variant), count in sorted(others.items())
+    ]
 
 
 def _locate_pairs(resolved: Sequence[Resolved], locate: Locate, notes: list[str]) -> list[Resolved]:
@@ -332,34 +392,19 @@ def _finish(
     )  # fmt: skip
 
 
-THUMB_PX, COPY_LEVELS = 24, 0.6
-"""Mean difference in grey levels of two small pictures up to which they are one photograph, saved once more: two shots
-from one tripod differ by more wherever light or leaves move, and tell no more than one where nothing does."""
-
-
 def drop_copies(resolved: Sequence[Resolved], refused: list[tuple[str, str]]) -> list[Resolved]:
     """Of photographs of one object and variant that are alike pixel by pixel, the first; the others are refused."""
     kept: list[Resolved] = []
-    seen: dict[tuple[str, str], list[tuple[str, np.ndarray]]] = {}
+    seen: dict[tuple[str, str], list[Candidate]] = {}
     for evidence, decision in resolved:
-        own = seen.setdefault((decision.key.object, decision.key.variant), [])
-        label, small = evidence.candidate.label, None
-        with suppress(UnreadableImage):  # storing it says so
-            pixels = cv2.cvtColor(load_pixels(evidence.candidate.photo), cv2.COLOR_RGB2GRAY)
-            small = cv2.resize(pixels, (THUMB_PX, THUMB_PX), interpolation=cv2.INTER_AREA).astype(float)
-        same = next((name for name, other in own if small is not None and is_copy(small, other)), None)
-        if same is not None:
-            refused.append((label, f"a copy of {same}: one photograph counts once, take another"))
+        own, one = seen.setdefault((decision.key.object, decision.key.variant), []), evidence.candidate
+        number = find_copied(one.photo, [other.photo for other in own])
+        if number is not None:
+            refused.append((one.label, f"a copy of {own[number].label}: one photograph counts once, take another"))
             continue
-        if small is not None:
-            own.append((label, small))
+        own.append(one)
         kept.append((evidence, decision))
     return kept
-
-
-def is_copy(small: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two small pictures (n, n) are of one photograph; a blank one is a copy of nothing."""
-    return bool(small.std() > COPY_LEVELS and np.abs(small - other).mean() <= COPY_LEVELS)
 
 
 def _read_steps(workspace: Workspace, plan: CapturePlan, settings: ImportSettings, notes: list[str]) -> list[ShotStep]:

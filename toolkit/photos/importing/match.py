@@ -1,7 +1,7 @@
 """Which pose a photograph shows; what is in doubt is said, never guessed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
@@ -12,7 +12,7 @@ from toolkit.photos.importing.evidence import Evidence, Group, possible_poses
 from toolkit.photos.importing.gather import CaptureKey
 from toolkit.photos.locate import PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
-from toolkit.rig.plan import CapturePlan
+from toolkit.rig.plan import CapturePlan, hash_pose
 from toolkit.rig.variants import VARIANTS, apply_booster, find_booster
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class Decision:
         match: how far the camera stood from that pose, where a board says so.
         class_name: what the object should be recognised as, where a table of pairs says so.
         pose_name: how that table calls the pose.
+        row: the table's file and line.
+        pose_sha256: `hash_pose` of the plan's pose and camera; empty where no plan was followed.
     """
 
     key: CaptureKey
@@ -40,6 +42,14 @@ class Decision:
     match: PoseMatch | None = None
     class_name: str = ""
     pose_name: str = ""
+    row: str = ""
+    pose_sha256: str = ""
+
+
+def name_pose(decision: Decision, plan: CapturePlan) -> Decision:
+    """The decision with the pose of the plan that it rests on: the plan may be made again under the same numbers."""
+    poses = [pose for pose in plan.objects.get(decision.key.object, ()) if pose.id == decision.key.pose_id]
+    return replace(decision, pose_sha256=hash_pose(plan.camera, poses[0])) if poses else decision
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,8 @@ def _collect_claims(evidence: Evidence, how: str) -> dict[str, int]:
         claims["name"] = evidence.named
     if how in ("auto", "order") and evidence.ordered is not None:
         claims["order"] = evidence.ordered.pose_id
+    if how == "auto" and "order" in claims and evidence.looks is not None:
+        claims["likeness to the renders"] = evidence.looks
     return claims
 
 

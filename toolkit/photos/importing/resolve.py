@@ -1,20 +1,13 @@
-"""What is open once every photograph was looked at alone: doubts, two of a pose, retakes; and pairs from a table."""
+"""What is open once every photograph was looked at alone: doubts, two of a pose, retakes."""
 
-import csv
-import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
 from datetime import datetime
-from pathlib import Path
 
-from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_bytes, sha256_bytes, sha256_file
-from toolkit.core.text import is_file_name, is_folder_name, shorten
+from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.imaging.read import show_path
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.evidence import Evidence
-from toolkit.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported, find_images
+from toolkit.photos.importing.gather import CaptureKey, SourceIndex, find_images
 from toolkit.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match
 from toolkit.photos.importing.store import encode_photo
 from toolkit.photos.photo import Photo
@@ -120,13 +113,16 @@ def _list_some(labels: Sequence[str]) -> str:
 
 def resolve_occupied(
     resolved: list[Resolved], refused: list[tuple[str, str]], index: SourceIndex, settings: ImportSettings,
-    ask: Ask | None,
+    ask: Ask | None, leaving: Collection[str] = (),
 ) -> list[Resolved]:  # fmt: skip
-    """Photographs for poses that have an image replace it only when they are later, and when that was asked for."""
+    """Photographs for poses that have an image replace it only when they are later, and when that was asked for.
+
+    Images whose paths are among those `leaving` are in nobody's way.
+    """
     kept = []
     for one, decision in resolved:
         candidate, key = one.candidate, decision.key
-        there = _find_other(candidate.photo, key, index)
+        there = _find_other(candidate.photo, key, index, leaving)
         if there is None:
             kept.append((one, decision))
             continue
@@ -146,10 +142,14 @@ def resolve_occupied(
     return kept
 
 
-def _find_other(photo: Photo, key: CaptureKey, index: SourceIndex) -> tuple[str, datetime | None, str | None] | None:
+def _find_other(
+    photo: Photo, key: CaptureKey, index: SourceIndex, leaving: Collection[str]
+) -> tuple[str, datetime | None, str | None] | None:
     """Path, time and original name of another image that is there for the same pose."""
     for file in find_images(index, key):
         path = show_path(file.relative_to(index.source_dir).parts)
+        if path in leaving:
+            continue
         record = index.records.get(path)
         if record is None or record.image_sha256 != sha256_file(file):
             # a run that was killed between image and record left this photograph itself
@@ -170,152 +170,3 @@ def _read_time(text: object) -> datetime | None:
 
 def _wall(taken: datetime) -> datetime:
     return taken.replace(tzinfo=None)
-
-
-COLUMNS = ("file", "object", "variant", "pose")
-MOST_BYTES = 16 << 20
-MOST_WORD, MOST_DIGITS = 200, 20
-"""Of what names a pose or a class; more are no name, and no number of a pose."""
-
-
-@dataclass(frozen=True)
-class PairRow:
-    """One line of `pairs.csv`.
-
-    Attributes:
-        file: of the photograph, below the folder that is imported; its name alone where that is enough.
-        object, variant: what it shows.
-        pose: what pairs it with those of other variants: a number, or any words.
-        class_name: what the object should be recognised as; empty where its spec or its name says it.
-    """
-
-    file: str
-    object: str
-    variant: str
-    pose: str
-    class_name: str = ""
-
-
-def read_pairs(file: Path) -> list[PairRow]:
-    """Read `pairs.csv`: a heading with file, object, variant, pose and perhaps class, then a line per photograph.
-
-    Raises:
-        ToolkitError: no such file, a column or a value is missing, a name cannot be one, or two lines contradict.
-    """
-    try:
-        # -sig: spreadsheets begin UTF-8 files with a byte order mark
-        text = read_bytes(file, MOST_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ToolkitError(f"{file}: expected a table in UTF-8: save it as CSV UTF-8") from None
-    # spreadsheets write semicolons where the decimal sign is a comma
-    lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=";" if ";" in text.partition("\n")[0] else ",")
-    with _explain_cells(lines, file):
-        heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
-    if missing := [name for name in COLUMNS if name not in heading]:
-        raise ToolkitError(f"{file}: line 1: no column {', '.join(missing)}: expected file,object,variant,pose[,class]")
-    lines.fieldnames = heading
-    rows: list[PairRow] = []
-    files: set[str] = set()
-    shown: dict[tuple[str, str, str], str] = {}
-    classes: dict[str, str] = {}
-    for line in _read_lines(lines, file):
-        where = f"{file}: line {lines.line_num}"
-        values = {name: (line.get(name) or "").strip() for name in (*COLUMNS, "class")}
-        if empty := [name for name in COLUMNS if not values[name]]:
-            raise ToolkitError(f"{where}: no {', '.join(empty)}: expected a value in each of {', '.join(COLUMNS)}")
-        row = PairRow(values["file"], values["object"], values["variant"], values["pose"], values["class"])
-        _check_row(row, where)
-        if row.file in files:
-            raise ToolkitError(
-                f"{where}: {row.file} is listed twice: one photograph counts for one pose of one variant"
-            )
-        other = shown.setdefault((row.object, row.variant, row.pose), row.file)
-        if other != row.file:
-            raise ToolkitError(f"{where}: {row.file} and {other} are both {row.object}/{row.variant} pose {row.pose}")
-        if classes.setdefault(row.object, row.class_name) != row.class_name:
-            raise ToolkitError(f"{where}: '{row.object}' has another class above: give it the same in every line")
-        files.add(row.file)
-        rows.append(row)
-    if not rows:
-        raise ToolkitError(f"{file}: no photograph is listed: expected a line for each below the heading")
-    return rows
-
-
-def _read_lines(lines: "csv.DictReader[str]", file: Path) -> Iterator[dict[str, str]]:
-    with _explain_cells(lines, file):
-        yield from lines
-
-
-@contextmanager
-def _explain_cells(lines: "csv.DictReader[str]", file: Path) -> Iterator[None]:
-    try:
-        yield
-    except csv.Error as error:  # a cell that is too long, as after a quote that nothing ends
-        raise ToolkitError(f"{file}: line {lines.line_num}: {error}: expected a table of short cells") from None
-
-
-def _check_row(row: PairRow, where: str) -> None:
-    for what, word in (("pose", row.pose), ("class", row.class_name)):
-        if len(word) > MOST_WORD or not word.isprintable():
-            expected = f"expected at most {MOST_WORD} letters that can be shown"
-            raise ToolkitError(f"{where}: {what} '{shorten(word, MOST_WORD)}': {expected}")
-    if not is_file_name(row.object):
-        raise ToolkitError(f"{where}: object '{row.object}': expected a name of letters, digits, - and _")
-    if not is_folder_name(row.variant):
-        raise ToolkitError(f"{where}: variant '{row.variant}': expected a name of letters, digits, '.', - and _")
-
-
-def number_poses(rows: Sequence[PairRow]) -> dict[tuple[str, str], int]:
-    """A number for each (object, pose): the pose itself where all of an object's are numbers, else by first mention."""
-    names: dict[str, dict[str, None]] = {}  # as a set that keeps its order
-    for row in rows:
-        names.setdefault(row.object, {})[row.pose] = None
-    numbers = {}
-    for name, poses in names.items():
-        are_numbers = all(pose.isdecimal() and len(pose) <= MOST_DIGITS and 1 <= int(pose) <= 99_999 for pose in poses)
-        # "1" and "01" are different words and one number
-        unique = len({int(pose) for pose in poses}) == len(poses) if are_numbers else False
-        for i, pose in enumerate(poses, 1):
-            numbers[name, pose] = int(pose) if unique else i
-    return numbers
-
-
-def match_pairs(
-    rows: Sequence[PairRow], candidates: Sequence[Candidate], index: SourceIndex, duplicates: Mapping[str, str]
-) -> tuple[list[Resolved], list[tuple[str, str]]]:  # fmt: skip
-    """What each new photograph shows by the table, and (label, reason) of those that it does not place.
-
-    `duplicates` are labels of copies, which were left out already.
-
-    Raises:
-        ToolkitError: a file of the table is none of the photographs, or several.
-    """
-    numbers, placed = number_poses(rows), {}
-    by_name: dict[str, list[Candidate]] = {}
-    for one in candidates:
-        for word in {one.label, one.photo.path.name}:
-            by_name.setdefault(word, []).append(one)
-    for row in rows:
-        wanted = row.file.replace("\\", "/")
-        if wanted in duplicates:
-            continue
-        found = by_name.get(wanted, [])
-        # a full path wins over the same file name in another folder
-        found = [one for one in found if one.label == wanted] or found
-        if len(found) != 1:
-            what = "several photographs have that name: name it with its folder" if found else "no such photograph"
-            raise ToolkitError(f"{row.file} in the table of pairs: {what}")
-        placed[id(found[0])] = row
-    resolved: list[Resolved] = []
-    refused = []
-    for one in candidates:
-        listed = placed.get(id(one))
-        if describe_imported(index, one.photo):
-            continue
-        if listed is None:
-            refused.append((one.label, "the table of pairs does not list it"))
-            continue
-        key = CaptureKey(listed.object, listed.variant, numbers[listed.object, listed.pose])
-        decision = Decision(key, "pairs", class_name=listed.class_name, pose_name=listed.pose)
-        resolved.append((Evidence(one, (key.object, key.variant)), decision))
-    return resolved, refused

@@ -90,8 +90,11 @@ def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
-    made |= {"class": decision.class_name} if decision.class_name else {}
-    made |= {"pose": decision.pose_name} if decision.pose_name else {}
+    known = {
+        "class": decision.class_name, "pose": decision.pose_name, "row": decision.row,
+        "pose_sha256": decision.pose_sha256,
+    }  # fmt: skip
+    made |= {name: value for name, value in known.items() if value}
     if match is not None:
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:

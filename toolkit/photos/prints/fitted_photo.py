@@ -149,7 +149,7 @@ def _without(searched: SearchedPhoto, sighting: PatchSighting) -> SearchedPhoto:
     return replace(searched, features=features)
 
 
-def _list_files(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[str, str]]]:
+def list_files(paths: Sequence[Path]) -> tuple[list[Path], list[tuple[str, str]]]:
     """Photographs that are named, and those in folders that are; and (path, reason) of links that are not followed.
 
     Raises:
@@ -184,7 +184,7 @@ def use_each(
     Raises:
         ToolkitError: fewer can be used; the message says why of the first.
     """
-    files, skipped = _list_files(photos)
+    files, skipped = list_files(photos)
     made: list[T] = []
     with progress(title, len(files)) as bar:
         for file in files:

@@ -52,7 +52,7 @@ def draw_views(
     Raises:
         ToolkitError: a sheet cannot be mounted on the object.
     """
-    small = Camera.from_fov(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)), camera.fov_deg)
+    small = camera.scaled(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)))
     studio = make_light_studio(item, board)
     views = {}
     for variant, booster in boosters.items():
