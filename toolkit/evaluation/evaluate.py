@@ -7,7 +7,6 @@ from math import log
 from pathlib import Path
 from typing import Any
 
-from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.contact_sheet import (
@@ -33,9 +32,10 @@ from toolkit.evaluation.results import (
     mark_seen,
     summarise,
 )
+from toolkit.evaluation.run_files import PREDICTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, draw_saliency
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
-from toolkit.evaluation.summaries import PREDICTIONS, Kind
+from toolkit.evaluation.summaries import Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
@@ -89,13 +89,7 @@ def evaluate_captures(
     training = find_training(folder.captures, workspace, classifier.weights.sha256)
     findings = replace(findings, training=training)
     name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
-    # predictions decide whether it is the same result: all else follows from them
-    content = encode_predictions(findings.predictions).encode()
-    run_dir = find_run_dir(workspace.eval_dir / name, PREDICTIONS, content, config.replace)
-    done = write_evaluation(run_dir, classifier, findings, folder.notes, config)
-    if run_dir.name == name:
-        return done
-    return replace(done, notes=(*done.notes, f"{run_dir.with_name(name)} holds another result, and stays as it is"))
+    return write_evaluation(workspace.eval_dir / name, classifier, findings, folder.notes, config)
 
 
 def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
@@ -108,30 +102,31 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     return "-".join(slug for slug in slugs if slug)
 
 
-def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = False) -> Path:
-    """`wanted`, or the first of RUN-2, RUN-3 … that has no file `name`, or one of this very content."""
-    number, folder = 1, wanted
-    while not overwrite and (folder / name).is_file() and (folder / name).read_bytes() != content:
-        number += 1
-        folder = wanted.with_name(f"{wanted.name}-{number}")
-    return folder
-
-
 def write_evaluation(
-    run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
+    wanted: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
     kind: Kind = "eval",
 ) -> Evaluation:  # fmt: skip
-    """Write what was found; see `evaluate_captures`. `kind` is of the experiment that the evaluation is a part of.
+    """Write what was found into the folder that is wanted, or beside another result that it holds.
+
+    Args:
+        wanted: the folder of the run.
+        classifier: who was asked.
+        findings: see `compare_predictions`.
+        notes: what else the reader should know.
+        config: see `evaluate_captures`.
+        kind: of the experiment that the evaluation is a part of.
 
     Raises:
-        ToolkitError: `run_dir` cannot be written.
+        ToolkitError: the folder cannot be written.
     """
     maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
-    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
+    # predictions decide whether it is the same result: all else follows from them
+    table = encode_predictions(findings.predictions)
+    run_dir = find_run_dir(wanted, lacks_other_table(PREDICTIONS, table), config.replace)
+    notes = (*classifier.notes, *notes, *why, *explain_run_dir(wanted, run_dir))
+    summary = write_run(run_dir, summarise(classifier, findings, notes, kind), {PREDICTIONS: table})
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_text(run_dir / PREDICTIONS, encode_predictions(findings.predictions))
-    write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done
 

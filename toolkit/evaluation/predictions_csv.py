@@ -19,7 +19,8 @@ from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
 from toolkit.core.tables import decode_cell, encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
-from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
+from toolkit.evaluation.run_files import DETECTIONS, PREDICTIONS
+from toolkit.evaluation.summaries import Run
 
 if TYPE_CHECKING:
     import pandas

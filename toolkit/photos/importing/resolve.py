@@ -1,14 +1,13 @@
 """What is open once every photograph was looked at alone: doubts, two of a pose, retakes; and pairs from a table."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_bytes, sha256_bytes, sha256_file
+from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.core.foreign_tables import read_foreign_table
 from toolkit.core.text import is_file_name, is_folder_name
 from toolkit.imaging.read import show_path
 from toolkit.photos import ImportSettings
@@ -192,24 +191,17 @@ def read_pairs(file: Path) -> list[PairRow]:
     Raises:
         ToolkitError: no such file, a column or a value is missing, a name cannot be one, or two lines contradict.
     """
-    try:
-        # -sig: spreadsheets begin UTF-8 files with a byte order mark
-        text = read_bytes(file, MOST_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ToolkitError(f"{file}: expected a table in UTF-8: save it as CSV UTF-8") from None
-    # spreadsheets write semicolons where the decimal sign is a comma
-    lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=";" if ";" in text.partition("\n")[0] else ",")
-    heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
-    if missing := [name for name in COLUMNS if name not in heading]:
+    table = read_foreign_table(file, MOST_BYTES)
+    places = {name: table.find([name]) for name in (*COLUMNS, "class")}
+    if missing := [name for name in COLUMNS if places[name] is None]:
         raise ToolkitError(f"{file}: line 1: no column {', '.join(missing)}: expected file,object,variant,pose[,class]")
-    lines.fieldnames = heading
     rows: list[PairRow] = []
     files: set[str] = set()
     shown: dict[tuple[str, str, str], str] = {}
     classes: dict[str, str] = {}
-    for line in lines:
-        where = f"{file}: line {lines.line_num}"
-        values = {name: (line.get(name) or "").strip() for name in (*COLUMNS, "class")}
+    for number, cells in table.lines:
+        where = f"{file}: line {number}"
+        values = {name: "" if at is None or at >= len(cells) else cells[at] for name, at in places.items()}
         if empty := [name for name in COLUMNS if not values[name]]:
             raise ToolkitError(f"{where}: no {', '.join(empty)}: expected a value in each of {', '.join(COLUMNS)}")
         row = PairRow(values["file"], values["object"], values["variant"], values["pose"], values["class"])
