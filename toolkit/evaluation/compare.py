@@ -32,6 +32,7 @@ from toolkit.evaluation.metrics import (
     Comparison,
     Pair,
     estimate_difference,
+    explain_pooling,
     gather,
     index_poses,
     list_flips,
@@ -194,10 +195,11 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     left = [sum(one.is_read for one in own) - len(pairs) for own in said]
     # images of one object share what makes it easy or hard
     objects = tuple(pair.first.capture.object for pair in pairs)
+    rows = tuple(_count_rows(pairs))
+    notes = (*list_differences(first, second, pairs), *explain_pooling([row for row in rows if row.second != POOLED]))
     return RunComparison(
-        first, second, tuple(pairs), tuple(_count_rows(pairs)), (left[0], left[1]), objects, "object",
-        tuple(list_differences(first, second, pairs)),
-    )  # fmt: skip
+        first, second, tuple(pairs), rows, (left[0], left[1]), cluster_of=objects, cluster_by="object", notes=notes
+    )
 
 
 def list_differences(first: Run, second: Run, pairs: Sequence[Pair]) -> Iterator[str]:

@@ -27,6 +27,7 @@ from toolkit.evaluation.metrics import (
     RowKey,
     compare_controls,
     compare_unpatched,
+    explain_pooling,
     group_images,
     index_poses,
     rank_variant,
@@ -39,6 +40,7 @@ from toolkit.evaluation.run_files import DETECTIONS, explain_run_dir, find_run_d
 from toolkit.evaluation.summaries import begin_summary
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
+from toolkit.models.identity import hash_network_tensors
 from toolkit.objects.spec import read_spec
 
 IOU_LEVELS = np.linspace(0.5, 0.95, 10)
@@ -264,8 +266,9 @@ def evaluate_detector(
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
     wanted_dir = workspace.eval_dir / name
     run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
-    training = find_training(wanted, workspace, detector.weights.sha256)
-    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training), *explain_run_dir(wanted_dir, run_dir))
+    training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
+    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training), *explain_pooling(pairs))
+    notes = (*notes, *explain_run_dir(wanted_dir, run_dir))
     summary = {
         **begin_summary("detections", detector),
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},

@@ -19,13 +19,14 @@ from toolkit.evaluation.contact_sheet import (
     make_thumbnails,
 )
 from toolkit.evaluation.ground_truth import read_labelled_captures
-from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, explain_pooling, rank_variant
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import encode_predictions
 from toolkit.evaluation.results import (
     Findings,
     compare_predictions,
+    describe_other_classes,
     describe_unseen,
     find_training,
     list_corrupted,
@@ -38,6 +39,7 @@ from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 from toolkit.evaluation.summaries import Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
 from toolkit.models.detector import Detector
+from toolkit.models.identity import hash_network_tensors
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()
@@ -86,10 +88,12 @@ def evaluate_captures(
     folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
-    training = find_training(folder.captures, workspace, classifier.weights.sha256)
+    training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
     findings = replace(findings, training=training)
     name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
-    return write_evaluation(workspace.eval_dir / name, classifier, findings, folder.notes, config)
+    labels = {one: classifier.labels[index] for one, index in classes.items()}
+    notes = (*folder.notes, *describe_other_classes(training, labels))
+    return write_evaluation(workspace.eval_dir / name, classifier, findings, notes, config)
 
 
 def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
@@ -124,7 +128,7 @@ def write_evaluation(
     # predictions decide whether it is the same result: all else follows from them
     table = encode_predictions(findings.predictions)
     run_dir = find_run_dir(wanted, lacks_other_table(PREDICTIONS, table), config.replace)
-    notes = (*classifier.notes, *notes, *why, *explain_run_dir(wanted, run_dir))
+    notes = (*classifier.notes, *notes, *why, *explain_pooling(findings.pairs), *explain_run_dir(wanted, run_dir))
     summary = write_run(run_dir, summarise(classifier, findings, notes, kind), {PREDICTIONS: table})
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
     write_report(done.report_file, classifier, findings, notes, maps)

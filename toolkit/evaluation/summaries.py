@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from rich.table import Table
 
-from toolkit.captures.read import POOLED
+from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_validation, load_json
 from toolkit.core.statistics import Interval
@@ -50,7 +50,9 @@ class ResultRow:
         share, ci95: with its 95 % interval; None without images.
         gained, lost, p: pairs that changed against `unpatched` (of landings the first pad), and the exact McNemar test;
             None without pairs.
+        n_pairs, n_bare: pairs, and how many of their images without the booster are right; None in older summaries.
         has_pooled: whether there is a row of all objects that it is a part of.
+        is_part: whether some of these images, or of those without the booster, are in no pair.
         network_id: of architecture, weights, labels and preprocessing together; empty where a summary has none.
     """
 
@@ -74,6 +76,9 @@ class ResultRow:
     p: float | None = None
     has_pooled: bool = True
     network_id: str = ""
+    n_pairs: int | None = None
+    n_bare: int | None = None
+    is_part: bool = False
 
     @property
     def details(self) -> set[str]:
@@ -87,7 +92,7 @@ class ResultRow:
 
     def as_json(self) -> dict[str, Any]:
         """The fields, as `toolkit runs --json` has them."""
-        fields = {key: value for key, value in vars(self).items() if key != "has_pooled"}
+        fields = {key: value for key, value in vars(self).items() if key not in ("has_pooled", "is_part")}
         return fields | {"ci95": None if self.ci95 is None else list(self.ci95)}
 
 
@@ -133,6 +138,11 @@ class _Where(_Part):
         return tuple(getattr(self, name) for name in _Where.model_fields)
 
     @property
+    def key_without_variant(self) -> tuple[str | int | None, ...]:
+        """Equal for all variants of the same images."""
+        return tuple(getattr(self, name) for name in _Where.model_fields if name != "variant")
+
+    @property
     def name(self) -> str:
         """As pairs of landings name their cells."""
         air = f"{self.condition}:{self.severity}" if self.severity else self.condition
@@ -161,6 +171,8 @@ class _Pair(_Where):
     gained: Count
     lost: Count
     p: Share = Field(validation_alias="mcnemar_p")
+    n_pairs: Count | None = None
+    n_bare: Count | None = Field(None, validation_alias="n_first")
 
     @property
     def is_of_variants(self) -> bool:
@@ -263,6 +275,7 @@ def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
     changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
     corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
     pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
+    bare = {one.key_without_variant: one.n for one in found.groups if one.variant == UNPATCHED}
     for one in (*found.groups, *found.cells):
         condition, severity = corrupted.get(one.source, (one.condition, one.severity))
         row = ResultRow(run, kind, **one.model_dump())
@@ -275,15 +288,19 @@ def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
             ci95=one.ci95 if one.n else None, metric=METRICS.get(kind, "top1"), has_pooled=one.source in pooled,
         )  # fmt: skip
         change = changes.get(one.key) or changes.get(one.name)
-        yield row if change is None else replace(row, gained=change.gained, lost=change.lost, p=change.p)
+        if change is not None:
+            numbers = {name: getattr(change, name) for name in ("gained", "lost", "p", "n_pairs", "n_bare")}
+            counts = {row.n, bare.get(one.key_without_variant, row.n)}
+            row = replace(row, **numbers, is_part=change.n_pairs is not None and counts != {change.n_pairs})
+        yield row
     for mean in found.means if kind == "benchmark" else ():
         if mean.share is not None:
             yield ResultRow(run, kind, **mean.model_dump() | {"source": found.about.data, "condition": MEAN})
 
 
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<")
-NUMBERS = ("severity", "n", "failed", "share", "gained", "lost", "p")
-FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name not in ("ci95", "has_pooled"))
+NUMBERS = ("severity", "n", "failed", "share", "gained", "lost", "p", "n_pairs", "n_bare")
+FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name not in ("ci95", "has_pooled", "is_part"))
 ALIASES: Mapping[str, str] = {
     "weather": "condition", "corruption": "condition", "model": "network",
     "top1": "share", "success": "share", "found": "share",
@@ -455,4 +472,8 @@ def build_runs_table(rows: Sequence[ResultRow]) -> Table:
 def _format_numbers(row: ResultRow) -> list[str]:
     n = NONE if row.n is None else str(row.n)
     right = f"{format_percent(row.share)} ({format_interval(row.ci95)})" if row.ci95 else format_percent(row.share)
-    return [n, right, "" if row.gained is None else f"{row.gained}/{row.lost}", format_p(row.p)]
+    change = "" if row.gained is None else f"{row.gained}/{row.lost}"
+    # the shares of all images are no before and after of fewer pairs
+    if row.is_part and row.n_pairs and row.n_bare is not None:
+        change += f" of {row.n_pairs}, bare {format_percent(row.n_bare / row.n_pairs)} %"
+    return [n, right, change, format_p(row.p)]

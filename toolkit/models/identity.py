@@ -3,8 +3,9 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
@@ -26,6 +27,22 @@ KNOWN_TENSORS: Mapping[str, str] = {
 """Hash of a file -> `hash_tensors` of it: ResNet-18 and MobileNetV2, of which shipped boosters name the files alone."""
 
 
+class WeightsId(Protocol):
+    """What records say of weights."""
+
+    @property
+    def weights(self) -> str:
+        """Name of their file."""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of their file."""
+
+    @property
+    def tensors_sha256(self) -> str | None:
+        """See `hash_tensors`."""
+
+
 def hash_tensors(state: "Mapping[str, torch.Tensor]") -> str | None:
     """SHA-256 of the real numbers of a network, whatever they are called and however they are stored.
 
@@ -44,26 +61,40 @@ def hash_tensors(state: "Mapping[str, torch.Tensor]") -> str | None:
 
 def hash_network_tensors(network: AnyNetwork) -> str | None:
     """`hash_tensors` of a loaded network; None of one that keeps its numbers to itself, as some ONNX graphs do."""
-    module = getattr(network, "module", None)
+    # a detector that is trained against lies within
+    module = getattr(getattr(network, "detector", network), "module", None)
     # a program is more than its numbers, and two may share them
     return None if module is None or is_program(network.arch) else hash_tensors(module.state_dict())
 
 
-def find_file_tensors(name: str, sha256: str, folders: Sequence[Path] = ()) -> str | None:
-    """`hash_tensors` of the weights file of that hash, if it is published or at hand under its name.
+def is_same_network(
+    record: WeightsId, weights_sha256: str, tensors_sha256: str | None, folder: Path | None = None
+) -> bool:
+    """Whether a record names a network: the same file of weights, or another one with the same numbers.
 
     Args:
-        name: of the file, as records have it.
-        sha256: of the file.
-        folders: where else to look than in the weights' folder and torch's cache.
+        record: older ones do without the hash of the numbers: it is taken from their file, if that is at hand.
+        weights_sha256: of the network's file.
+        tensors_sha256: of its numbers; None where they are not known.
+        folder: where else to look for files than in the weights' folder and torch's cache.
     """
+    if record.sha256 == weights_sha256:
+        return True
+    if tensors_sha256 is None:
+        return False
+    return tensors_sha256 == (record.tensors_sha256 or find_file_tensors(record.weights, record.sha256, folder))
+
+
+@lru_cache(maxsize=256)
+def find_file_tensors(name: str, sha256: str, folder: Path | None = None) -> str | None:
+    """`hash_tensors` of the weights file of that name and hash, if it is known or at hand."""
     if sha256 in KNOWN_TENSORS:
         return KNOWN_TENSORS[sha256]
     if Path(name).name != name or Path(name).suffix not in SUFFIXES:
         return None
-    for folder in (*folders, BUNDLED_DIR, *filter(None, (weights_folder(), cache_dir()))):
+    for place in filter(None, (folder, BUNDLED_DIR, weights_folder(), cache_dir())):
         try:
-            file = open_weights(folder / name) if (folder / name).is_file() else None
+            file = open_weights(place / name) if (place / name).is_file() else None
             if file is not None and file.sha256 == sha256:
                 return hash_tensors(read_state_dict(file))
         except ToolkitError:  # another file of that name, or a damaged one
