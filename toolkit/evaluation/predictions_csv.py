@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -129,8 +130,13 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
     if run.kind != "sweep":
         return workspace.captures_dir
     axis = run.folder.resolve().parent
-    # `captures-SET` holds the images of runs whose name ends in -SET
-    of_sets = [one for one in axis.glob("captures-*") if run.folder.name.endswith(one.name.removeprefix("captures"))]
+    # `captures-SET` holds the images of runs whose name ends in -SET, or in -SET-2 for another result of that name
+    names = (run.folder.name, re.sub(r"-\d+$", "", run.folder.name))
+    of_sets = [
+        one
+        for one in axis.glob("captures-*")
+        if any(name.endswith(one.name.removeprefix("captures")) for name in names)
+    ]
     # the longest: one set's name may be the end of another's
     return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
 

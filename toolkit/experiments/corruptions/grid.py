@@ -10,6 +10,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.apply import is_whole
+from toolkit.captures.read import UNPATCHED
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
@@ -30,7 +31,8 @@ from toolkit.experiments.corruptions.cells import (
     make_key,
     rank_images,
 )
-from toolkit.experiments.corruptions.recognisers import Recogniser
+from toolkit.experiments.corruptions.doubts import find_misnamed, list_doubts
+from toolkit.experiments.corruptions.recognisers import RIGHT, Recogniser
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.training.images import ImageSet, LabelledImage
@@ -168,7 +170,11 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for condition in grid.config.conditions
         if condition not in lost
     ]  # fmt: skip
-    return _collect(grid, [one for shard in shards for one in shard.images], cells, notes, ran)
+    doubts = list_doubts(grid.images, shards, grid.variants)
+    done = _collect(grid, [one for shard in shards for one in shard.images], cells, (*notes, *doubts), ran)
+    clean = [one.ranks == RIGHT for one in done.cells if (one.variant, one.corruption) == (UNPATCHED, CLEAN)]
+    misnamed = find_misnamed(clean[0], done.classes, done.labels) if clean else ()
+    return replace(done, notes=(*done.notes, *misnamed))
 
 
 def _hash_shards(grid: Grid) -> list[Shard]:
