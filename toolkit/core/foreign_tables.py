@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,18 +76,17 @@ def read_foreign_table(file: Path, most_bytes: int = MOST_BYTES) -> ForeignTable
     lines = csv.reader(io.StringIO(body, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
     try:
         heads = tuple(head.strip().lower() for head in next(lines, []))
-        return ForeignTable(file, heads, mark, tuple(_list_lines(lines, 1 if given else 0)))
+        above = int(bool(given))
+        # spreadsheets write lines of empty cells below the last row
+        rows = tuple((lines.line_num + above, cells) for cells in map(_clean, lines) if any(cells))
+        return ForeignTable(file, heads, mark, rows)
     except csv.Error as error:
         number = lines.line_num + bool(given)
         raise ToolkitError(f"{file}, line {number}: not a readable CSV table ({error}): save it as CSV again") from None
 
 
-def _list_lines(lines: "csv._reader", above: int) -> Iterator[tuple[int, tuple[str, ...]]]:
-    for cells in lines:
-        found = tuple(decode_cell(cell.strip()) for cell in cells)
-        # spreadsheets write lines of empty cells below the last row
-        if any(found):
-            yield lines.line_num + above, found
+def _clean(cells: list[str]) -> tuple[str, ...]:
+    return tuple(decode_cell(cell.strip()) for cell in cells)
 
 
 def _decode(file: Path, content: bytes) -> str:

@@ -112,7 +112,9 @@ def compare_tables(first: Path, second: Path, images: Path | None = None, cluste
     runs = [Run(label, table.file.parent, "eval", ()) for label, table in zip(labels, (one, other), strict=True)]
     left = (len(one.answers) - len(pairs), len(other.answers) - len(pairs))
     row = Comparison(POOLED, POOLED, POOLED, POOLED, pairs)
-    return RunComparison(*runs, pairs, (row,), left, clusters, cluster_by=by, notes=tuple(dict.fromkeys(notes)))
+    return RunComparison(
+        runs[0], runs[1], pairs, (row,), left, clusters, cluster_by=by, notes=tuple(dict.fromkeys(notes))
+    )
 
 
 def spell(label: str) -> str:
@@ -237,9 +239,10 @@ def _has_two_spellings(table: AnswerTable) -> bool:
     for truths, guesses in mixed:
         # certain only where both columns have the same spellings
         if truths != guesses:
-            one, other, *_ = sorted(truths | guesses)
+            label, another, *_ = sorted(truths | guesses)
             raise ToolkitError(
-                f"{table.file}: '{one}' and '{other}' stand in one column, and may be one label or two: {ADD_CORRECT}"
+                f"{table.file}: '{label}' and '{another}' stand in one column, and may be one label or two: "
+                f"{ADD_CORRECT}"
             )
     return bool(mixed)
 

@@ -8,8 +8,11 @@ from typing import Any
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import load_json, sha256_bytes, sha256_file, write_json, write_text
 
-SUMMARY, PREDICTIONS, DETECTIONS, CELLS = "summary.json", "predictions.csv", "detections.csv", "cells.csv"
-TABLES: Mapping[str, str] = {f"{name.removesuffix('.csv')}_sha256": name for name in (PREDICTIONS, DETECTIONS, CELLS)}
+SUMMARY = "summary.json"
+PREDICTIONS, DETECTIONS, CELLS, EPISODES = "predictions.csv", "detections.csv", "cells.csv", "episodes.csv"
+TABLES: Mapping[str, str] = {
+    f"{name.removesuffix('.csv')}_sha256": name for name in (PREDICTIONS, DETECTIONS, CELLS, EPISODES)
+}
 """Field of the summary -> the table whose hash it holds."""
 CONTENT, INPUTS = "content_sha256", "inputs_sha256"
 """Of all other fields of a summary, and of what a run was asked to do where that is known before its result."""
