@@ -10,6 +10,7 @@ from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.compare_tables import compare_tables
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.run_files import (
     find_run_dir,
@@ -180,3 +181,14 @@ def test_an_edit_of_numbers_alone_is_found(tmp_path):
 
     with pytest.raises(ToolkitError, match=r"summary\.json was changed after the run"):
         read_run(tmp_path, "run")
+
+
+def test_a_runs_own_table_that_was_changed_is_refused_as_a_table_too(night, tmp_path):
+    table = night.run_dir / "predictions.csv"
+    copy = tmp_path / "predictions.csv"
+    copy.write_bytes(table.read_bytes())
+    (tmp_path / "summary.json").write_text("[]")  # another program's
+    compare_tables(table, copy)
+    table.write_text(table.read_text().replace(",0,1,ok", ",1,1,ok", 1))
+    with pytest.raises(ToolkitError, match=r"predictions\.csv was changed after"):
+        compare_tables(table, copy)

@@ -8,12 +8,13 @@ from pathlib import Path, PurePosixPath
 from toolkit.captures.read import POOLED, Capture
 from toolkit.core.child import without_collector
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside
+from toolkit.core.files import inside, load_json
 from toolkit.core.foreign_tables import ForeignTable, read_foreign_table
 from toolkit.core.statistics import mcnemar_p
 from toolkit.evaluation.compare import RunComparison
 from toolkit.evaluation.metrics import Comparison, Pair
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.run_files import SUMMARY, TABLES, check_run
 from toolkit.evaluation.summaries import Run
 from toolkit.models.labels import plain_name
 
@@ -150,9 +151,23 @@ def _find_clusters(table: AnswerTable, names: Sequence[str]) -> tuple[tuple[str,
 
 
 def _read_table(file: Path, cluster: str | None) -> AnswerTable:
+    _check_own(file)
     table = read_foreign_table(file)
     with without_collector():
         return _read_lines(table, cluster)
+
+
+def _check_own(file: Path) -> None:
+    """Refuse a table of one of our runs that is not the one that its summary was counted from."""
+    summary = file.parent / SUMMARY
+    if file.name not in TABLES.values() or not summary.is_file():
+        return
+    try:
+        content = load_json(summary)
+    except ToolkitError:  # another program's
+        return
+    if isinstance(content, dict):
+        check_run(file.parent, content)
 
 
 def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:

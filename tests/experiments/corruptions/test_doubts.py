@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from PIL import Image
 from toolkit.boosters.data import list_image_hashes
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import make_workspace
+from toolkit.evaluation.summaries import open_run
 from toolkit.experiments.corruptions import CorruptEvalConfig
 from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark
 from toolkit.experiments.corruptions.doubts import find_misnamed
@@ -35,6 +37,23 @@ def list_notes(place, run="run"):
 
 def test_clean_data_raises_no_doubt(place):
     assert list_notes(place) == []
+
+
+def test_a_networks_own_warnings_stand_in_the_result(place):
+    space, data = place
+    doubtful = replace(make_hue_classifier(), notes=("its images may be normalised otherwise",))
+    done = evaluate_benchmark(space, data, doubtful, CorruptEvalConfig(corruptions=(("fog", 1),), run="run"))
+    content = json.loads(done.files.summary.read_text())
+    assert content["notes"] == list(doubtful.notes) and doubtful.notes[0] in done.files.report.read_text()
+    assert content["about"]["model"]["network_id"] == open_run(space, "corruptions/run").network.network_id != ""
+
+
+def test_the_same_weights_with_other_labels_are_another_result(place):
+    space, data = place
+    network, config = make_hue_classifier(), CorruptEvalConfig(corruptions=(("fog", 1),), run="run")
+    for labels in (network.labels, ["green", "red", "blue"]):
+        done = evaluate_benchmark(space, data, replace(network, labels=labels), config)
+    assert done.files.summary.parent.name == "run-2"
 
 
 def test_copies_within_a_class_are_told(place):

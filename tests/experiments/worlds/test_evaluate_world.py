@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -176,11 +177,13 @@ def test_another_run_of_that_name_goes_beside(in_field, make_crate_space, tmp_pa
     first = evaluate_world(space, network, make_config(run="one"))
     frames = {file: file.read_bytes() for file in first.files.frames.rglob("*.*")}
     before = read_all(first)
-    other = evaluate_world(space, network, make_config(run="one", seed=1))
+    doubtful = replace(network, notes=("its images may be normalised otherwise",))
+    other = evaluate_world(space, doubtful, make_config(run="one", seed=1))
     assert other.files.summary.parent.name == "one-2"
     assert (
         f"{first.files.summary.parent} holds another result" in json.loads(other.files.summary.read_text())["notes"][-1]
     )
+    assert json.loads(other.files.summary.read_text())["notes"][0] == doubtful.notes[0]
     assert read_all(first) == before and {file: file.read_bytes() for file in first.files.frames.rglob("*.*")} == frames
     again = evaluate_world(space, network, make_config(run="one"))
     assert again.files.summary.parent.name == "one" and again.computed == 0 and read_all(again) == before

@@ -299,7 +299,8 @@ def evaluate_benchmark(
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
     with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
-        benchmark = run_grid(grid, folder / "cells.jsonl", notes, workers)
+        doubts = dict.fromkeys(note for variant in variants for note in variant.classifier.notes)
+        benchmark = run_grid(grid, folder / "cells.jsonl", (*doubts, *notes), workers)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
     patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
     without_images = {

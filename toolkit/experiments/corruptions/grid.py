@@ -34,7 +34,7 @@ from toolkit.experiments.corruptions.cells import (
 from toolkit.experiments.corruptions.doubts import find_misnamed, list_doubts
 from toolkit.experiments.corruptions.recognisers import RIGHT, Recogniser
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.network import Classifier
+from toolkit.models.identity import describe_network
 from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
@@ -275,7 +275,7 @@ def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     return {
         "name": grid.name,
         "data": grid.images.name,
-        "model": _describe_network(main),
+        "model": describe_network(main),
         "is_imagenet": main.is_imagenet,
         "image_px": image_px,
         "preprocessing": main.preprocessing.describe(),
@@ -287,14 +287,9 @@ def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _describe_network(network: Classifier) -> dict[str, str]:
-    weights = network.weights
-    return {"name": network.name, "arch": network.arch, "weights": weights.name, "sha256": weights.sha256}
-
-
 def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     patches = variant.patches
-    about = {"name": variant.name, "model": _describe_network(variant.classifier), "patch_px": None, "method": None}
+    about = {"name": variant.name, "model": describe_network(variant.classifier), "patch_px": None, "method": None}
     if patches is None:
         return about
     image_px = variant.classifier.preprocessing.crop_px

@@ -46,6 +46,7 @@ from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, encode_frame
 from toolkit.experiments.worlds.simulator import shoot_missing
 from toolkit.experiments.worlds.world_report import WorldFiles, write_results
 from toolkit.experiments.worlds.world_results import WorldResults
+from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import hash_mesh
@@ -302,7 +303,8 @@ def evaluate_world(
     asked = plan_run(workspace, classifier, config)
     wanted = workspace.eval_dir / (config.run or name_run(config, classifier))
     # known before the work: pictures of another result must not be replaced either
-    inputs = hash_inputs(config.record(), [[task.frame, task.weathers] for task in asked.tasks()])
+    network = describe_network(classifier)["network_id"]
+    inputs = hash_inputs(config.record(), network, [[task.frame, task.weathers] for task in asked.tasks()])
     run_dir = find_run_dir(wanted, lacks_other_inputs(inputs))
     worlds_dir = workspace.eval_dir / "worlds"
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
