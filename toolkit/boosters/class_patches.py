@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images, list_image_hashes
+from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images
 from toolkit.boosters.patch_config import PatchConfig, check_size
 from toolkit.boosters.patch_sets import ClassPatchesConfig, name_class
 from toolkit.boosters.pixels import Network
@@ -262,5 +262,5 @@ class _Source:
             raise ToolkitError(f"{self._images.name}: none of its {len(found)} images can be read; {path}: {reason}")
         use = "class" if class_index is not None else "backgrounds"
         record = {"source": self._images.name, "use": use, "found": len(found), "used": len(pixels)}
-        record |= list_image_hashes(hashes)
-        return divide_images([Loaded(np.stack(pixels), tuple(skipped), record)], self._config.data())
+        loaded = Loaded(np.stack(pixels), tuple(skipped), record, tuple(hashes))
+        return divide_images([loaded], self._config.data())

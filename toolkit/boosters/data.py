@@ -91,11 +91,13 @@ class Loaded:
         images: (k, s, s, 3) uint8 sRGB.
         skipped: (path, reason) of what could not be used.
         record: for the booster's record: source, use, how many were found and used; None where none were asked for.
+        hashes: SHA-256 of the files that were used; none of renders.
     """
 
     images: np.ndarray
     skipped: tuple[tuple[str, str], ...] = ()
     record: dict[str, Any] | None = None
+    hashes: tuple[str, ...] = ()
 
 
 def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[str]:
@@ -146,13 +148,13 @@ def choose_images(
 
 
 IMAGE_HASHES, HASH_DIGITS, MOST_HASHES = "images_sha256", 12, 2000
-"""Field of a source in records, and how much of each hash it holds: enough to find an image again."""
+"""Field of `data` in records, and how much of each hash it holds: enough to find an image again."""
 
 
 def list_image_hashes(hashes: Sequence[str]) -> dict[str, Any]:
     """Which images were used, for the record, so that a test on them is known; nothing of very many."""
     shown = " ".join(sorted(sha256[:HASH_DIGITS] for sha256 in hashes))
-    return {IMAGE_HASHES: shown} if len(hashes) <= MOST_HASHES else {}
+    return {IMAGE_HASHES: shown} if 0 < len(hashes) <= MOST_HASHES else {}
 
 
 def load_files(
@@ -190,8 +192,7 @@ def load_files(
         path, reason = skipped[-1]
         raise ToolkitError(f"{choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}")
     record = {"source": choice.folder.name, "use": choice.use, "found": len(choice.files), "used": len(images)}
-    record |= list_image_hashes(hashes)
-    return Loaded(np.stack(images), tuple(skipped), record)
+    return Loaded(np.stack(images), tuple(skipped), record, tuple(hashes))
 
 
 def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:
@@ -338,6 +339,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
         "sha256": sha256,
         "backgrounds": config.backgrounds,
         "seed": config.seed,
+        **list_image_hashes([sha256 for source in loaded for sha256 in source.hashes]),
     }
     skipped = tuple(line for source in loaded for line in source.skipped)
     return TrainingData(images, rest if len(rest) else images, skipped, record, len(rest) > 0)

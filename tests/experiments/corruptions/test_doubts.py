@@ -112,10 +112,11 @@ def test_unequal_classes_are_told(place):
 def test_patches_that_were_trained_on_the_images_are_told(place, has_hashes):
     space, data = place
     used = [sha256_file(data / "red" / f"{k}.png") for k in (0, 1)]
-    source = {"source": "data", "use": "class", "found": 3, "used": 2} | (list_image_hashes(used) if has_hashes else {})
+    about = {"sources": [{"source": "data", "use": "class", "found": 3, "used": 2}]}
+    about |= list_image_hashes(used) if has_hashes else {}
     for label in LABELS:
         file = space.root / "print/patches/paint-16" / f"{label}.json"
-        content = json.loads(file.read_text()) | {"data": {"sources": [source]}}
+        content = json.loads(file.read_text()) | {"data": about}
         file.write_text(json.dumps(content))
     (note,) = list_notes(place)
     expected = (
@@ -127,6 +128,6 @@ def test_patches_that_were_trained_on_the_images_are_told(place, has_hashes):
 def test_other_training_images_raise_no_doubt(place):
     space, _ = place
     file = space.root / "print/patches/paint-16/red.json"
-    source = {"source": "data"} | list_image_hashes(["0" * 64])
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"data": {"sources": [source, 7]}}))
+    about = {"sources": [{"source": "data"}, 7]} | list_image_hashes(["0" * 64])
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"data": about}))
     assert list_notes(place) == []

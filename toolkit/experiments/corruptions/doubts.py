@@ -76,13 +76,11 @@ def _find_trained(name: str, patches: PatchSet, data: str, hashes: set[str]) -> 
     """Whether the patches of a set were trained on images of this data."""
     short, trained, is_alike = {sha256[:HASH_DIGITS]: sha256 for sha256 in hashes}, set[str](), False
     for one in patches.patches.values():
-        sources = one.record.data.get("sources")
-        for source in sources if isinstance(sources, list) else ():
-            if not isinstance(source, dict):
-                continue
-            listed = str(source.get(IMAGE_HASHES, "")).split()
-            trained |= {short[one] for one in listed if one in short}
-            is_alike |= not listed and source.get("source") == data
+        about = one.record.data
+        listed, sources = str(about.get(IMAGE_HASHES, "")).split(), about.get("sources")
+        trained |= {short[one] for one in listed if one in short}
+        names = [one.get("source") for one in sources if isinstance(one, dict)] if isinstance(sources, list) else []
+        is_alike |= not listed and data in names
     if trained:
         yield f"{name} was trained on {len(trained)} of these {len(hashes)} images: they show how well it was learnt"
     elif is_alike:
