@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation.compare_tables import compare_tables
+from toolkit.evaluation.compare_tables import compare_tables, spell
 
 REPORTS = Path(__file__).parents[3] / "shared/reports/compare"
 TRUTHS = [f"golden cat {k % 4}" for k in range(40)]
@@ -160,3 +160,27 @@ def test_the_tables_of_the_reports(name, expected):
     with pytest.raises(ToolkitError, match=expected) as caught:
         compare_tables(REPORTS / "a.csv", REPORTS / name)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("label", "plain"),
+    [("007", "7"), ("207.0", "207"), ("-1.", "-1"), ("1_2", "1 2"), ("9007199254740993", "9007199254740993"),
+     ("0", "0"), ("1.5", "1.5"), ("nan", "nan"), ("Caf\u00e9", "caf\u00e9"), ("Cafe\u0301", "caf\u00e9")],
+)  # fmt: skip
+def test_a_label_as_it_is_compared(label, plain):
+    assert spell(label) == plain
+
+
+def test_a_line_without_a_truth_is_refused(write):
+    with pytest.raises(ToolkitError, match=r"line 2: image '0\.png' has no true label"):
+        compare_tables(write("one", FIRST, ["", *TRUTHS[1:]]), write("two", SECOND))
+
+
+def test_numbers_of_two_lists_of_labels_are_no_other_truth(tmp_path):
+    """Our own tables hold both: a class has another number for another network, and the same name."""
+    files = []
+    for name, number in (("one", 751), ("two", 23)):
+        lines = [f"{k}.png,{number},racer,{number},racer,1" for k in range(3)]
+        files.append(tmp_path / f"{name}.csv")
+        files[-1].write_text("\n".join(["path,true_index,true_label,top1_index,top1_label,correct_top1", *lines]))
+    assert counts(compare_tables(*files)) == (3, 0, 0, 0)

@@ -17,6 +17,7 @@ MARKS = (";", "\t", ",")
 SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
 """Spreadsheets write and read this line in front of the heading."""
 BYTE_ORDER_MARKS = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 
 
@@ -56,10 +57,9 @@ class ForeignTable:
 
     def number(self, cell: str) -> float | None:
         """The number in a cell; None for other text."""
-        try:
-            return float(self.plain(cell))
-        except ValueError:
-            return None
+        text = self.plain(cell)
+        # Python's own also reads 1_0, infinity and the digits of other scripts
+        return float(text) if NUMBER.fullmatch(text) else None
 
 
 def read_foreign_table(file: Path, most_bytes: int = MOST_BYTES) -> ForeignTable:

@@ -1,5 +1,6 @@
 """Two tables of predictions by any program, compared as two runs are: labels are matched only where that is certain."""
 
+import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ CLUSTER = ("cluster", "group", "scene", "object")
 YES = ("1", "true", "yes", "y", "right", "wahr", "vrai", "verdadero", "vero", "waar")
 NO = ("0", "false", "no", "n", "wrong", "falsch", "faux", "falso", "onwaar")
 """In words also as spreadsheets write them in other languages."""
+WHOLE_NUMBER = re.compile(r"(-?)0*(\d+)(?:\.0*)?", re.ASCII)
 SUSPICIOUS = 0.001
 """Exact p below which labels that agree better when one counts from 1 are not taken to be mere mistakes."""
 ADD_CORRECT = "write both in the same way, or add a column 'correct' with 1 or 0"
@@ -120,11 +122,8 @@ def compare_tables(first: Path, second: Path, images: Path | None = None, cluste
 
 def spell(label: str) -> str:
     """A label as it is compared: a whole number without decimals, else in lower case, one blank for ` `, - and _."""
-    try:
-        number = float(label)
-        return str(int(number)) if number.is_integer() else label
-    except (ValueError, OverflowError):
-        return " ".join(plain_name(unicodedata.normalize("NFC", label)).split())
+    number = WHOLE_NUMBER.fullmatch(label)
+    return number[1] + number[2] if number else " ".join(plain_name(unicodedata.normalize("NFC", label)).split())
 
 
 def _predict(said: Answer, folder: Path, name: str) -> Prediction:
@@ -176,7 +175,7 @@ def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:
     if name_at is None:
         found = _some(table.heads)
         raise ToolkitError(f"{file}: no column that names the image: expected one of {_some(IMAGE)}; found {found}")
-    truth_at, guess_at = _choose_labels(table)
+    truth_at, guess_at = _choose_labels(table, by_name=right_at is not None)
     if right_at is None and (truth_at is None or guess_at is None):
         raise ToolkitError(
             f"{file}: expected a column {_some(RIGHT)}, or one of the truth ({_some(TRUTH)}) and one of the prediction "
@@ -193,6 +192,8 @@ def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:
         if name in answers:
             raise ToolkitError(f"{file}, line {number}: image '{name}' appears twice: expected each once")
         truth, guess = (("" if at is None else table.plain(cells[at])) for at in (truth_at, guess_at))
+        if right_at is None and not truth:
+            raise ToolkitError(f"{file}, line {number}: image '{name}' has no true label: expected one in each line")
         is_right = right_at is not None and _read_right(table, number, cells[right_at])
         answers[name] = Answer(truth, guess, is_right, "" if cluster_at is None else cells[cluster_at])
     by = "" if cluster_at is None else table.heads[cluster_at]
@@ -200,10 +201,14 @@ def _read_lines(table: ForeignTable, cluster: str | None) -> AnswerTable:
     return read if right_at is not None else _match_labels(read)
 
 
-def _choose_labels(table: ForeignTable) -> tuple[int | None, int | None]:
-    """The columns of truth and prediction: the first two that are both numbers or both names, else the first."""
+def _choose_labels(table: ForeignTable, by_name: bool) -> tuple[int | None, int | None]:
+    """The columns of truth and prediction: the first two that are both numbers or both names, else the first.
+
+    With `by_name` names come first: they mean the same in two lists of labels, numbers do not. Else they come as they
+    stand in `TRUTH`: two classes may share a name.
+    """
     pairs = [(truth, guess) for truth in _list_columns(table, TRUTH) for guess in _list_columns(table, GUESS)]
-    for truth, guess in pairs:
+    for truth, guess in sorted(pairs, key=lambda pair: by_name and _is_numeric(table, pair[0])):
         if _is_numeric(table, truth) == _is_numeric(table, guess):
             return truth, guess
     return pairs[0] if pairs else (table.find(TRUTH), table.find(GUESS))
@@ -234,10 +239,7 @@ def _match_labels(table: AnswerTable) -> AnswerTable:
     """
     is_exact = _has_two_spellings(table)
     key = (lambda label: label) if is_exact else spell
-    matched = {
-        name: replace(one, is_right=bool(one.truth) and key(one.truth) == key(one.guess))
-        for name, one in table.answers.items()
-    }
+    matched = {name: replace(one, is_right=key(one.truth) == key(one.guess)) for name, one in table.answers.items()}
     _check_counting(table.file, matched)
     is_respelled = any(one.is_right and one.truth != one.guess for one in matched.values())
     notes = (f"{table.file.name}: labels are compared without regard to case, blanks, - and _",) if is_respelled else ()
