@@ -14,7 +14,7 @@ from toolkit.core.tables import decode_cell
 MOST_BYTES = 256 << 20
 MARKS = (";", "\t", ",")
 """What stands between cells. Of equally many in the heading the first: a comma may also be a decimal sign."""
-SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
+SEPARATOR_LINE = re.compile(r"sep=([;,|\t])\r?\n", re.IGNORECASE)
 """Spreadsheets write and read this line in front of the heading."""
 BYTE_ORDER_MARKS = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
