@@ -16,6 +16,7 @@ from toolkit.boosters.data import (
 )
 from toolkit.boosters.pixel_config import DataConfig, is_rig_source
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.models.labels import imagenet_wnids
 
@@ -44,6 +45,9 @@ def test_without_a_folder_of_the_class_every_image_is_a_background_and_recorded_
     write_photos(tmp_path / "d", 3)
     record = load(tmp_path, tmp_path / "d").record
     assert record["sources"] == [{"source": "d", "use": "backgrounds", "found": 7, "used": 7}]
+    # so that a test on these very images is known
+    files = [*(tmp_path / "d").glob("*.png"), *(tmp_path / "d/cat").glob("*.png")]
+    assert record["images_sha256"].split() == sorted(sha256_file(file)[:12] for file in files)
     assert record["train"] + record["held_out"] == 7
     with pytest.raises(ToolkitError, match="no sub-folder called jet"):
         choose_images(tmp_path / "d", JET, "class")

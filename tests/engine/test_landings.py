@@ -1,5 +1,7 @@
 """Landing's frames and episodes on the engines: the same bytes everywhere, and a bad unit alone."""
 
+from dataclasses import replace
+
 import pytest
 
 from toolkit.core.errors import ToolkitError
@@ -10,7 +12,7 @@ from toolkit.landing import CameraConfig, CollectConfig, FlyConfig
 from toolkit.landing import collect as collecting
 from toolkit.landing import fly as flying
 from toolkit.landing.collect import Collector, collect
-from toolkit.landing.flight_report import write_summary
+from toolkit.landing.flight_report import place_results, write_summary
 from toolkit.landing.fly import fly_all
 
 FRAMES = CollectConfig(
@@ -89,3 +91,16 @@ def test_a_cell_that_fails_is_left_out_and_the_next_run_mends_it(flown, tmp_path
     assert len(results) == 1 and pairs == []
     mended = fly_all(space, FLIGHTS, seed=1)
     assert (mended.made, mended.failed, mended.records) == (4, (), flown.records)
+
+
+def test_results_of_other_flights_go_beside(flown, tmp_path):
+    """The episodes' log serves all flights of a name; what was found of some of them is not written over."""
+    named = replace(flown, folder=tmp_path / "pad")
+    first = place_results(FLIGHTS, named, 1)
+    write_summary(first.folder, FLIGHTS, first, 1)
+    before = (first.folder / "summary.json").read_bytes()
+    other = place_results(FLIGHTS, named, 2)
+    assert (first.folder.name, other.folder.name) == ("pad", "pad-2")
+    write_summary(other.folder, FLIGHTS, other, 2)
+    assert place_results(FLIGHTS, named, 1).folder == first.folder
+    assert (first.folder / "summary.json").read_bytes() == before

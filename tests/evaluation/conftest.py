@@ -58,6 +58,20 @@ def put(workspace):
 
 
 @pytest.fixture
+def as_older():
+    """Make a run one of an older version, whose summary holds no hashes, so that its files may be changed."""
+    import json
+
+    def take_hashes(folder: Path) -> Path:
+        file = folder / "summary.json"
+        content = {key: value for key, value in json.loads(file.read_text()).items() if not key.endswith("_sha256")}
+        file.write_text(json.dumps(content))
+        return folder
+
+    return take_hashes
+
+
+@pytest.fixture
 def browser():
     """A headless Chromium at a phone's width."""
     import shutil

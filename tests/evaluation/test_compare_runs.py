@@ -53,7 +53,8 @@ def test_turned_round_gained_is_lost(two_runs):
     assert back.pooled.gain == pytest.approx(-there.pooled.gain)
 
 
-def test_a_clear_result_names_the_better_run(two_runs):
+def test_a_clear_result_names_the_better_run(two_runs, as_older):
+    as_older(two_runs.eval_dir / "before")
     file = two_runs.eval_dir / "before" / "predictions.csv"
     lines = [line.replace(",1,1,1,ok", ",2,0,1,ok") for line in file.read_text().splitlines()]
     file.write_text("\n".join(lines) + "\n")
@@ -115,7 +116,8 @@ def test_the_same_fog_of_other_images_is_not_paired_by_its_file(put, workspace, 
         (lambda text: text + 'sim,"racer', "is damaged"),
     ],
 )
-def test_damaged_predictions_are_a_line(two_runs, damage, words):
+def test_damaged_predictions_are_a_line(two_runs, as_older, damage, words):
+    as_older(two_runs.eval_dir / "after")
     file = two_runs.eval_dir / "after" / "predictions.csv"
     file.write_text(damage(file.read_text()), encoding="latin-1")
     with pytest.raises(ToolkitError, match=words) as refused:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import adjust_holm, mcnemar_mid_p
-from toolkit.evaluation.compare import compare_tables
+from toolkit.evaluation.compare_tables import compare_tables
 
 
 def write(file, heads, rows):

@@ -48,7 +48,8 @@ def test_runs_are_named_or_all_of_them(page, words):
     assert "name runs, or say --all" in str(done.exception)
 
 
-def test_a_run_with_damaged_predictions_keeps_its_rows(page):
+def test_a_run_with_damaged_predictions_keeps_its_rows(page, as_older):
+    as_older(page.parent / "fog")
     (page.parent / "fog" / "predictions.csv").write_text("nothing\n")
     done = CliRunner().invoke(app, ["report", "--all", "--workspace", str(page.parents[1])])
     assert done.exit_code == 1 and "skipped fog:" in done.stderr and "no column" in done.stderr

@@ -123,8 +123,8 @@ def test_what_has_no_partner_is_listed():
     poses = index_poses(predictions)
     (row, _) = compare_unpatched(poses)
     assert row.as_pair() == {
-        "source": "sim", "object": "racer", "variant": "patched", "n_pairs": 1, "gained": 0, "lost": 1,
-        "mcnemar_p": 1.0,
+        "source": "sim", "object": "racer", "variant": "patched", "n_pairs": 1, "n_first": 1, "n_second": 0,
+        "gained": 0, "lost": 1, "mcnemar_p": 1.0,
     }  # fmt: skip
     reasons = dict(explain_unpaired(predictions, poses))
     assert set(reasons) == {f"sim/racer/{p}.png" for p in ("patched/2", "patched/3", "unpatched/4", "patched/None")}

@@ -133,8 +133,8 @@ def test_a_summary_says_its_kind_wherever_it_lies(evaluated):
     assert open_run(evaluated, "sweeps/light/net").kind == "eval"
 
 
-def test_an_older_summary_without_a_kind_is_told_by_what_it_holds(evaluated):
-    file = evaluated.eval_dir / "night" / "summary.json"
+def test_an_older_summary_without_a_kind_is_told_by_what_it_holds(evaluated, as_older):
+    file = as_older(evaluated.eval_dir / "night") / "summary.json"
     content = json.loads(file.read_text())
     assert content.pop("kind") == "eval"
     file.write_text(json.dumps(content))

@@ -1,6 +1,7 @@
 """A booster judged by a network that it never saw: told by the weights' hash, said in table, JSON and report."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 from rich.console import Console
 
 from toolkit.captures.manifest import CaptureRecord, append_record
+from toolkit.core.files import sha256_file
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.tables import build_tables, print_tables
+from toolkit.models.identity import hash_network_tensors
 from toolkit.objects.records import write_patch, write_texture
 
 SEEN, OTHER = "ab" * 32, "cd" * 32
@@ -99,3 +102,59 @@ def test_where_the_network_was_seen_nothing_is_said(shot, colour_classifier):
 def test_captures_without_a_manifest_are_judged_as_before(put, workspace, colour_classifier):
     put("real/racer/patched/1.png", "racer")
     assert evaluate_captures(workspace.captures_dir, workspace, colour_classifier).summary["boosters"] == []
+
+
+def test_weights_saved_again_are_seen_by_their_numbers(shot, colour_classifier, tmp_path):
+    """The same numbers in a file of other bytes are no other network: its own patch is no transfer."""
+    import torch
+
+    module = torch.nn.Sequential(colour_classifier.module, torch.nn.BatchNorm2d(4)).eval()
+    module.forward = colour_classifier.module.forward
+    judge = replace(colour_classifier, module=module, weights=replace(colour_classifier.weights, sha256="ef" * 32))
+    tensors = hash_network_tensors(judge)
+    file = shot.patches_dir / "mine" / "warplane.json"
+    content = json.loads(file.read_text())
+    for recorded, seen in ((tensors, True), ("0" * 64, False)):
+        content["networks"][0]["tensors_sha256"] = recorded
+        file.write_text(json.dumps(content))
+        done = evaluate_captures(shot.captures_dir, shot, judge)
+        found = {(one["object"], one["variant"]): one["seen"] for one in done.summary["boosters"]}
+        assert found == {("racer", "patched"): False, ("warplane", "patched"): seen, ("racer", "textured"): False}
+
+
+def test_an_older_record_is_seen_by_the_file_that_it_names(shot, colour_classifier):
+    import torch
+
+    module = torch.nn.Sequential(colour_classifier.module, torch.nn.BatchNorm2d(4)).eval()
+    module.forward = colour_classifier.module.forward
+    file = shot.classifiers_dir / "resnet18.pth"
+    file.parent.mkdir(parents=True)
+    torch.save(module.state_dict(), file)
+    record_file = shot.patches_dir / "mine" / "warplane.json"
+    record_file.write_text(record_file.read_text().replace(OTHER, sha256_file(file)))
+    judge = replace(colour_classifier, module=module, weights=replace(colour_classifier.weights, sha256="ef" * 32))
+    done = evaluate_captures(shot.captures_dir, shot, judge)
+    assert {one["seen"] for one in done.summary["boosters"] if one["object"] == "warplane"} == {True}
+
+
+def test_a_booster_for_another_label_than_is_judged_is_noted(shot, colour_classifier):
+    """`class = 1` is another class in another list of labels: the record holds the label, and it is compared."""
+    spec = shot.root / "rig/objects/racer.toml"
+    spec.parent.mkdir(parents=True)
+    spec.write_text('class = 1\nmesh = "builtin:racer"\nlength_mm = 100\n')
+    done = evaluate_captures(shot.captures_dir, shot, colour_classifier)
+    note = "sim: patched (racer) was trained for 'racer', and is judged as 'warplane'"
+    assert note in done.summary["notes"] and "sim: patched (warplane)" not in "".join(done.summary["notes"])
+    assert "is judged as" in done.report_file.read_text()
+    spec.write_text('class = 0\nmesh = "builtin:racer"\nlength_mm = 100\n')
+    assert not any(
+        "is judged as" in note for note in evaluate_captures(shot.captures_dir, shot, colour_classifier).notes
+    )
+
+
+def test_a_networks_own_warnings_belong_to_its_results(shot, colour_classifier):
+    """What may make all answers wrong stands in the summary and the report, whatever the terminal shows."""
+    doubtful = replace(colour_classifier, notes=("its images may be normalised otherwise",))
+    done = evaluate_captures(shot.captures_dir, shot, doubtful)
+    assert done.summary["notes"][0] == done.notes[0] == doubtful.notes[0]
+    assert doubtful.notes[0] in done.report_file.read_text()

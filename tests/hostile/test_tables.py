@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.evaluation.compare import CLUSTER, GUESS, IMAGE, RIGHT, TRUTH, compare_runs, compare_tables
+from toolkit.evaluation.compare import compare_runs
+from toolkit.evaluation.compare_tables import CLUSTER, GUESS, IMAGE, RIGHT, TRUTH, compare_tables
 from toolkit.evaluation.metrics import index_poses, list_flips
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions

@@ -396,3 +396,11 @@ def test_a_state_dict_by_its_file(tmp_path):
     assert "no model called 'resnet81': did you mean" in error_of(
         lambda: load_classifier("torchvision:resnet81", device="cpu")
     )
+
+
+@pytest.mark.parametrize("description", [None, f"size = {PX}\n"])
+def test_that_no_normalisation_is_said_is_a_note_of_the_network(tmp_path, description):
+    """A graph that normalises itself is wrong of nearly all images: its results have to say what may be the reason."""
+    (note,) = load(write(tmp_path, make_graph(), description)).notes
+    assert "no 'mean' and 'std'" in note and "its answers are wrong" in note
+    assert load(write(tmp_path, make_graph(), name="said")).notes == ()

@@ -246,12 +246,14 @@ class _Source:
         # whole squares at `resize_px`, so that training can cut at random
         square = replace(self._how, crop_px=self._how.resize_px)
         pixels: list[np.ndarray] = []
+        hashes: list[str] = []
         skipped: list[tuple[str, str]] = []
         for k in Draws(self._config.seed, 0, "data").of("files").permutation(len(found)):
             if len(pixels) == self._config.images:
                 break
             try:
                 pixels.append(self._images.load(found[k], square))
+                hashes.append(self._images.hash_image(found[k].id))
             except UnreadableImage as error:
                 skipped.append((found[k].id, error.reason))
         self.skipped += [line for line in skipped if line not in self.skipped]
@@ -260,4 +262,5 @@ class _Source:
             raise ToolkitError(f"{self._images.name}: none of its {len(found)} images can be read; {path}: {reason}")
         use = "class" if class_index is not None else "backgrounds"
         record = {"source": self._images.name, "use": use, "found": len(found), "used": len(pixels)}
-        return divide_images([Loaded(np.stack(pixels), tuple(skipped), record)], self._config.data())
+        loaded = Loaded(np.stack(pixels), tuple(skipped), record, tuple(hashes))
+        return divide_images([loaded], self._config.data())

@@ -1,7 +1,7 @@
 """All training images of a run, in memory, with a part held out: from folders, or renders of the bare object."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -91,11 +91,13 @@ class Loaded:
         images: (k, s, s, 3) uint8 sRGB.
         skipped: (path, reason) of what could not be used.
         record: for the booster's record: source, use, how many were found and used; None where none were asked for.
+        hashes: SHA-256 of the files that were used; none of renders.
     """
 
     images: np.ndarray
     skipped: tuple[tuple[str, str], ...] = ()
     record: dict[str, Any] | None = None
+    hashes: tuple[str, ...] = ()
 
 
 def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[str]:
@@ -145,6 +147,16 @@ def choose_images(
     return FolderImages(folder, found.images, use, found.refused)
 
 
+IMAGE_HASHES, HASH_DIGITS, MOST_HASHES = "images_sha256", 12, 2000
+"""Field of `data` in records, and how much of each hash it holds: enough to find an image again."""
+
+
+def list_image_hashes(hashes: Sequence[str]) -> dict[str, Any]:
+    """Which images were used, for the record, so that a test on them is known; nothing of very many."""
+    shown = " ".join(sorted(sha256[:HASH_DIGITS] for sha256 in hashes))
+    return {IMAGE_HASHES: shown} if 0 < len(hashes) <= MOST_HASHES else {}
+
+
 def load_files(
     choice: FolderImages, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
 ) -> Loaded:
@@ -162,6 +174,7 @@ def load_files(
     """
     square = replace(how, crop_px=how.resize_px)
     images: list[np.ndarray] = []
+    hashes: list[str] = []
     skipped = list(choice.refused)
     for k in rng.permutation(len(choice.files)):
         if len(images) == count:
@@ -173,12 +186,13 @@ def load_files(
             skipped.append((show_path((choice.folder.name, *parts)), error.reason))
             continue
         images.append(resize_and_crop(pixels, square))
+        hashes.append(sha256_file(choice.folder.joinpath(*parts)))
         advance()
     if not images:
         path, reason = skipped[-1]
         raise ToolkitError(f"{choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}")
     record = {"source": choice.folder.name, "use": choice.use, "found": len(choice.files), "used": len(images)}
-    return Loaded(np.stack(images), tuple(skipped), record)
+    return Loaded(np.stack(images), tuple(skipped), record, tuple(hashes))
 
 
 def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:
@@ -325,6 +339,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
         "sha256": sha256,
         "backgrounds": config.backgrounds,
         "seed": config.seed,
+        **list_image_hashes([sha256 for source in loaded for sha256 in source.hashes]),
     }
     skipped = tuple(line for source in loaded for line in source.skipped)
     return TrainingData(images, rest if len(rest) else images, skipped, record, len(rest) > 0)

@@ -15,6 +15,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import is_program
+from toolkit.models.identity import hash_network_tensors
 from toolkit.models.network import AnyNetwork, Classifier, fold_normalisation
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
@@ -308,7 +309,10 @@ def from_picture(pixels: np.ndarray, device: str) -> torch.Tensor:
 def record_network(classifier: Network) -> records.NetworkRecord:
     """A classifier as records name it."""
     weights = classifier.weights
-    return records.NetworkRecord(arch=classifier.arch, weights=weights.name, sha256=weights.sha256)
+    return records.NetworkRecord(
+        arch=classifier.arch, weights=weights.name, sha256=weights.sha256,
+        tensors_sha256=hash_network_tensors(classifier),
+    )  # fmt: skip
 
 
 def list_networks(targets: list[Target]) -> list[list[object]]:

@@ -293,9 +293,9 @@ def show_benchmark(done: "BenchmarkRun") -> None:
         more = f" and {len(labels) - SHOWN_NAMES} more" if len(labels) > SHOWN_NAMES else ""
         line = f"skipped {len(labels)} patches of {name}: no images of {', '.join(labels[:SHOWN_NAMES])}{more}"
         warn(f"{line}; --class names those that are meant")
-    for note in done.benchmark.notes:
-        remark(note)
     summary = read_summary(done.files.summary)
+    for note in summary.notes:
+        remark(note)
     console.print(build_summary_table(summary))
     for verdict in judge_benchmark(summary):
         say(verdict.sentence)

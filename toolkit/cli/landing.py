@@ -155,7 +155,7 @@ def fly(
 ) -> None:
     """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
-    from toolkit.landing.flight_report import describe_success, film_episode, write_report, write_summary
+    from toolkit.landing.flight_report import describe_success, film_episode, place_results, write_report, write_summary
     from toolkit.landing.fly import fly_all
     from toolkit.models.network import choose_device
     from toolkit.worlds.depth_weather import describe_weathers
@@ -163,6 +163,7 @@ def fly(
     space = open_workspace(workspace)
     flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart, engine=engine)
     list_skipped(flown.failed)
+    flown = place_results(config, flown, seed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
     filmed = [results[0].records[0], *(last.records[0] for last in results[1:][-1:])] if film else []
     films = [film_episode(space, config, flown, one, seed) for one in filmed]

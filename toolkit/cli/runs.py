@@ -12,6 +12,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.workspace import open_workspace
 
 MESHES = "An object's mesh"
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
 RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
 Captures = Annotated[
     Path | None,
@@ -96,11 +97,12 @@ def compare(
 ) -> None:
     """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
     from toolkit.core.console import console
-    from toolkit.evaluation.compare import build_comparison_table, compare_runs, compare_tables, write_comparison
+    from toolkit.evaluation.compare import build_comparison_table, compare_runs, write_comparison
+    from toolkit.evaluation.compare_tables import compare_tables
     from toolkit.evaluation.summaries import open_run
 
     space = open_workspace(workspace)
-    if first.endswith(".csv") and second.endswith(".csv"):
+    if all(Path(name).suffix.lower() in TABLE_SUFFIXES for name in (first, second)):
         found = compare_tables(Path(first), Path(second), captures, cluster)
     elif cluster is not None:
         raise FieldError("goes with CSV tables only: runs know their objects", {"cluster": cluster})
@@ -111,10 +113,12 @@ def compare(
     if as_json:
         show_json(found.as_json() | {"page": str(page)})
         return
+    # first what may make the rest meaningless
+    for note in found.notes:
+        warn(note)
     console.print(build_comparison_table(found))
     say(f"{found.verdict}. {found.sentence}")
-    if found.cluster_sentence:
-        say(found.cluster_sentence)
+    say(found.cluster_sentence)
     for words, count in zip(("first", "second"), found.unshared, strict=True):
         if count:
             warn(f"{count} images that only the {words} run read are left out")

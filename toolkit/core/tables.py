@@ -25,13 +25,13 @@ def format_percent(share: float | None) -> str:
     if share is None:
         return NONE
     # 0 and 100 % are said only where they are exact
-    is_hidden = ROUNDING < share < 0.005 or 0.995 <= share < 1 - ROUNDING
+    is_hidden = ROUNDING < share <= 0.005 or 0.995 <= share < 1 - ROUNDING
     return f"{min(max(100 * share, 0.1), 99.9):.1f}" if is_hidden else f"{100 * share:.0f}"
 
 
 def format_interval(interval: Interval | None) -> str:
-    """`55–67`, in per cent; empty where there is none."""
-    return f"{100 * interval[0]:.0f}–{100 * interval[1]:.0f}" if interval else ""
+    """`55–67`, in per cent as `format_percent` has it; empty where there is none."""
+    return f"{format_percent(interval[0])}–{format_percent(interval[1])}" if interval else ""
 
 
 def format_count(count: int, n: int) -> str:

@@ -3,7 +3,6 @@
 `eval/index.html` has all runs of a workspace on one page, with filters, and their flips side by side.
 """
 
-import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,14 +14,12 @@ import numpy as np
 from rich.table import Table
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, Capture
-from toolkit.core.child import without_collector
-from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, load_json, open_plain, real_path
+from toolkit.captures.read import POOLED
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import load_json, real_path
 from toolkit.core.statistics import PairedOutcomes, mcnemar_mid_p, sign_flip_p
 from toolkit.core.tables import (
     build_table,
-    decode_cell,
     format_p,
     format_percent,
     format_points,
@@ -35,6 +32,7 @@ from toolkit.evaluation.metrics import (
     Comparison,
     Pair,
     estimate_difference,
+    explain_pooling,
     gather,
     index_poses,
     list_flips,
@@ -43,18 +41,12 @@ from toolkit.evaluation.metrics import (
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
-from toolkit.evaluation.summaries import SUMMARY, Run, describe_condition
+from toolkit.evaluation.run_files import SUMMARY
+from toolkit.evaluation.summaries import Run, describe_condition, tell_networks_apart
 from toolkit.evaluation.verdict import describe_unsure
 
 MAX_FLIPS = 60
 HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
-IMAGE = ("image", "path", "file", "filename", "file_name", "image_path", "image_id", "name", "id")
-RIGHT = ("correct", "correct_top1", "is_correct", "right")
-TRUTH = ("true_index", "true_label", "true", "label", "target", "ground_truth", "gt", "y_true")
-GUESS = ("top1_index", "top1_label", "predicted", "prediction", "pred", "y_pred")
-"""Names of columns, in any case, that other programs write; the first that is there is taken."""
-CLUSTER = ("cluster", "group")
-YES, NO = ("1", "true", "yes", "right", "1.0"), ("0", "false", "no", "wrong", "0.0")
 THUMBNAIL_PX = 144
 MAX_FLIPS_OF_RUN, MAX_FLIPS_OF_ALL = 16, 320
 """Gained and lost alike of one run; and of all, so that the page stays below 5 MB."""
@@ -73,7 +65,9 @@ class RunComparison:
         pairs: each image as both saw it, in the order of the first.
         rows: by variant and object, pooled rows last.
         unshared: how many images only the first read, and only the second.
-        cluster_of: of each pair, what it shares with others; empty where images are independent draws.
+        cluster_of: of each pair, what it shares with others; empty where nothing says so.
+        cluster_by: what says so, in words.
+        notes: what else differs between the two, and how labels were read.
     """
 
     first: Run
@@ -82,11 +76,13 @@ class RunComparison:
     rows: tuple[Comparison, ...]
     unshared: tuple[int, int]
     cluster_of: tuple[str, ...] = ()
+    cluster_by: str = ""
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def over_clusters(self) -> dict[str, Any] | None:
         """The gain over clusters: how many, its interval, and the exact p of the signs of their mean changes."""
-        if not self.cluster_of:
+        if len(set(self.cluster_of)) < 2:
             return None
         _, member = np.unique(self.cluster_of, return_inverse=True)
         right = np.array([(pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs], float)
@@ -127,15 +123,23 @@ class RunComparison:
         )
 
     @property
-    def cluster_sentence(self) -> str | None:
-        """The same over clusters; None where images are independent draws."""
+    def cluster_sentence(self) -> str:
+        """The same over clusters, or why the p value may be too small."""
         over = self.over_clusters
+        if not self.cluster_of:
+            return (
+                "Each image counts as one independent draw. If several images show one object, name the column that "
+                "says which (cluster)."
+            )
         if over is None:
-            return None
+            return (
+                f"All {len(self.pairs)} images belong together by {self.cluster_by}: the result is about this one, and "
+                "says nothing about others."
+            )
         limits = f" ({format_points_interval(over['gain_ci95'])})" if over["gain_ci95"] else ""
         return (
-            f"Over {over['clusters']} clusters, each counted as one independent draw: {format_points(over['gain'])} "
-            f"points{limits}, sign-flip p {format_p(over['sign_flip_p'])}."
+            f"Over {over['clusters']} clusters by {self.cluster_by}, each one independent draw: "
+            f"{format_points(over['gain'])} points{limits}, sign-flip p {format_p(over['sign_flip_p'])}."
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -143,6 +147,7 @@ class RunComparison:
         return {
             "schema_version": 1, "first": self.first.name, "second": self.second.name, "verdict": self.verdict,
             "only_in_first": self.unshared[0], "only_in_second": self.unshared[1],
+            "notes": list(self.notes), "cluster_by": self.cluster_by or None,
             "rows": [_describe_row(row) for row in self.rows], "over_clusters": self.over_clusters,
             "flips": [_describe_flip(pair) for pair in self.flips], "toolkit_version": __version__,
         }  # fmt: skip
@@ -188,7 +193,47 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
             f"{first.name} and {second.name} share no image that both could read: compare runs over the same captures"
         )
     left = [sum(one.is_read for one in own) - len(pairs) for own in said]
-    return RunComparison(first, second, tuple(pairs), tuple(_count_rows(pairs)), (left[0], left[1]))
+    # images of one object share what makes it easy or hard
+    objects = tuple(pair.first.capture.object for pair in pairs)
+    rows = tuple(_count_rows(pairs))
+    notes = (*list_differences(first, second, pairs), *explain_pooling([row for row in rows if row.second != POOLED]))
+    return RunComparison(
+        first, second, tuple(pairs), rows, (left[0], left[1]), cluster_of=objects, cluster_by="object", notes=notes
+    )
+
+
+def list_differences(first: Run, second: Run, pairs: Sequence[Pair]) -> Iterator[str]:
+    """A sentence on each thing that both runs should share and do not: true classes, labels, preprocessing."""
+    one, other = first.network, second.network
+    apart = [pair for pair in pairs if pair.first.true_label != pair.second.true_label]
+    if apart:
+        yield (
+            f"the true class differs in {len(apart)} of {len(pairs)} images: '{apart[0].first.true_label}' in "
+            f"{first.name}, '{apart[0].second.true_label}' in {second.name} ({apart[0].first.capture.path})"
+        )
+    renamed = _find_renamed(pairs)
+    if renamed is not None or one.labels_sha256 != other.labels_sha256 != "" != one.labels_sha256:
+        whose = ", though their weights are the same file" if one.sha256 and one.sha256 == other.sha256 else ""
+        what = f": output {renamed[0]} is '{renamed[1]}' and '{renamed[2]}'" if renamed else ""
+        yield f"the networks of {first.name} and {second.name} have different lists of labels{whose}{what}"
+    if one.preprocessing and other.preprocessing and one.preprocessing != other.preprocessing:
+        whose = f"{one.preprocessing} in {first.name}; {other.preprocessing} in {second.name}"
+        yield f"the networks see images differently: {whose}"
+    if one.name == other.name != "" and one.network_id and other.network_id and one.network_id != other.network_id:
+        ids = f"{one.network_id} in {first.name}, {other.network_id} in {second.name}"
+        yield f"two networks are called {one.name}: {ids}"
+
+
+def _find_renamed(pairs: Sequence[Pair]) -> tuple[int, str, str] | None:
+    """An output that both runs name, each in its way; None where no image shows one."""
+    names: tuple[dict[int, str], dict[int, str]] = {}, {}
+    for pair in pairs:
+        for known, one in zip(names, (pair.first, pair.second), strict=True):
+            known[one.true_index] = one.true_label
+            if one.top1_index is not None and one.top1_label is not None:
+                known[one.top1_index] = one.top1_label
+    shared = sorted(index for index in names[0].keys() & names[1].keys() if index >= 0)
+    return next(((k, names[0][k], names[1][k]) for k in shared if names[0][k] != names[1][k]), None)
 
 
 def _have_one_world(first: Run, second: Run) -> bool:
@@ -282,116 +327,6 @@ def _make_card(pair: Pair) -> Card:
     return Card(pair.first.capture.path, describe_place(pair.first), (pair.first, pair.second))
 
 
-def compare_tables(first: Path, second: Path, images: Path | None = None, cluster: str | None = None) -> RunComparison:
-    """Compare two CSV files line by line, an image being the same where it bears the same name in both.
-
-    Args:
-        first, second: with a column that names the image, and one that says whether the answer is right, or two with
-            the true and the predicted label. Their heads may be those of `IMAGE`, `RIGHT`, `TRUTH` and `GUESS`.
-        images: folder that the names are relative to, for the pictures of what flipped; None: each table's own.
-        cluster: column, of the first table, of what images share; None: `cluster` or `group`, where there is one.
-
-    Raises:
-        ToolkitError: a file cannot be read, lacks a column, names an image twice, or says neither right nor wrong; or
-            the tables share no image.
-    """
-    # clusters are read from the first table alone: an image shares with others what it shares, in either
-    said = [_read_table(Path(file), images, cluster if file is first else None) for file in (first, second)]
-    names = [name for name in said[0] if name in said[1]]
-    if not names:
-        raise ToolkitError(f"{first} and {second} share no image: expected the same names in both")
-    pairs = tuple(Pair(said[0][name][0], said[1][name][0]) for name in names)
-    clusters = tuple(said[0][name][1] for name in names)
-    stems = [Path(file).stem for file in (first, second)]
-    labels = stems if stems[0] != stems[1] else [str(first), str(second)]
-    one, other = (
-        Run(label, Path(file).parent, "eval", ()) for label, file in zip(labels, (first, second), strict=True)
-    )
-    return RunComparison(
-        one, other, pairs, (Comparison(POOLED, POOLED, POOLED, POOLED, pairs),),
-        (len(said[0]) - len(pairs), len(said[1]) - len(pairs)), clusters if any(clusters) else (),
-    )  # fmt: skip
-
-
-def _read_table(file: Path, images: Path | None, cluster: str | None) -> dict[str, tuple[Prediction, str]]:
-    """By image, what was said of it and its cluster."""
-    try:
-        with open_plain(file) as stream:
-            # -sig: spreadsheets begin UTF-8 with a byte order mark
-            lines = csv.reader(stream.read().decode("utf-8-sig").splitlines(), strict=True)
-            heads = next(lines, [])
-            at = {head.strip().lower(): k for k, head in enumerate(heads)}
-            with without_collector():
-                return _read_lines(file, lines, at, images, cluster)
-    except (OSError, csv.Error, UnicodeDecodeError) as error:
-        raise ToolkitError(f"{file}: not a readable CSV table ({error})") from None
-
-
-def _read_lines(
-    file: Path, lines: Iterator[list[str]], at: dict[str, int], images: Path | None, cluster: str | None
-) -> dict[str, tuple[Prediction, str]]:  # fmt: skip
-    name_at, right_at = _need(file, at, IMAGE, "names the image"), _find(at, RIGHT)
-    truth_at, guess_at = _find(at, TRUTH), _find(at, GUESS)
-    if right_at is None and (truth_at is None or guess_at is None):
-        raise ToolkitError(
-            f"{file}: expected a column {_some(RIGHT)}, or one of the truth ({_some(TRUTH)}) and one of the prediction "
-            f"({_some(GUESS)}); found {_some(list(at))}"
-        )
-    if cluster is not None and cluster.lower() not in at:
-        raise FieldError(f"{file} has no such column: expected one of {_some(list(at), 12)}", {"cluster": cluster})
-    cluster_at = _find(at, CLUSTER if cluster is None else (cluster.lower(),))
-    found: dict[str, tuple[Prediction, str]] = {}
-    for number, cells in enumerate(lines, 2):
-        if not cells:
-            continue
-        if len(cells) <= max(at.values()):
-            raise ToolkitError(f"{file}, line {number}: {len(cells)} cells: expected {max(at.values()) + 1}")
-        name, guess = decode_cell(cells[name_at]), "" if guess_at is None else decode_cell(cells[guess_at])
-        if name in found:
-            raise ToolkitError(f"{file}, line {number}: image '{name}' appears twice: expected each once")
-        if right_at is not None:
-            is_right = _read_right(file, number, cells[right_at])
-        else:
-            assert truth_at is not None
-            assert guess_at is not None
-            is_right = cells[truth_at] == cells[guess_at]
-        capture = Capture("table", POOLED, POOLED, None, _locate(images or file.parent, name), name)
-        # rank 2 stands for any wrong answer: tables of other programs have no ranks
-        said = Prediction(capture, 0, "", top1_label=guess or None, true_rank=1 if is_right else 2)
-        found[name] = said, "" if cluster_at is None else cells[cluster_at]
-    return found
-
-
-def _locate(folder: Path, name: str) -> Path:
-    """Where an image lies; the folder itself, which is no image, for a name that leads out of it."""
-    try:
-        return inside(folder, name)
-    except ToolkitError:
-        return folder
-
-
-def _read_right(file: Path, number: int, cell: str) -> bool:
-    value = cell.strip().lower()
-    if value not in YES + NO:
-        raise ToolkitError(f"{file}, line {number}: expected 1 or 0, or true or false, found '{cell[:40]}'")
-    return value in YES
-
-
-def _find(at: dict[str, int], names: Sequence[str]) -> int | None:
-    return next((at[name] for name in names if name in at), None)
-
-
-def _need(file: Path, at: dict[str, int], names: Sequence[str], what: str) -> int:
-    found = _find(at, names)
-    if found is None:
-        raise ToolkitError(f"{file}: no column that {what}: expected one of {_some(names)}; found {_some(list(at))}")
-    return found
-
-
-def _some(names: Sequence[str], most: int = 6) -> str:
-    return ", ".join(names[:most]) + ("…" if len(names) > most else "")
-
-
 def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[tuple[str, str]]:
     """Write the page: one file that opens from disk, without a network.
 
@@ -412,7 +347,7 @@ def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[t
     made = make_thumbnails((replace(one, path=str(one.file)) for one in captures), None, THUMBNAIL_PX)
     pictures = {uri: number for number, uri in enumerate(dict.fromkeys(made.values()))}
     numbers = {file: pictures[uri] for file, uri in made.items()}
-    rows = [row for run in runs for row in run.rows]
+    rows = tell_networks_apart([row for run in runs for row in run.rows])
     context = {
         "runs": runs,
         "rows": rows,

@@ -16,18 +16,18 @@ from toolkit.captures.read import POOLED, Capture, read_captures
 from toolkit.captures.truth import ObjectMask, outline_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
+from toolkit.evaluation.evaluate import DEFAULT, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import (
     Comparison,
     RowKey,
     compare_controls,
     compare_unpatched,
+    explain_pooling,
     explain_unpaired,
     group_images,
     index_poses,
@@ -38,14 +38,16 @@ from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
 from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
+from toolkit.evaluation.run_files import DETECTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
+from toolkit.evaluation.summaries import begin_summary
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
+from toolkit.models.identity import hash_network_tensors
 from toolkit.objects.spec import read_spec
 
 IOU_LEVELS = np.linspace(0.5, 0.95, 10)
 RECALL_LEVELS = np.linspace(0, 1, 101)
 FOUND_IOU, FOUND_SCORE = 0.5, 0.25
-SCHEMA_VERSION = 1
 BATCH = 8
 MOST_PICTURES = 120
 TRUTH_COLOUR, RIGHT_COLOUR, WRONG_COLOUR = "#ffffff", "#00b487", "#ff7a33"
@@ -267,27 +269,24 @@ def evaluate_detector(
     failed = [(one.capture.path, one.status) for one in images if one.seen is None]
     table = encode_detections(predictions)
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
-    run_dir = find_run_dir(workspace.eval_dir / name, "detections.csv", table.encode(), config.replace)
-    training = find_training(wanted, workspace, detector.weights.sha256)
-    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
-    if run_dir.name != name:
-        notes = (*notes, f"{run_dir.with_name(name)} holds another result, and stays as it is")
+    wanted_dir = workspace.eval_dir / name
+    run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
+    training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
+    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training), *explain_pooling(pairs))
+    notes = (*notes, *explain_run_dir(wanted_dir, run_dir))
     origin = find_origin(folder, explain_unpaired(predictions, poses), detector)
     summary = {
-        "schema_version": SCHEMA_VERSION, "kind": "detections", "rests_on": origin.as_json(),
-        "model": {"name": detector.name, "arch": detector.arch, "weights": detector.weights.name,
-                  "sha256": detector.weights.sha256},
+        **begin_summary("detections", detector), "rests_on": origin.as_json(),
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
         "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
         "boosters": [one.as_json() for one in training],
         "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
     }  # fmt: skip
+    summary = write_run(run_dir, summary, {DETECTIONS: table})
     run = DetectionRun(
         tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders, *origin.faults), notes, run_dir,
         summary, origin,
     )  # fmt: skip
-    write_text(run_dir / "detections.csv", table)
-    write_json(run_dir / "summary.json", summary)
     write_detection_report(run_dir / "report.html", run, detector)
     return run
 

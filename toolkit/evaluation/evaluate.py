@@ -7,7 +7,6 @@ from math import log
 from pathlib import Path
 from typing import Any
 
-from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.contact_sheet import (
@@ -20,7 +19,7 @@ from toolkit.evaluation.contact_sheet import (
     make_thumbnails,
 )
 from toolkit.evaluation.ground_truth import find_other_classes, read_labelled_captures
-from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, explain_pooling, rank_variant
 from toolkit.evaluation.origin import find_origin
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import predict_captures
@@ -28,18 +27,21 @@ from toolkit.evaluation.predictions_csv import encode_predictions
 from toolkit.evaluation.results import (
     Findings,
     compare_predictions,
+    describe_other_classes,
     describe_unseen,
     find_training,
     list_corrupted,
     mark_seen,
     summarise,
 )
+from toolkit.evaluation.run_files import PREDICTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency, draw_saliency
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
-from toolkit.evaluation.summaries import PREDICTIONS, Kind
+from toolkit.evaluation.summaries import Kind
 from toolkit.evaluation.tables import count_gated, pick_rows, rows_by_source
 from toolkit.evaluation.twins import TwinFinder
 from toolkit.models.detector import Detector
+from toolkit.models.identity import hash_network_tensors
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()
@@ -86,17 +88,12 @@ def evaluate_captures(
             or a folder that cannot be written.
     """
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
-    name = config.run or name_run(
-        classifier, [one.capture.source for one in findings.predictions if one.capture.corruption is None]
+    clean = [one.capture.source for one in findings.predictions if one.capture.corruption is None]
+    wanted, asked = (
+        workspace.eval_dir / (config.run or name_run(classifier, clean)),
+        describe_asked(captures_dir, workspace, config),
     )
-    # predictions decide whether it is the same result: all else follows from them
-    content = encode_predictions(findings.predictions).encode()
-    run_dir = find_run_dir(workspace.eval_dir / name, PREDICTIONS, content, config.replace)
-    asked = describe_asked(captures_dir, workspace, config)
-    done = write_evaluation(run_dir, classifier, findings, notes, config, asked=asked)
-    if run_dir.name == name:
-        return done
-    return replace(done, notes=(*done.notes, f"{run_dir.with_name(name)} holds another result, and stays as it is"))
+    return write_evaluation(wanted, classifier, findings, notes, config, asked=asked)
 
 
 def judge_captures(
@@ -116,9 +113,11 @@ def judge_captures(
     predictions, found = twins.drop(predictions)
     folder = replace(folder, captures=tuple(one.capture for one in predictions), set_aside=(*folder.set_aside, *found))
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
-    training = find_training(folder.captures, workspace, classifier.weights.sha256)
+    training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
     origin = find_origin(folder, findings.unpaired, classifier, find_other_classes(folder, classes, classifier))
-    return replace(findings, training=training, origin=origin), folder.notes
+    labels = {one: classifier.labels[index] for one, index in classes.items()}
+    notes = (*folder.notes, *describe_other_classes(training, labels))
+    return replace(findings, training=training, origin=origin), notes
 
 
 ASKED = ("trust_files", "sources", "objects", "variants", "corruptions")
@@ -142,32 +141,32 @@ def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     return "-".join(slug for slug in slugs if slug)
 
 
-def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = False) -> Path:
-    """`wanted`, or the first of RUN-2, RUN-3 … that has no file `name`, or one of this very content."""
-    number, folder = 1, wanted
-    while not overwrite and (folder / name).is_file() and (folder / name).read_bytes() != content:
-        number += 1
-        folder = wanted.with_name(f"{wanted.name}-{number}")
-    return folder
-
-
 def write_evaluation(
-    run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
+    wanted: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
     kind: Kind = "eval", asked: dict[str, Any] | None = None,
 ) -> Evaluation:  # fmt: skip
-    """Write what was found; see `evaluate_captures`. `kind` is of the experiment that the evaluation is a part of.
+    """Write what was found into the folder that is wanted, or beside another result that it holds.
 
-    `asked` is what `toolkit verify` needs to make the result again; None if it was not made from a capture folder.
+    Args:
+        wanted: the folder of the run.
+        classifier: who was asked.
+        findings: see `compare_predictions`.
+        notes: what else the reader should know.
+        config: see `evaluate_captures`.
+        kind: of the experiment that the evaluation is a part of.
+        asked: what `toolkit verify` needs to make the result again; None if it was not made from a capture folder.
 
     Raises:
-        ToolkitError: `run_dir` cannot be written.
+        ToolkitError: the folder cannot be written.
     """
     maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
-    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind) | {"asked": asked}
+    # predictions decide whether it is the same result: all else follows from them
+    table = encode_predictions(findings.predictions)
+    run_dir = find_run_dir(wanted, lacks_other_table(PREDICTIONS, table), config.replace)
+    notes = (*classifier.notes, *notes, *why, *explain_pooling(findings.pairs), *explain_run_dir(wanted, run_dir))
+    summary = write_run(run_dir, summarise(classifier, findings, notes, kind) | {"asked": asked}, {PREDICTIONS: table})
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_text(run_dir / PREDICTIONS, encode_predictions(findings.predictions))
-    write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done
 

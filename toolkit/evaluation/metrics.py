@@ -302,9 +302,10 @@ class Comparison:
         return min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
 
     def as_pair(self) -> dict[str, Any]:
-        """One of the `pairs` of `summary.json`: a variant against `unpatched`."""
-        head = {"source": self.source, "object": self.object, "variant": self.second, "n_pairs": self.outcomes.n}
-        return head | describe_change(self.outcomes)
+        """One of the `pairs` of `summary.json`: a variant against `unpatched`, on the images of these pairs alone."""
+        found = self.outcomes
+        head = {"source": self.source, "object": self.object, "variant": self.second, "n_pairs": found.n}
+        return head | {"n_first": found.n_first, "n_second": found.n_second} | describe_change(found)
 
     def as_json(self) -> dict[str, Any]:
         """One of the `comparisons` of `summary.json`."""
@@ -403,6 +404,25 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
         return [(one.source, name, *variants) for name in (one.object, POOLED)]
 
     return [Comparison(*key, tuple(own)) for key, own in gather(pairs, keys_of).items()]
+
+
+def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
+    """A line for each source and variants whose pooled row has objects with unequal numbers of pairs."""
+    counts: dict[tuple[str, str, str], dict[str, int]] = defaultdict(dict)
+    for row in rows:
+        if row.object != POOLED:
+            counts[row.source, row.first, row.second][row.object] = len(row.pairs)
+    lines = []
+    for (source, first, second), own in counts.items():
+        fewest, most = min(own, key=lambda name: own[name]), max(own, key=lambda name: own[name])
+        if own[fewest] < own[most]:
+            which = f"{fewest} {own[fewest]}, {most} {own[most]}"
+            both = second if first == second else f"{second} against {first}"
+            lines.append(
+                f"{source}: objects have unequal numbers of pairs ({which}); in row 'all' of {both}, and in its test, "
+                "those with more count more"
+            )
+    return lines
 
 
 def compare_unpatched(poses: Poses) -> list[Comparison]:

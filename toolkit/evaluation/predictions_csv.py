@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -19,7 +20,8 @@ from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.text import shorten
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Detection, Prediction
-from toolkit.evaluation.summaries import DETECTIONS, PREDICTIONS, Run
+from toolkit.evaluation.run_files import DETECTIONS, PREDICTIONS
+from toolkit.evaluation.summaries import Run
 
 if TYPE_CHECKING:
     import pandas
@@ -145,8 +147,13 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
     if run.kind != "sweep":
         return workspace.captures_dir
     axis = run.folder.resolve().parent
-    # `captures-SET` holds the images of runs whose name ends in -SET
-    of_sets = [one for one in axis.glob("captures-*") if run.folder.name.endswith(one.name.removeprefix("captures"))]
+    # `captures-SET` holds the images of runs whose name ends in -SET, or in -SET-2 for another result of that name
+    names = (run.folder.name, re.sub(r"-\d+$", "", run.folder.name))
+    of_sets = [
+        one
+        for one in axis.glob("captures-*")
+        if any(name.endswith(one.name.removeprefix("captures")) for name in names)
+    ]
     # the longest: one set's name may be the end of another's
     return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
 

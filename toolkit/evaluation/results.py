@@ -1,7 +1,7 @@
 """Everything that follows from the predictions, whether boosters met the network that judges, and `summary.json`."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +15,7 @@ from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
+    WRONG,
     Comparison,
     FlipList,
     Group,
@@ -30,6 +31,8 @@ from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
 from toolkit.evaluation.verdict import Verdict, write_headlines
+from toolkit.models.identity import is_same_network
+from toolkit.models.labels import plain_name
 from toolkit.models.network import Classifier
 from toolkit.objects.records import BoosterRecord, NetworkRecord, PatchRecord, TextureRecord
 from toolkit.objects.wrap import RECORD_FILE, WrapRecord, hash_wrap
@@ -45,7 +48,8 @@ class Training:
         source, object, variant: the images that it is on.
         booster, booster_sha256: the name and the hash of the patch, texture or wrap, as a manifest has it.
         networks: that it was trained on.
-        seen: whether the network that judges is among them, by its weights' hash.
+        seen: whether the network that judges is among them, by its file's hash or that of its numbers.
+        class_name: that it was trained for, in the labels of these networks.
     """
 
     source: str
@@ -55,49 +59,75 @@ class Training:
     booster_sha256: str
     networks: tuple[NetworkRecord, ...]
     seen: bool
+    class_name: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """The fields of `summary.json`."""
         return vars(self) | {"networks": [one.model_dump() for one in self.networks]}
 
 
-def find_training(captures: Sequence[Capture], workspace: Workspace, weights_sha256: str) -> tuple[Training, ...]:
+def find_training(
+    captures: Sequence[Capture], workspace: Workspace, weights_sha256: str, tensors_sha256: str | None = None
+) -> tuple[Training, ...]:
     """The training of every booster that the manifests name and a record of the workspace describes.
 
     Args:
         captures: images; those without a manifest, and noise and grey as boosters, have no part in it.
         workspace: whose patches, sets of patches and textures are looked through, the package's own among them.
-        weights_sha256: of the network that judges.
+        weights_sha256: of the file of the network that judges.
+        tensors_sha256: of its numbers, see `toolkit.models.identity`; None where they are not known.
     """
     worn = dict.fromkeys(
         (one.source, one.object, one.variant, one.booster_sha256) for one in captures if one.booster_sha256
     )
     if not worn:
         return ()
-    records = {sha256: (booster, networks) for sha256, booster, networks in _read_records(workspace)}
+    records = {sha256: (booster, label, networks) for sha256, booster, label, networks in _read_records(workspace)}
     found = []
     for source, name, variant, sha256 in worn:
         if sha256 is not None and sha256 in records:
-            booster, networks = records[sha256]
-            seen = any(one.sha256 == weights_sha256 for one in networks)
-            found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen))
+            booster, label, networks = records[sha256]
+            seen = any(
+                is_same_network(one, weights_sha256, tensors_sha256, workspace.classifiers_dir) for one in networks
+            )
+            found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen, label))
     return tuple(found)
 
 
-def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, Sequence[NetworkRecord]]]:
-    """Hash, name and networks of each booster; records that are broken or absent are refused where they are used."""
+def describe_other_classes(training: Sequence[Training], true_labels: Mapping[str, str]) -> list[str]:
+    """A line for each booster that was trained for another label than its object is judged by.
+
+    A class that a spec gives by its index is another one in another list of labels.
+
+    Args:
+        training: see `find_training`; controls of a wrong class are left out.
+        true_labels: by object, in the labels of the network that judges.
+    """
+    lines = []
+    for one in training:
+        label = true_labels.get(one.object, "")
+        if label and one.class_name and one.variant != WRONG and plain_name(label) != plain_name(one.class_name):
+            lines.append(
+                f"{one.source}: {one.variant} ({one.object}) was trained for '{one.class_name}', and is judged as "
+                f"'{label}'"
+            )
+    return lines
+
+
+def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequence[NetworkRecord]]]:
+    """Hash, name, class and networks of each booster; broken and absent records are refused where they are used."""
     pngs: list[tuple[Path, type[BoosterRecord]]] = [(png, TextureRecord) for png in workspace.textures().values()]
     for patch_set in (None, *workspace.patch_sets()):
         pngs += [(png, PatchRecord) for png in workspace.with_patches(patch_set).patches().values()]
     for png, kind in pngs:
         with suppress(ToolkitError):
             record = read_json(png.with_suffix(".json"), kind)
-            yield record.png_sha256, record.name, record.networks
+            yield record.png_sha256, record.name, record.class_name, record.networks
     for folder in workspace.wraps().values():
         with suppress(ToolkitError):
             wrap = read_json(folder / RECORD_FILE, WrapRecord)
             if wrap.booster is not None:
-                yield hash_wrap(wrap), wrap.name, wrap.booster.networks
+                yield hash_wrap(wrap), wrap.name, wrap.class_name or "", wrap.booster.networks
 
 
 def mark_seen(training: Sequence[Training], source: str, name: str, variant: str) -> str:

@@ -9,15 +9,16 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from rich.table import Table
 
-from toolkit.captures.read import POOLED
+from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_validation, load_json
 from toolkit.core.statistics import Interval
 from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent
 from toolkit.core.workspace import Workspace
-from toolkit.models.network import Classifier
+from toolkit.evaluation.run_files import DETECTIONS, PREDICTIONS, SUMMARY, check_run
+from toolkit.models.identity import describe_network
+from toolkit.models.network import AnyNetwork, Classifier
 
-SUMMARY = "summary.json"
 SCHEMA_VERSION = 1
 """The newest of `summary.json` that is read here."""
 CLEAR, MEAN = "clear", "mean of corruptions"
@@ -49,7 +50,10 @@ class ResultRow:
         share, ci95: with its 95 % interval; None without images.
         gained, lost, p: pairs that changed against `unpatched` (of landings the first pad), and the exact McNemar test;
             None without pairs.
+        n_pairs, n_bare: pairs, and how many of their images without the booster are right; None in older summaries.
         has_pooled: whether there is a row of all objects that it is a part of.
+        is_part: whether some of these images, or of those without the booster, are in no pair.
+        network_id: of architecture, weights, labels and preprocessing together; empty where a summary has none.
     """
 
     run: str
@@ -71,6 +75,10 @@ class ResultRow:
     lost: int | None = None
     p: float | None = None
     has_pooled: bool = True
+    network_id: str = ""
+    n_pairs: int | None = None
+    n_bare: int | None = None
+    is_part: bool = False
 
     @property
     def details(self) -> set[str]:
@@ -84,20 +92,16 @@ class ResultRow:
 
     def as_json(self) -> dict[str, Any]:
         """The fields, as `toolkit runs --json` has them."""
-        fields = {key: value for key, value in vars(self).items() if key != "has_pooled"}
+        fields = {key: value for key, value in vars(self).items() if key not in ("has_pooled", "is_part")}
         return fields | {"ci95": None if self.ci95 is None else list(self.ci95)}
 
 
-def begin_summary(kind: Kind, classifier: Classifier) -> dict[str, Any]:
-    """The fields that the summary of what a classifier said begins with."""
-    return {
-        "schema_version": SCHEMA_VERSION, "kind": kind,
-        "model": {
-            "name": classifier.name, "arch": classifier.arch, "description": classifier.describe(),
-            "weights": classifier.weights.name, "sha256": classifier.weights.sha256,
-            "preprocessing": classifier.preprocessing.describe(),
-        },
-    }  # fmt: skip
+def begin_summary(kind: str, network: AnyNetwork) -> dict[str, Any]:
+    """The fields that the summary of what a network said begins with."""
+    model = describe_network(network)
+    if isinstance(network, Classifier):
+        model["description"] = network.describe()
+    return {"schema_version": SCHEMA_VERSION, "kind": kind, "model": model}
 
 
 def list_reasons(items: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
@@ -134,6 +138,11 @@ class _Where(_Part):
         return tuple(getattr(self, name) for name in _Where.model_fields)
 
     @property
+    def key_without_variant(self) -> tuple[str | int | None, ...]:
+        """Equal for all variants of the same images."""
+        return tuple(getattr(self, name) for name in _Where.model_fields if name != "variant")
+
+    @property
     def name(self) -> str:
         """As pairs of landings name their cells."""
         air = f"{self.condition}:{self.severity}" if self.severity else self.condition
@@ -162,6 +171,8 @@ class _Pair(_Where):
     gained: Count
     lost: Count
     p: Share = Field(validation_alias="mcnemar_p")
+    n_pairs: Count | None = None
+    n_bare: Count | None = Field(None, validation_alias="n_first")
 
     @property
     def is_of_variants(self) -> bool:
@@ -176,25 +187,40 @@ class _Corrupted(_Part):
     severity: Count
 
 
-class _Network(_Part):
+class RunNetwork(_Part):
+    """Who was asked; fields that an older summary lacks are empty."""
+
     name: str = ""
     arch: str = ""
+    sha256: str | None = ""
+    labels_sha256: str = ""
+    preprocessing: str | None = ""
+    network_id: str = ""
+
+
+UNKNOWN = RunNetwork()
 
 
 class _About(_Part):
     data: str = ""
+    model: RunNetwork = RunNetwork()
 
 
 class _Summary(_Part):
     """What is read of a summary of any kind: it has groups, or cells."""
 
-    model: _Network = _Network()
+    model: RunNetwork = RunNetwork()
     about: _About = _About()
     groups: list[_Group] = []
     cells: list[_Group] = []
     means: list[_Mean] = Field([], validation_alias="variants")
     pairs: list[_Pair] = []
     corrupted: list[_Corrupted] = []
+
+    @property
+    def network(self) -> RunNetwork:
+        """Who was asked; of a benchmark it stands elsewhere."""
+        return self.model if self.model.name or self.model.arch else self.about.model
 
 
 def name_kind(content: Mapping[str, Any], run: str) -> str:
@@ -209,12 +235,14 @@ def name_kind(content: Mapping[str, Any], run: str) -> str:
     return "sweep" if run.startswith("sweeps/") else "eval"
 
 
-def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
-    """The kind of a run and its rows, from its `summary.json`.
+def read_run(folder: Path, name: str) -> "Run":
+    """A run from its `summary.json`.
 
     Raises:
-        ToolkitError: the file is damaged, of a newer toolkit or of another program.
+        ToolkitError: the file is damaged, of a newer toolkit or of another program, or it or a table of the run was
+            changed after it was written.
     """
+    file = folder / SUMMARY
     content = load_json(file)
     version = content.get("schema_version") if isinstance(content, dict) else None
     # True is an int to Python, and no version
@@ -227,15 +255,17 @@ def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
         )
     if "groups" not in content and "cells" not in content:
         raise ToolkitError(f"{file} is not a result of toolkit: expected groups or cells in it")
-    said = name_kind(content, run)
+    said = name_kind(content, name)
     kind = next((known for known in KINDS if known == said), None)
     if kind is None:
         raise ToolkitError(
             f"{file} is of a kind {said!r} that this toolkit does not know: expected one of {', '.join(KINDS)}: "
             "update toolkit"
         )
+    check_run(folder, content)
     try:
-        return kind, list(_list_rows(run, kind, _Summary.model_validate(content)))
+        found = _Summary.model_validate(content)
+        return Run(name, folder, kind, tuple(_list_rows(name, kind, found)), found.network)
     except ValidationError as error:
         raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): make the run again") from None
 
@@ -245,26 +275,32 @@ def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
     changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
     corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
     pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
+    bare = {one.key_without_variant: one.n for one in found.groups if one.variant == UNPATCHED}
     for one in (*found.groups, *found.cells):
         condition, severity = corrupted.get(one.source, (one.condition, one.severity))
         row = ResultRow(run, kind, **one.model_dump())
+        own = found.network
+        is_own = one.network in ("", own.name)
         row = replace(
-            row, network=one.network or found.model.name or found.model.arch,
+            row, network=one.network or own.name or own.arch, network_id=own.network_id if is_own else "",
             source=one.source or SOURCES.get(kind) or found.about.data,
             condition=CLEAR if condition in (None, "clean") else condition, severity=severity or 0,
             ci95=one.ci95 if one.n else None, metric=METRICS.get(kind, "top1"), has_pooled=one.source in pooled,
         )  # fmt: skip
         change = changes.get(one.key) or changes.get(one.name)
-        yield row if change is None else replace(row, gained=change.gained, lost=change.lost, p=change.p)
+        if change is not None:
+            numbers = {name: getattr(change, name) for name in ("gained", "lost", "p", "n_pairs", "n_bare")}
+            counts = {row.n, bare.get(one.key_without_variant, row.n)}
+            row = replace(row, **numbers, is_part=change.n_pairs is not None and counts != {change.n_pairs})
+        yield row
     for mean in found.means if kind == "benchmark" else ():
         if mean.share is not None:
             yield ResultRow(run, kind, **mean.model_dump() | {"source": found.about.data, "condition": MEAN})
 
 
-PREDICTIONS, DETECTIONS = "predictions.csv", "detections.csv"
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<")
-NUMBERS = ("severity", "n", "failed", "share", "gained", "lost", "p")
-FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name not in ("ci95", "has_pooled"))
+NUMBERS = ("severity", "n", "failed", "share", "gained", "lost", "p", "n_pairs", "n_bare")
+FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name not in ("ci95", "has_pooled", "is_part"))
 ALIASES: Mapping[str, str] = {
     "weather": "condition", "corruption": "condition", "model": "network",
     "top1": "share", "success": "share", "found": "share",
@@ -280,12 +316,14 @@ class Run:
         folder: where it is.
         kind: which experiment made it.
         rows: what it found.
+        network: who was asked, if it is one network.
     """
 
     name: str
     folder: Path
     kind: Kind
     rows: tuple[ResultRow, ...]
+    network: RunNetwork = UNKNOWN
 
     @property
     def has_predictions(self) -> bool:
@@ -319,13 +357,11 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
         if not known:
             raise ToolkitError(f"{workspace.eval_dir} holds no run: make one with 'toolkit eval'")
         raise one_of("run", str(name), known)
-    file = folder / SUMMARY
-    if not file.is_file():
+    if not (folder / SUMMARY).is_file():
         raise ToolkitError(f"{folder} is not a finished run: it has no {SUMMARY}")
     home, place = workspace.eval_dir.resolve(), folder.resolve()
     shown = place.relative_to(home).as_posix() if place.is_relative_to(home) else str(name)
-    kind, rows = read_rows(file, shown)
-    return Run(shown, folder, kind, tuple(rows))
+    return read_run(folder, shown)
 
 
 def _list_names(eval_dir: Path) -> list[str]:
@@ -404,8 +440,21 @@ def describe_condition(row: ResultRow) -> str:
     return f"{row.condition} {row.severity}" if row.severity else row.condition
 
 
+def tell_networks_apart(rows: Sequence[ResultRow]) -> list[ResultRow]:
+    """The same rows, with the hash behind the name of each network whose name another network has as well."""
+    known: dict[str, set[str]] = {}
+    for row in rows:
+        known.setdefault(row.network, set()).update({row.network_id} - {""})
+    shared = {name for name, own in known.items() if len(own) > 1}
+    return [
+        replace(row, network=f"{row.network} {row.network_id or '(older)'}") if row.network in shared else row
+        for row in rows
+    ]
+
+
 def build_runs_table(rows: Sequence[ResultRow]) -> Table:
     """A line for each row; columns that say nothing, or what the run's name says, are left out."""
+    rows = tell_networks_apart(rows)
     columns = {
         "run": [row.run for row in rows],
         "network": ["" if row.network in row.run else row.network for row in rows],
@@ -423,4 +472,8 @@ def build_runs_table(rows: Sequence[ResultRow]) -> Table:
 def _format_numbers(row: ResultRow) -> list[str]:
     n = NONE if row.n is None else str(row.n)
     right = f"{format_percent(row.share)} ({format_interval(row.ci95)})" if row.ci95 else format_percent(row.share)
-    return [n, right, "" if row.gained is None else f"{row.gained}/{row.lost}", format_p(row.p)]
+    change = "" if row.gained is None else f"{row.gained}/{row.lost}"
+    # the shares of all images are no before and after of fewer pairs
+    if row.is_part and row.n_pairs and row.n_bare is not None:
+        change += f" of {row.n_pairs}, bare {format_percent(row.n_bare / row.n_pairs)} %"
+    return [n, right, change, format_p(row.p)]

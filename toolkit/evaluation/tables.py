@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 from rich.console import Console
 from rich.table import Table
 
+from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.read import POOLED
 from toolkit.core.tables import (
     NONE,
@@ -99,13 +100,17 @@ def build_tables(
         failed = ["failed"] if any(group.failed for group, _ in rows) else []
         gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
         unseen = ["seen"] if any(one.source == source and not one.seen for one in training) else []
-        numbers = ("n", *failed, *gates, *unseen, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
+        # shares of all images are no before and after where some have no partner
+        bare = {group.object: group.n for group, _ in rows if group.variant == UNPATCHED}
+        is_part = any(pair and {group.n, bare.get(group.object)} != {len(pair.pairs)} for group, pair in rows)
+        both = ["in pairs"] if is_part else []
+        numbers = ("n", *failed, *gates, *unseen, "top-1 %", "95 %", "top-5 %", "prob", *both, "gained", "lost", "p")
         cells = []
         for group, pair in rows:
             head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
             head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
             head += [mark_seen(training, source, group.object, group.variant) for _ in unseen]
-            cells.append([*head, *_format_group(group), *_format_change(pair)])
+            cells.append([*head, *_format_group(group), *(_format_both(pair) for _ in both), *_format_change(pair)])
         title = f"{source}: {count_of(n_objects, 'object')}"
         tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))
     return tables
@@ -116,6 +121,11 @@ def _format_group(group: Group) -> list[str]:
         return [NONE] * 4
     shares = [format_percent(group.top1), format_interval(group.top1_ci95), format_percent(group.top5)]
     return [*shares, f"{group.mean_true_prob:.2f}"]
+
+
+def _format_both(pair: Comparison | None) -> str:
+    """`2 → 4 of 11`: right without and with the booster, of the same pairs."""
+    return "" if pair is None else f"{pair.outcomes.n_first} → {pair.outcomes.n_second} of {pair.outcomes.n}"
 
 
 def _format_change(pair: Comparison | None) -> list[str]:

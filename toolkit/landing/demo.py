@@ -15,7 +15,14 @@ from toolkit.landing import (
 )
 from toolkit.landing.boost import Boosted, boost_pad
 from toolkit.landing.collect import collect
-from toolkit.landing.flight_report import CellResult, PairResult, film_episode, write_report, write_summary
+from toolkit.landing.flight_report import (
+    CellResult,
+    PairResult,
+    film_episode,
+    place_results,
+    write_report,
+    write_summary,
+)
 from toolkit.landing.fly import fly_all
 from toolkit.landing.train import TrainedRegressor, train_regressor
 from toolkit.worlds.conditions import parse_weathers
@@ -59,6 +66,7 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
         episodes=config.episodes, places=4,
     )  # fmt: skip
     flown = fly_all(space, flying, seed=seed, device=device)
+    flown = place_results(flying, flown, seed)
     results, pairs = write_summary(flown.folder, flying, flown, seed)
     film = film_episode(space, flying, flown, results[-1].records[0], seed)
     report = write_report(flying, flown, results, pairs, space, [film])

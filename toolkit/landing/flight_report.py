@@ -1,5 +1,6 @@
 """What flights show: success with intervals per cell and paired tests, as files, figures, one HTML page and a film."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -12,13 +13,23 @@ import numpy as np
 from PIL import Image
 
 from toolkit import __version__
+from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.page import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel, write_page
+from toolkit.evaluation.run_files import (
+    CELLS,
+    EPISODES,
+    INPUTS,
+    explain_run_dir,
+    find_run_dir,
+    lacks_other_inputs,
+    write_run,
+)
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.landing import CameraConfig, EpisodeConfig, FlyConfig
@@ -146,6 +157,21 @@ def _compare(one: CellResult, other: CellResult) -> PairResult:
     return PairResult(one.cell, other.cell, outcomes)
 
 
+def place_results(config: FlyConfig, flown: Flown, seed: int) -> Flown:
+    """The flights with the folder of their results: beside that of another result of the same name."""
+    folder = find_run_dir(flown.folder, lacks_other_inputs(_hash_inputs(config, flown, seed)))
+    for line in explain_run_dir(flown.folder, folder):
+        notice(line)
+    return replace(flown, folder=folder)
+
+
+def _hash_inputs(config: FlyConfig, flown: Flown, seed: int) -> str:
+    # an episode's own hash stands for the world, the pads and the regressors' weights
+    asked = {name: value for name, value in config.record().items() if name != "name"}
+    inputs = [asked, seed, sorted({one.inputs for one in flown.records})]
+    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
+
+
 def write_summary(
     folder: Path, config: FlyConfig, flown: Flown, seed: int
 ) -> tuple[list[CellResult], list[PairResult]]:
@@ -163,14 +189,13 @@ def write_summary(
         "weathers": describe_weathers(config.weathers),
         "settings": config.record(),
         "seed": seed,
+        INPUTS: _hash_inputs(config, flown, seed),
         "toolkit_version": __version__,
     }
-    write_json(folder / "summary.json", content)
     rows = [one.as_json() for one in results]
     spread = [row | {"success_ci95": " ".join(map(str, row["success_ci95"]))} for row in rows]
-    write_text(folder / "cells.csv", _to_csv(spread))
     episodes = [one.model_dump(exclude={"track", "seen", "inputs"}) for one in flown.records]
-    write_text(folder / "episodes.csv", _to_csv(episodes))
+    write_run(folder, content, {CELLS: _to_csv(spread), EPISODES: _to_csv(episodes)})
     return results, pairs
 
 

@@ -110,6 +110,7 @@ class Classifier:
         name: what to call it in a result: of a classifier of one's own its file's, else the network's.
         trained_on: in a few words, where its record says.
         untrainable: why no gradient leads back to the image, so that nothing can be trained against it; else empty.
+        notes: what a reader of its results must know, a sentence each.
     """
 
     arch: str
@@ -122,6 +123,7 @@ class Classifier:
     name: str = ""
     trained_on: str = ""
     untrainable: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.name:

@@ -269,24 +269,26 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     from toolkit.models.onnx_graphs import read_onnx
     from toolkit.models.onnx_networks import OnnxNetwork
 
-    graph, own = read_onnx(path), _read_description(path)
+    graph = read_onnx(path)
+    own, notes = _read_description(path)
     size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size)
     made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, _plain_preprocessing(size), device)
-    return replace(made, untrainable=network.untrainable)
+    return replace(made, untrainable=network.untrainable, notes=notes)
 
 
-def _read_description(path: Path) -> LabelsFile:
-    """What the file beside a program says; with a line where it leaves open how images are normalised."""
+def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
+    """What the file beside a program says, and a note if it leaves open how images are normalised."""
     own = read_labels_file(path)
-    if own.mean is None and own.std is None:
-        # said in quiet too, as it can cost half of the right answers
-        line = (
-            f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
-            "normalised by ImageNet's; where it was trained with others, its answers are wrong"
-        )
-        errors.print(line, markup=False, soft_wrap=True)
-    return own
+    if own.mean is not None or own.std is not None:
+        return own, ()
+    note = (
+        f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
+        "normalised by ImageNet's; where it was trained with others, its answers are wrong"
+    )
+    # said in quiet too, as it can cost half of the right answers
+    errors.print(note, markup=False, soft_wrap=True)
+    return own, (note,)
 
 
 def load_exported_classifier(path: Path, device: str) -> Classifier:
@@ -296,8 +298,9 @@ def load_exported_classifier(path: Path, device: str) -> Classifier:
         ToolkitError: it is none, or holds more than standard operations on tensors.
     """
     network, size = read_exported(path)
-    own, file = _read_description(path), open_weights(path)
-    return _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)
+    (own, notes), file = _read_description(path), open_weights(path)
+    made = _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)
+    return replace(made, notes=notes)
 
 
 def load_python_classifier(model: str, device: str) -> Classifier:

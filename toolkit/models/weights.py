@@ -82,13 +82,19 @@ def find_local(arch: str) -> Path | None:
 
 def find_in_folder(arch: str, preferred: str = "") -> Path | None:
     """A network's file in the folder TOOLKIT_WEIGHTS: the one called `preferred`, else `arch-*`, else `arch`."""
-    folder = os.environ.get(FOLDER_VARIABLE)
-    if not folder:
+    folder = weights_folder()
+    if folder is None:
         return None
     names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
-    found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
+    found = [path for name in names for path in sorted(folder.glob(name)) if path.is_file()]
     # the published file first: the others may be of other classes
     return next((path for path in found if path.name == preferred), found[0] if found else None)
+
+
+def weights_folder() -> Path | None:
+    """The folder TOOLKIT_WEIGHTS, where one is set."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    return Path(folder) if folder else None
 
 
 def cache_dir() -> Path:
@@ -329,7 +335,7 @@ def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path
 
 def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
     """The error of a network whose weights cannot be had: the ways that every network has, then its `others`."""
-    folder = os.environ.get(FOLDER_VARIABLE)
+    folder = weights_folder()
     looked = f"{folder} has none" if folder else "not set"
     return FieldError(
         f"no weights for {model}: give a file with {{weights}}, or set {FOLDER_VARIABLE} to a folder that holds "

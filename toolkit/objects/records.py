@@ -10,7 +10,15 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from zlib import error as ZlibError
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
@@ -24,12 +32,24 @@ MOST_RECORDED_BYTES = 1 << 30
 
 
 class NetworkRecord(BaseModel):
-    """A classifier, exactly: its architecture and the SHA-256 of its weights' file."""
+    """A network, exactly.
+
+    Attributes:
+        arch: its architecture.
+        weights, sha256: name and hash of its weights' file.
+        tensors_sha256: of its numbers, which stay the same if they are saved again; None, and not written, of older
+            records and of programs.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     arch: str
     weights: str
     sha256: str
+    tensors_sha256: str | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "tensors_sha256" or value is not None}
 
 
 class BoosterRecord(BaseModel):

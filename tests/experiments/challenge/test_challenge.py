@@ -8,6 +8,7 @@ import struct
 import time
 import zlib
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ from toolkit.experiments.challenge.score import (
 )
 from toolkit.models.load import load_classifier
 from toolkit.objects.add import ObjectRequest, add_object
-from toolkit.objects.records import encode_png
+from toolkit.objects.records import NetworkRecord, encode_png
 from toolkit.rig.plan import read_plan
 
 UNSEEN_SHA = "a" * 64
@@ -367,3 +368,11 @@ def test_entries_whose_runs_are_killed_end_with_the_same_bytes(few, tmp_path):
         assert {name: found[name] for name in found if name.startswith(kept)} == {
             name: wanted[name] for name in wanted if name.startswith(kept)
         }
+
+
+def test_a_judge_that_was_saved_again_is_known_by_its_numbers():
+    network = NetworkRecord(arch="net", weights="net.pth", sha256="ab" * 32, tensors_sha256="cd" * 32)
+    record = SimpleNamespace(networks=[network])
+    for tensors, seen in (("cd" * 32, True), ("0" * 64, False), (None, False)):
+        judge = Judge(name="net", sha256="ef" * 32, preprocessing="", seen=False, tensors_sha256=tensors)
+        assert judge.is_seen_by(record) is seen

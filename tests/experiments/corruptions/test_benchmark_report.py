@@ -140,6 +140,16 @@ def test_same_answers_same_bytes(made, tmp_path):
     assert first.summary.read_bytes() == second.summary.read_bytes()
 
 
+def test_another_benchmark_of_that_name_goes_beside(tmp_path, made):
+    benchmark = replace(made[0], cells=tuple(one for one in made[0].cells if one.corruption == "clean"))
+    first = write_benchmark(tmp_path / "run", benchmark)
+    before = first.summary.read_bytes()
+    other = write_benchmark(tmp_path / "run", replace(benchmark, about=benchmark.about | {"seed": 9}))
+    assert other.summary.parent.name == "run-2" and first.summary.read_bytes() == before
+    assert read_summary(other.summary).notes[-1] == f"{tmp_path / 'run'} holds another result, and stays as it is"
+    assert write_benchmark(tmp_path / "run", benchmark).summary.parent.name == "run"
+
+
 def test_table_for_the_terminal(made):
     table = build_summary_table(read_summary(made[1].summary))
     assert table.row_count == 5 and "mCE %" not in [column.header for column in table.columns]

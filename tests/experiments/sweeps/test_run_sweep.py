@@ -13,6 +13,8 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.predictions_csv import find_captures_dir, read_predictions
+from toolkit.evaluation.summaries import open_run
 from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps import sweep as sweeps
 from toolkit.experiments.sweeps.sweep import run_sweep
@@ -201,3 +203,31 @@ def test_at_each_size_the_patches_that_were_trained_for_it(space, redness):
     assert result.json_file.name == "sweep-redness-trained.json"
     with pytest.raises(ToolkitError, match="expected the axis size"):
         SweepConfig(axis="light", trained=True)
+
+
+@pytest.mark.slow
+def test_another_sweep_of_that_name_goes_beside(after, redness):
+    """Other values are another result: the first one's files stay, and the same values again are the first."""
+    folder = after.eval_dir / "sweeps/light"
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file() and "captures" not in str(file)}
+    other = sweep(after, redness, "light", ["studio"])
+    assert other.evaluation.run_dir.name == "redness-2" and other.json_file.name == "sweep-redness-2.json"
+    assert other.evaluation.notes[-1] == f"{folder / 'redness'} holds another result, and stays as it is"
+    assert {file: file.read_bytes() for file in before} == before
+    again = sweep(after, redness, "light", ["studio", "dim"])
+    assert again.evaluation.run_dir.name == "redness" and again.classified == 0
+    for name in ("redness", "redness-2"):
+        run = open_run(after, f"sweeps/light/{name}")
+        assert all(one.capture.file.is_file() for one in read_predictions(run, find_captures_dir(after, run)))
+
+
+@pytest.mark.slow
+def test_the_images_of_a_set_are_found_for_its_second_run_too(after, redness):
+    mine = after.with_patches("mine") if (after.patches_dir / "mine").is_dir() else None
+    if mine is None:
+        shutil.copytree(after.patches_dir, after.patches_dir / "mine")
+        mine = after.with_patches("mine")
+    for values in (["studio", "dim"], ["studio"]):
+        done = sweep(mine, redness, "light", values)
+    run = open_run(mine, f"sweeps/light/{done.evaluation.run_dir.name}")
+    assert run.name.endswith("-mine-2") and find_captures_dir(mine, run).name == "captures-mine"

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -168,6 +169,24 @@ def test_an_answer_is_computed_once(in_field, make_crate_space, tmp_path) -> Non
     assert more.computed == len(first.results.cameras) * 2 + shown
     other = evaluate_world(space, network, make_config(seed=1, run="other"))
     assert other.kept == 0
+
+
+def test_another_run_of_that_name_goes_beside(in_field, make_crate_space, tmp_path) -> None:
+    """Neither result nor pictures of the first are touched; what is asked again is the first again."""
+    space, network = make_crate_space(tmp_path), make_onlooker()
+    first = evaluate_world(space, network, make_config(run="one"))
+    frames = {file: file.read_bytes() for file in first.files.frames.rglob("*.*")}
+    before = read_all(first)
+    doubtful = replace(network, notes=("its images may be normalised otherwise",))
+    other = evaluate_world(space, doubtful, make_config(run="one", seed=1))
+    assert other.files.summary.parent.name == "one-2"
+    assert (
+        f"{first.files.summary.parent} holds another result" in json.loads(other.files.summary.read_text())["notes"][-1]
+    )
+    assert json.loads(other.files.summary.read_text())["notes"][0] == doubtful.notes[0]
+    assert read_all(first) == before and {file: file.read_bytes() for file in first.files.frames.rglob("*.*")} == frames
+    again = evaluate_world(space, network, make_config(run="one"))
+    assert again.files.summary.parent.name == "one" and again.computed == 0 and read_all(again) == before
 
 
 def test_a_cut_log_goes_on_where_it_was(in_field, make_crate_space, tmp_path) -> None:

@@ -52,6 +52,7 @@ from toolkit.experiments.challenge.entry import (
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
 from toolkit.imaging.read import decode_image, read_image
+from toolkit.models.identity import KNOWN_TENSORS, hash_network_tensors
 from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import cast_rays, make_ray_scene
@@ -80,6 +81,7 @@ class Judge(BaseModel):
         name, sha256: of the network, and of its weights' file.
         preprocessing: in words.
         seen: whether the entry was trained on it, by its record's hashes.
+        tensors_sha256: of its numbers; None in older scores.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -87,6 +89,16 @@ class Judge(BaseModel):
     sha256: str
     preprocessing: str
     seen: bool
+    tensors_sha256: str | None = None
+
+    def is_seen_by(self, record: EntryRecord) -> bool:
+        """Whether an entry says that it was trained on it."""
+        # by what the records hold alone, so that all count the same
+        return any(
+            one.sha256 == self.sha256
+            or (self.tensors_sha256 or "") in (one.tensors_sha256, KNOWN_TENSORS.get(one.sha256))
+            for one in record.networks
+        )
 
 
 class JudgedPicture(BaseModel):
@@ -198,11 +210,11 @@ class Judged:
 
 def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
     """Who judges, and whether the entry says that it was trained on these weights."""
-    sha256 = judge.weights.sha256
-    return Judge(
-        name=judge.name, sha256=sha256, preprocessing=judge.preprocessing.describe(),
-        seen=sha256 in {one.sha256 for one in record.networks},
+    named = Judge(
+        name=judge.name, sha256=judge.weights.sha256, preprocessing=judge.preprocessing.describe(), seen=False,
+        tensors_sha256=hash_network_tensors(judge),
     )  # fmt: skip
+    return named.model_copy(update={"seen": named.is_seen_by(record)})
 
 
 def write_score(entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture]) -> Judged:
@@ -384,8 +396,8 @@ def rescore(folder: Path) -> list[str]:
     try:
         judged = read_judged(folder)
         sha256 = sha256_file(judged.entry.folder / SCORE / OUTCOMES)
-        named = {one.sha256 for one in judged.entry.record.networks}
-        judges = [one.model_copy(update={"seen": one.sha256 in named}) for one in judged.score.judges]
+        record = judged.entry.record
+        judges = [one.model_copy(update={"seen": one.is_seen_by(record)}) for one in judged.score.judges]
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
         for name in judged.entry.objects:
             read_picture(judged, name)

@@ -1,20 +1,30 @@
 """The corruption benchmark, from a data set to a results folder and its report: choose, compute, summarise, write."""
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import check_run_name
 from toolkit.evaluation.page import RIGHT, WRONG, write_page
+from toolkit.evaluation.run_files import (
+    CELLS,
+    INPUTS,
+    SUMMARY,
+    explain_run_dir,
+    find_run_dir,
+    lacks_other_inputs,
+    write_run,
+)
 from toolkit.experiments.corruptions import CLEAN, NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.benchmark_figures import draw_overview, draw_variant
 from toolkit.experiments.corruptions.benchmark_means import summarise
@@ -135,8 +145,9 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     Raises:
         ToolkitError: the disk is full or may not be written, or two networks have one name.
     """
-    folder = Path(folder)
-    summary = summarise(benchmark)
+    wanted, inputs = Path(folder), _hash_inputs(benchmark)
+    folder = find_run_dir(wanted, lacks_other_inputs(inputs))
+    summary = summarise(replace(benchmark, notes=(*benchmark.notes, *explain_run_dir(wanted, folder))))
     overview = draw_overview(summary)
     figures = {
         (row.variant, row.answerer): draw_variant(summary, row) for row in summary.variants if summary.corruptions
@@ -147,15 +158,21 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     taken = {"overview", "examples"}
     for (variant, answerer), png in figures.items():
         files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
-    cells = write_cells(folder / "cells.csv", summary)
     report = write_report(folder / "report.html", summary, overview, figures, examples)
     # last: where it is, the rest is there as well
-    record = write_json(folder / "summary.json", summary.as_json())
-    return BenchmarkFiles(record, cells, report, tuple(files))
+    write_run(folder, summary.as_json() | {INPUTS: inputs}, {CELLS: encode_cells(summary)})
+    return BenchmarkFiles(folder / SUMMARY, folder / CELLS, report, tuple(files))
 
 
-def write_cells(path: Path, summary: Summary) -> Path:
-    """A row for each cell; fields that do not apply are empty."""
+def _hash_inputs(benchmark: Benchmark) -> str:
+    """Of the question: data, networks, patches and conditions, whatever version asks it."""
+    about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
+    conditions = sorted({(one.corruption, one.severity) for one in benchmark.cells})
+    return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
+
+
+def encode_cells(summary: Summary) -> str:
+    """The text of `cells.csv`: a row for each cell; fields that do not apply are empty."""
     names = [field.name for field in fields(BenchmarkCell) if field.name != "top1_ci95"]
     at = names.index("top1") + 1
     rows = []
@@ -163,7 +180,7 @@ def write_cells(path: Path, summary: Summary) -> Path:
         values = [getattr(cell, name) for name in names]
         family = None if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family
         rows.append([*values[:at], *cell.top1_ci95, *values[at:], family])
-    return write_text(path, encode_csv([*names[:at], "ci95_low", "ci95_high", *names[at:], "family"], rows))
+    return encode_csv([*names[:at], "ci95_low", "ci95_high", *names[at:], "family"], rows)
 
 
 def _name_file(words: str, taken: set[str]) -> str:
@@ -282,7 +299,8 @@ def evaluate_benchmark(
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
     with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
-        benchmark = run_grid(grid, folder / "cells.jsonl", notes, workers)
+        doubts = dict.fromkeys(note for variant in variants for note in variant.classifier.notes)
+        benchmark = run_grid(grid, folder / "cells.jsonl", (*doubts, *notes), workers)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
     patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
     without_images = {

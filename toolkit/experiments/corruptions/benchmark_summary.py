@@ -143,6 +143,7 @@ class Summary(BaseModel):
         variants, means, cells, differences: rows, by answerer, each with `unpatched` first.
         failed: path and reason of images that could not be used.
         notes: as in `Benchmark`.
+        inputs_sha256, cells_sha256, content_sha256: see `toolkit.evaluation.run_files`; None in older files.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -162,6 +163,9 @@ class Summary(BaseModel):
     cells: tuple[BenchmarkCell, ...]
     failed: tuple[dict[str, str], ...]
     notes: tuple[str, ...]
+    inputs_sha256: str | None = None
+    cells_sha256: str | None = None
+    content_sha256: str | None = None
     toolkit_version: str = __version__
 
     def as_json(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.apply import is_whole
+from toolkit.captures.read import UNPATCHED
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
@@ -30,9 +31,10 @@ from toolkit.experiments.corruptions.cells import (
     make_key,
     rank_images,
 )
-from toolkit.experiments.corruptions.recognisers import Recogniser
+from toolkit.experiments.corruptions.doubts import find_misnamed, list_doubts
+from toolkit.experiments.corruptions.recognisers import RIGHT, Recogniser
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.network import Classifier
+from toolkit.models.identity import describe_network
 from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
@@ -170,7 +172,11 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for condition in grid.config.conditions
         if condition not in lost
     ]  # fmt: skip
-    return _collect(grid, [one for shard in shards for one in shard.images], cells, notes, ran)
+    doubts = list_doubts(grid.images, shards, grid.variants)
+    done = _collect(grid, [one for shard in shards for one in shard.images], cells, (*notes, *doubts), ran)
+    clean = [one.ranks == RIGHT for one in done.cells if (one.variant, one.corruption) == (UNPATCHED, CLEAN)]
+    misnamed = find_misnamed(clean[0], done.classes, done.labels) if clean else ()
+    return replace(done, notes=(*done.notes, *misnamed))
 
 
 def _hash_shards(grid: Grid) -> list[Shard]:
@@ -271,7 +277,7 @@ def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     return {
         "name": grid.name,
         "data": grid.images.name,
-        "model": _describe_network(main),
+        "model": describe_network(main),
         "is_imagenet": main.is_imagenet,
         "image_px": image_px,
         "preprocessing": main.preprocessing.describe(),
@@ -283,14 +289,9 @@ def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _describe_network(network: Classifier) -> dict[str, str]:
-    weights = network.weights
-    return {"name": network.name, "arch": network.arch, "weights": weights.name, "sha256": weights.sha256}
-
-
 def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
     patches = variant.patches
-    about = {"name": variant.name, "model": _describe_network(variant.classifier), "patch_px": None, "method": None}
+    about = {"name": variant.name, "model": describe_network(variant.classifier), "patch_px": None, "method": None}
     if patches is None:
         return about
     image_px = variant.classifier.preprocessing.crop_px

@@ -94,6 +94,8 @@ def run_sweep(
     findings = replace(findings, origin=find_origin(captures, findings.unpaired, classifier))
     settings = EvalConfig(saliency=False)
     evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
+    # another sweep of this name keeps its files
+    name = evaluation.run_dir.name
     model = {key: evaluation.summary["model"][key] for key in ("name", "arch", "weights", "sha256")}
     sweep = Sweep(axis, base.settings, model, tuple(units), variants, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.captures.read import POOLED
-from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.core.files import write_bytes, write_text
 from toolkit.evaluation.page import FIFTH, LEFT_OUT_COLOUR, RIGHT, WRONG, colour_of, style_panel, write_page
+from toolkit.evaluation.run_files import PREDICTIONS, SUMMARY, write_run
 from toolkit.experiments.worlds.cameras import PlaceCameras
 from toolkit.experiments.worlds.frames import WeatherKey
 from toolkit.experiments.worlds.keep import KeptFrames, name_picture
@@ -219,25 +220,31 @@ class WorldFiles:
     frames: Path
 
 
-def write_results(folder: Path, results: WorldResults, kept: KeptFrames) -> WorldFiles:
+def write_results(folder: Path, results: WorldResults, kept: KeptFrames, about: Mapping[str, Any]) -> WorldFiles:
     """Write predictions, cameras, figures, the report and last `summary.json`, each whole or not at all.
+
+    Args:
+        folder: of the run.
+        results: what was found.
+        kept: the pictures that stay.
+        about: further fields of the summary; its `notes` follow those of the results.
 
     Raises:
         ToolkitError: the disk is full or may not be written.
     """
     summary = summarise(results)
+    summary = {**summary, **about, "notes": [*summary["notes"], *about.get("notes", ())]}
     figures = {
         "sample": draw_sample(results, kept), "weathers": draw_weathers(results, summary),
         "curves": draw_curves(results, summary), "cameras": draw_cameras(results.places),
     }  # fmt: skip
     drawn = {name: png for name, png in figures.items() if png is not None}
     files = tuple(write_bytes(folder / "figures" / f"{name}.png", png) for name, png in drawn.items())
-    predictions = write_text(folder / "predictions.csv", encode_predictions(results))
     cameras = write_text(folder / "cameras.csv", encode_cameras(results))
     report = write_report(folder / "report.html", summary, drawn)
     # last: where it is, the rest is there as well
-    record = write_json(folder / "summary.json", summary)
-    return WorldFiles(record, predictions, cameras, report, files, kept.folder)
+    write_run(folder, summary, {PREDICTIONS: encode_predictions(results)})
+    return WorldFiles(folder / SUMMARY, folder / PREDICTIONS, cameras, report, files, kept.folder)
 
 
 def write_report(path: Path, summary: Summary, figures: Mapping[str, bytes]) -> Path:

@@ -215,8 +215,9 @@ def list_notes(results: WorldResults) -> list[str]:
     """What a reader of the tables must know, a sentence each."""
     count = len(results.places)
     notes = [
+        *results.classifier.notes,
         "The tests of pairs count cameras as independent. Cameras of one place share light and background, so these p "
-        "values are too small; the p over places and the intervals count each place once."
+        "values are too small; the p over places and the intervals count each place once.",
     ]
     if count == 1:
         notes.append("One place says nothing about others: there are no intervals.")

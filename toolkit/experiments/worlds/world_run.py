@@ -21,6 +21,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
+from toolkit.evaluation.run_files import INPUTS, explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.experiments.worlds import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
 from toolkit.experiments.worlds.frames import (
@@ -45,6 +46,7 @@ from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, encode_frame
 from toolkit.experiments.worlds.simulator import shoot_missing
 from toolkit.experiments.worlds.world_report import WorldFiles, write_results
 from toolkit.experiments.worlds.world_results import WorldResults
+from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import hash_mesh
@@ -301,7 +303,11 @@ def evaluate_world(
             "expected local with a simulator, whose pictures lie on this machine", {"engine": engine.engine}
         )
     asked = plan_run(workspace, classifier, config)
-    run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
+    wanted = workspace.eval_dir / (config.run or name_run(config, classifier))
+    # known before the work: pictures of another result must not be replaced either
+    network = describe_network(classifier)["network_id"]
+    inputs = hash_inputs(config.record(), network, [[task.frame, task.weathers] for task in asked.tasks()])
+    run_dir = find_run_dir(wanted, lacks_other_inputs(inputs))
     worlds_dir = workspace.eval_dir / "worlds"
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
         everything = config.keep or config.renderer != RIG
@@ -316,7 +322,8 @@ def evaluate_world(
     results = WorldResults(
         config, classifier, asked.item, asked.true_index, asked.stage, places=places, answers=answers, renderer=renderer
     )
-    return WorldRun(results, write_results(run_dir, results, kept), ran.made, ran.kept, ran.failed)
+    about = {INPUTS: inputs, "notes": explain_run_dir(wanted, run_dir)}
+    return WorldRun(results, write_results(run_dir, results, kept, about), ran.made, ran.kept, ran.failed)
 
 
 def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> Asked:

@@ -1,10 +1,7 @@
 """Pairs from a table: what each photograph shows by its line, and what a corrected table moves."""
 
-import csv
-import io
 import unicodedata
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -12,7 +9,7 @@ from typing import NamedTuple
 
 from toolkit.captures.manifest import CaptureRecord
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_bytes
+from toolkit.core.foreign_tables import read_foreign_table
 from toolkit.core.text import is_file_name, is_folder_name, shorten
 from toolkit.core.workspace import Workspace
 from toolkit.objects.spec import read_spec
@@ -62,31 +59,21 @@ def read_pairs(file: Path) -> list[PairRow]:
     Raises:
         ToolkitError: no such file, a column or a value is missing, a name cannot be one, or two lines contradict.
     """
-    try:
-        # -sig: spreadsheets begin UTF-8 files with a byte order mark
-        text = read_bytes(file, MOST_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ToolkitError(f"{file}: expected a table in UTF-8: save it as CSV UTF-8") from None
-    # spreadsheets write semicolons where the decimal sign is a comma
-    lines = csv.DictReader(io.StringIO(text, newline=""), delimiter=";" if ";" in text.partition("\n")[0] else ",")
-    with _explain_cells(lines, file):
-        heading = [(name or "").strip().lower() for name in lines.fieldnames or ()]
-    if missing := [name for name in COLUMNS if name not in heading]:
+    table = read_foreign_table(file, MOST_BYTES)
+    places = {name: table.find([name]) for name in (*COLUMNS, "class")}
+    if missing := [name for name in COLUMNS if places[name] is None]:
         raise ToolkitError(f"{file}: line 1: no column {', '.join(missing)}: expected file,object,variant,pose[,class]")
-    lines.fieldnames = heading
     rows: list[PairRow] = []
     files: set[str] = set()
     shown: dict[tuple[str, str, str], str] = {}
     classes: dict[str, str] = {}
-    for line in _read_lines(lines, file):
-        where = f"{file}: line {lines.line_num}"
+    for number, cells in table.lines:
+        where = f"{file}: line {number}"
         # one way to write accents: a Mac's file names have them apart from their letters
-        values = {name: _compose(line.get(name) or "").strip() for name in (*COLUMNS, "class")}
+        values = {name: "" if at is None or at >= len(cells) else _compose(cells[at]) for name, at in places.items()}
         if empty := [name for name in COLUMNS if not values[name]]:
             raise ToolkitError(f"{where}: no {', '.join(empty)}: expected a value in each of {', '.join(COLUMNS)}")
-        row = PairRow(
-            values["file"], values["object"], values["variant"], values["pose"], values["class"], lines.line_num
-        )
+        row = PairRow(values["file"], values["object"], values["variant"], values["pose"], values["class"], number)
         _check_row(row, where)
         if row.file in files:
             raise ToolkitError(
@@ -102,19 +89,6 @@ def read_pairs(file: Path) -> list[PairRow]:
     if not rows:
         raise ToolkitError(f"{file}: no photograph is listed: expected a line for each below the heading")
     return rows
-
-
-def _read_lines(lines: "csv.DictReader[str]", file: Path) -> Iterator[dict[str, str]]:
-    with _explain_cells(lines, file):
-        yield from lines
-
-
-@contextmanager
-def _explain_cells(lines: "csv.DictReader[str]", file: Path) -> Iterator[None]:
-    try:
-        yield
-    except csv.Error as error:  # a cell that is too long, as after a quote that nothing ends
-        raise ToolkitError(f"{file}: line {lines.line_num}: {error}: expected a table of short cells") from None
 
 
 def _check_row(row: PairRow, where: str) -> None:

@@ -1,0 +1,60 @@
+"""Pooled rows: the booster and the bare object on the same pairs, and objects of unequal size said."""
+
+import json
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from toolkit.cli import app
+from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.tables import build_tables
+
+
+@pytest.fixture
+def part(put, workspace, colour_classifier):
+    """35 bare images of which 7 are right; 11 of them patched too: none of these was right bare, 2 are in the patch."""
+    for pose in range(1, 25):
+        put(f"sim/warplane/unpatched/{pose}.png", "warplane" if pose <= 7 else "racer")
+    for pose in range(1, 12):
+        put(f"sim/racer/unpatched/{pose}.png", "warplane")
+        put(f"sim/racer/patched/{pose}.png", "racer" if pose <= 2 else "warplane")
+    return evaluate_captures(workspace.captures_dir, workspace, colour_classifier, EvalConfig(run="part"))
+
+
+def read_table(found):
+    console = Console(width=200, record=True)
+    for table in build_tables(found.groups, found.pairs):
+        console.print(table)
+    return console.export_text()
+
+
+def test_bares_share_of_the_same_pairs_stands_beside_it(part, workspace):
+    row = next(row for row in part.summary["pairs"] if row["object"] == "all")
+    assert (row["n_pairs"], row["n_first"], row["n_second"], row["gained"]) == (11, 0, 2, 2)
+    assert [line for line in read_table(part).splitlines() if "0 → 2 of 11" in line]
+    assert "0 → 2 of 11" in part.report_file.read_text()
+    shown = CliRunner().invoke(app, ["runs", "--workspace", str(workspace.root)], env={"COLUMNS": "200"})
+    assert "2/0 of 11, bare 0 %" in shown.stdout
+    rows = json.loads(CliRunner().invoke(app, ["runs", "--json", "--workspace", str(workspace.root)]).stdout)
+    assert (rows[1]["n_pairs"], rows[1]["n_bare"]) == (11, 0)
+
+
+def test_where_all_are_in_pairs_nothing_is_added(put, workspace, colour_classifier):
+    for pose in (1, 2):
+        put(f"sim/racer/unpatched/{pose}.png", "warplane")
+        put(f"sim/racer/patched/{pose}.png", "racer")
+    found = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
+    assert "in pairs" not in read_table(found) and not any("unequal" in note for note in found.notes)
+
+
+def test_a_pooled_test_of_unequal_objects_says_so(put, workspace, colour_classifier):
+    for name, poses in (("racer", 3), ("warplane", 5)):
+        for pose in range(1, poses + 1):
+            put(f"sim/{name}/unpatched/{pose}.png", "racer")
+            put(f"sim/{name}/patched/{pose}.png", name)
+    found = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
+    note = "sim: objects have unequal numbers of pairs (racer 3, warplane 5); in row 'all' of patched against unpatched"
+    assert any(one.startswith(note) for one in found.summary["notes"])
+    assert note.replace("'", "&#39;") in found.report_file.read_text()
