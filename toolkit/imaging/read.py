@@ -205,6 +205,27 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
         raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
 
 
+def read_texture(path: Path) -> np.ndarray:
+    """`decode_texture` of a file that a mesh names.
+
+    Raises:
+        UnreadableImage: it is empty, no picture, damaged, or far too large.
+    """
+    again = "save the picture again as PNG"
+    try:
+        with open_plain(path) as file:
+            if not file.read(1):
+                raise UnreadableImage(path, f"the file is empty: {again}")
+            file.seek(0)
+            with Image.open(file, formats=_list_readers(TEXTURE_FORMATS)) as image:
+                return decode_texture(image, str(path))
+    except UnreadableImage:
+        raise
+    # decoders raise nearly every built-in exception on hostile bytes
+    except Exception as error:
+        raise UnreadableImage(path, f"{explain_damage(error)}: {again}") from None
+
+
 _one_at_a_time = threading.RLock()
 
 
