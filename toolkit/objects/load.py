@@ -212,6 +212,11 @@ def load_object(spec_file: Path) -> TableObject:
         ('coffeepot', [144.0, 270.0, 240.0])
     """
     spec = read_spec(spec_file)
+    if not spec.mesh:
+        raise ToolkitError(
+            f"{spec_file}: '{spec.name}' has no mesh, so it is judged in photographs, but cannot be rendered: "
+            "add 'mesh' and 'length_mm' to the file"
+        )
     if spec.mesh.startswith(BUILTIN_PREFIX):
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
