@@ -44,7 +44,7 @@ def refused(*arguments):
 @pytest.mark.slow
 def test_it_says_what_it_made_and_what_is_next(space):
     said = call("../brick.ply", "--class", "Coffee mug", "--print-side", "front", "--quiet").stdout
-    for words in ("added brick, coffee mug", "brick.toml", "brick-sheet.png", "next: toolkit plan --object brick"):
+    for words in ("added brick, coffee mug", "brick.toml", "brick-object.png", "next: toolkit plan --object brick"):
         assert words in said
     assert "measure the longest side and set length_mm in brick.toml" in said
     item = load_object(space.object_spec("brick"))

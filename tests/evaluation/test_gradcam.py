@@ -155,3 +155,46 @@ def test_squeezenet_is_its_own_class_map(wrap, colour_classifier):
     np.testing.assert_allclose(found[0], torch.relu(seen[0][0, best]).numpy() / places, atol=1e-6)
     assert found.max() > 0
     assert found.sum() == pytest.approx(float(logits[0, best]), abs=1e-5)
+
+
+class ChannelsLast(nn.Module):
+    """`Tail`, whose features lie (b, h, w, c)."""
+
+    def __init__(self, tail) -> None:
+        super().__init__()
+        self.tail, self.turn = tail, Turn()
+
+    def forward(self, batch):
+        return self.tail.read(self.turn(self.tail.body(batch)).permute(0, 3, 1, 2).clone())
+
+
+class Turn(nn.Module):
+    def forward(self, features):
+        return features.permute(0, 2, 3, 1)
+
+
+def seeing(classifier, side):
+    """The classifier with images of another size."""
+    return dataclasses.replace(
+        classifier, preprocessing=dataclasses.replace(classifier.preprocessing, resize_px=side, crop_px=side)
+    )
+
+
+def test_channels_last_give_the_same_maps(wrap):
+    batch = torch.rand(3, 3, 36, 36, generator=torch.Generator().manual_seed(3))
+    first = seeing(wrap(Tail(smooth=True)), 36)
+    last = seeing(wrap(ChannelsLast(first.module)), 36)
+    module = find_feature_map(last)
+    assert module is last.module.turn
+    expected = compute_gradcam(first, find_feature_map(first), batch, [0, 3, 1])
+    np.testing.assert_allclose(compute_gradcam(last, module, batch, [0, 3, 1]), expected, atol=1e-7)
+    assert expected.shape == (3, 8, 8)
+
+
+def test_swin_of_timm_has_maps_of_rows_and_columns(wrap):
+    timm = pytest.importorskip("timm")
+    torch.manual_seed(0)
+    how = {"embed_dim": 24, "depths": (1, 1), "num_heads": (2, 4)}
+    classifier = seeing(wrap(timm.create_model("swin_tiny_patch4_window7_224", num_classes=5, **how)), 224)
+    maps = compute_gradcam(classifier, find_feature_map(classifier), torch.rand(1, 3, 224, 224), [2])
+    assert maps.shape == (1, 28, 28)

@@ -21,6 +21,11 @@ FORMS = {
     "class_to_idx": {"class_to_idx": {"washer": 2, "bolt": 1, "bracket": 0}},
     "to_idx": {"washer": 2, "bolt": 1, "bracket": 0},
     "id2label": {"id2label": {"0": "bracket", "1": "bolt", "2": "washer"}, "model_type": "vit"},
+    "from one": {"1": "bracket", "2": "bolt", "3": "washer"},
+    "class_to_idx from one": {"class_to_idx": {"washer": 3, "bolt": 2, "bracket": 1}},
+    "coco": {"categories": [{"id": 7, "name": "washer"}, {"id": 1, "name": "bracket"}, {"id": 3, "name": "bolt"}]},
+    "named": [{"name": "bracket"}, {"name": "bolt"}, {"name": "washer"}],
+    "idx2label": {"idx2label": {"1": "bracket", "2": "bolt", "3": "washer"}},
     "torchvision": {"meta": {"categories": NAMES, "num_params": 3}},
 }
 
@@ -50,6 +55,52 @@ def test_a_text_file_and_gaps_that_are_no_labels(tmp_path):
     assert read_labels_file(tmp_path / "mine.pth").labels == NAMES
     assert find_labels({"0": "bracket", "2": "washer"}) is None
     assert find_labels({"epoch": 3, "best": 0.5}) is None and find_labels([]) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 bracket\n1 bolt\n2 washer\n", "2: washer\n0: bracket\n1: bolt\n", "1,bracket\n2,bolt\n3,washer\n",
+        "n01440764 bracket\nn01443537 bolt\nn01484850 washer\n",
+    ],
+)  # fmt: skip
+def test_numbers_and_ids_before_the_names_of_a_text_are_left_out(tmp_path, text):
+    (tmp_path / "mine.txt").write_text(text)
+    assert read_labels_file(tmp_path / "mine.pth").labels == NAMES
+
+
+@pytest.mark.parametrize("text", ["1 cent\n2 cent\n", "0 bracket\nbolt\n", "7: a\n9: b\n"])
+def test_names_that_begin_with_a_number_stay(tmp_path, text):
+    (tmp_path / "mine.txt").write_text(text)
+    assert read_labels_file(tmp_path / "mine.pth").labels == text.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("mine.json", '{"0": "bracket", "2": "washer"}', "the 2 keys from 0 to 2 leave gaps"),
+        ("mine.json", '{"classes": {"a": "x"}}', "field 'classes' is no list of names"),
+        ("mine.json", '{"meta": {"categories": [1, 2]}}', "field 'categories' is no list of names"),
+        ("mine.txt", "\n", "mine.txt is empty: expected the name of a class on each line"),
+        ("mine.yaml", "names: [a, b]", r"mine\.yaml is not read: put the names.*into mine\.txt"),
+        ("mine.csv", "0,a", r"mine\.csv is not read"),
+    ],
+)
+def test_labels_that_are_there_and_cannot_be_used_are_an_error(tmp_path, name, content, words):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(ToolkitError, match=words) as caught:
+        read_labels_file(tmp_path / "mine.pth")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_description_and_a_text_of_names_go_together(tmp_path):
+    (tmp_path / "mine.txt").write_text("\n".join(NAMES))
+    (tmp_path / "mine.json").write_text('{"crop_px": 200}')
+    found = read_labels_file(tmp_path / "mine.pth")
+    assert (found.labels, found.crop_px) == (NAMES, 200)
+    (tmp_path / "mine.json").write_text('["a", "b", "c"]')
+    with pytest.raises(ToolkitError, match=r"mine\.json and .*mine\.txt both name the classes of mine\.pth"):
+        read_labels_file(tmp_path / "mine.pth")
 
 
 @pytest.mark.parametrize("wrap", ["classes", "class_to_idx", "meta"])

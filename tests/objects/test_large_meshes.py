@@ -120,3 +120,14 @@ def test_time_and_result_grow_evenly_with_the_mesh():
         assert len(mesh.vertices) == len(vertices)
         np.testing.assert_allclose(mesh.normals, mesh.vertices, atol=0.01)
     assert times[2] < 40 * times[0] + 0.2
+
+
+def test_a_polygon_of_very_many_corners_in_all_directions_takes_seconds():
+    """All its triangles meet at one corner; their directions are compared by cells, of which there are only so many."""
+    count = 100_000
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    faces = np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
+    started = time.process_time()
+    normals = corner_normals(points, faces, crease_deg=40)
+    assert time.process_time() - started < 10
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1, atol=1e-6)

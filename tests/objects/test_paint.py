@@ -150,7 +150,7 @@ def test_a_texture_without_its_end_is_one_clear_line(tmp_path):
     (tmp_path / "card.obj").write_text(
         "mtllib skin.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl skin\nf 1/1 2/2 3/3\n"
     )
-    with pytest.raises(ToolkitError, match=r"card\.obj: a texture of 64 × 64 pixels: truncated"):
+    with pytest.raises(ToolkitError, match=r"skin\.png: a texture of 64 × 64 pixels: truncated"):
         read_mesh(tmp_path / "card.obj")
 
 

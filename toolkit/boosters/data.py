@@ -206,7 +206,9 @@ def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> s
         workspace.object_spec(name)
         return name
     specs = {name: read_spec(file) for name, file in workspace.object_specs().items()}
-    fitting = [name for name, spec in specs.items() if str(spec.class_name).lower().replace("_", " ") in names]
+    fitting = [
+        name for name, spec in specs.items() if spec.mesh and str(spec.class_name).lower().replace("_", " ") in names
+    ]
     if len(fitting) == 1:
         return fitting[0]
     known = ", ".join(fitting or sorted(specs))

@@ -128,7 +128,7 @@ def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
         trouble = f"no place for the patch yet: {error}"
     camera = Camera.from_fov()
     poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
-    picture = workspace.root / "rig" / "preview" / f"{item.name}-sheet.png"
+    picture = workspace.root / "rig" / "preview" / f"{item.name}-object.png"
     with progress("drawing the preview", 1) as bar:
         write_bytes(picture, draw_contact_sheet(shown, camera, poses, studio_for(item, ShootSettings()), columns=4))
         bar.advance()

@@ -12,10 +12,10 @@ from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
-from toolkit.objects.add import AddedObject, add_object
+from toolkit.objects.add import DEFAULT_PATCH_MM, AddedObject, add_object
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.objects.spec import ObjectRequest, Side, read_spec, write_mounts
+from toolkit.objects.spec import ObjectRequest, PatchMount, Side, read_spec, write_mounts
 from toolkit.objects.wrap import Wrap, write_wrap
 from toolkit.rig import Pattern, PlaceConfig, WrapConfig
 from toolkit.rig.camera import Camera
@@ -44,6 +44,8 @@ FEW_STEPS = 8
 """Places along a new object's length: coarser than where places are asked for, to be quick."""
 RANDOM_VIEWS = 64
 """That judge sheets which go on together."""
+SMALL_SHARE = 0.1
+"""Of an object's length; below it, a sheet is a few pixels wide in a picture of the whole object."""
 TITLES = ("", "size, mm", "side", "offset, mm", "score, px", "seen", "area, px²", "poses", "bend")
 
 
@@ -206,11 +208,13 @@ class NewObject:
     Attributes:
         added: its files.
         moved: what was changed of its sheet's place, in a sentence; empty where it stays.
+        small: that its sheet is small beside it, in a sentence; empty if it is not.
         drawn: the preview.
     """
 
     added: AddedObject
     moved: str
+    small: str
     drawn: ObjectPreview
     skipped: tuple[tuple[str, str], ...] = ()
 
@@ -218,12 +222,12 @@ class NewObject:
         """All of it for a script."""
         page, trouble = self.drawn.page, self.drawn.trouble
         drawn = {"preview": str(self.drawn.picture), "page": page and str(page), "trouble": trouble}
-        return self.added.as_json() | {"moved": self.moved} | drawn
+        return self.added.as_json() | {"moved": self.moved, "small": self.small} | drawn
 
     def lines(self) -> Iterator[str]:
         """What was made, what to look at, and what to do next, a sentence each."""
         yield from (*self.added.lines(), *self.drawn.lines())
-        for note in (self.moved, self.drawn.trouble, self.added.ask_length()):
+        for note in (self.moved, self.small, self.drawn.trouble, self.added.ask_length()):
             if note:
                 yield f"note: {note}"
         name = self.added.item.name
@@ -240,7 +244,8 @@ def add_and_place(workspace: Workspace, mesh_file: Path, request: ObjectRequest)
     added = add_object(workspace, mesh_file, request.with_overrides(class_name=label))
     sides = get_args(Side) if request.print_side is None else (request.print_side,)
     moved = move_sheet(workspace, added.item, sides)
-    return NewObject(added, moved, preview_object(workspace, replace(added.item, spec=read_spec(added.spec_file))))
+    item = replace(added.item, spec=read_spec(added.spec_file))
+    return NewObject(added, moved, describe_small_sheet(item), preview_object(workspace, item))
 
 
 def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -> str:
@@ -268,11 +273,10 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
         for best in find_places(item, camera, poses, config, [size_mm]):
             file = workspace.object_spec(item.name)
             write_mounts(file, file, [best.mount])
-            found, (x, y) = best.mount, best.mount.offset_mm
+            found = best.mount
             where = f"on its {mount.at}: it goes on its {found.at}"
             if found.at == mount.at:
-                there = f"{x:g} mm to the right of it and {y:g} mm up" if x or y else "there"
-                where = f"in the middle of its {mount.at}: it goes {there}"
+                where = f"in the middle of its {mount.at}: it goes {_describe_offset(found)}"
             told = (
                 f"a patch of {wanted_mm:.3g} mm does not lie flat {where}, {size_mm:g} mm wide, where half of it or "
                 f"more shows in {best.poses_seen} of {len(poses)} poses"
@@ -281,6 +285,31 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
             more = f"; for sheets on other sides too: toolkit place --object {item.name} --sheets 3 --write"
             return told + more if is_seldom_seen else told
     return ""
+
+
+def _describe_offset(mount: PatchMount) -> str:
+    """Where a sheet lies from the middle of its side, as one sees that side; "there" in the middle itself."""
+    ways = (("forward", "back"), ("to the left", "to the right"))
+    if mount.at != "top":
+        ways = (("to the right", "to the left"), ("up", "down"))
+    moves = [
+        f"{abs(shift):g} mm {way[shift < 0]}"
+        for shift, way in zip(mount.offset_mm, ways, strict=True)
+        if round(shift, 1)
+    ]
+    return " and ".join(moves) or "there"
+
+
+def describe_small_sheet(item: TableObject) -> str:
+    """That the largest sheet of a new object is small beside it, in a sentence; empty if it is not."""
+    length_mm, size_mm = item.spec.length_mm, max(item.spec.sizes_mm(DEFAULT_PATCH_MM))
+    if size_mm >= SMALL_SHARE * length_mm:
+        return ""
+    return (
+        f"a sheet of {size_mm:.0f} mm is {size_mm / length_mm:.0%} of the object's {length_mm:.0f} mm, and few pixels "
+        f"of a picture of all of it: print it larger ('--size-mm {length_mm / 3:.0f} --replace' is a third), or set "
+        "length_mm if the real object is smaller"
+    )
 
 
 def _list_shares(answers: "list[Validation]") -> dict[str, Any]:

@@ -103,6 +103,9 @@ def outline_captures(
         if one.object not in specs:
             unknown.append((one.path, f"there is no spec of '{one.object}', so its shape is not known"))
             continue
+        if not read_spec(specs[one.object]).mesh:
+            unknown.append((one.path, f"the spec of '{one.object}' has no mesh, so its shape is not known"))
+            continue
         if one.object not in items:
             items[one.object] = load_object(specs[one.object])
         if record.made.get("mesh_sha256", items[one.object].mesh_sha256) != items[one.object].mesh_sha256:

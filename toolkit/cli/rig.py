@@ -136,9 +136,9 @@ def plan(
         made = open_plan(space, objects)
         names = list(dict.fromkeys(objects or made.objects))
     else:
-        names = objects or sorted(space.object_specs())
         camera = make_camera(*resolution, fov)
         made = plan_objects(space, objects or (), pattern.with_overrides(seed=seed), camera)
+        names = objects or list(made.objects)
         planned = made.model_copy(update={"objects": {name: made.objects[name] for name in names}})
         drawn = preview_plan(space, planned, seed) if preview else None
         if as_json and not shot_list:

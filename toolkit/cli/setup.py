@@ -12,7 +12,7 @@ from toolkit.cli.output import remark, say, show_json, show_result, show_table
 from toolkit.core.files import write_bytes
 from toolkit.core.text import count_of
 from toolkit.core.workspace import make_workspace, open_workspace
-from toolkit.objects.spec import ObjectRequest
+from toolkit.objects.spec import ObjectRequest, read_spec
 
 if TYPE_CHECKING:
     from toolkit.evaluation.survey import SurveyedModel
@@ -89,8 +89,14 @@ def list_objects(
     space = open_workspace(workspace)
     rows: list[dict[str, Any]] = []
     for name, file in space.object_specs().items():
+        spec = read_spec(file)
+        if not spec.mesh:
+            rows.append(
+                {"name": name, "class": spec.class_name, "mesh": "", "size_mm": [], "triangles": 0, "patch_at": ""}
+            )
+            continue
         item = load_object(file)
-        sides = [mount.at for mount in item.spec.mounts]
+        sides = [mount.at for mount in spec.mounts]
         rows.append(
             {
                 "name": name, "class": item.spec.class_name, "mesh": item.spec.mesh,
@@ -109,7 +115,8 @@ def list_objects(
     for row in rows:
         size = " × ".join(f"{side:g}" for side in row["size_mm"])
         at = row["patch_at"] if isinstance(row["patch_at"], str) else ", ".join(row["patch_at"])
-        cells.append((row["name"], row["class"], row["mesh"], size, f"{row['triangles']:,}", at))
+        mesh = row["mesh"] or "none: photographs alone"
+        cells.append((row["name"], row["class"], mesh, size, f"{row['triangles']:,}", at))
     show_table(("object", "class", "mesh", "size, mm (x × y × z)", "triangles", "patch"), cells)
     if export is not None:
         say(f"wrote {len(rows)} GLB files to {export}")

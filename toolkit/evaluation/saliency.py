@@ -16,7 +16,10 @@ from toolkit.models.network import Classifier
 if TYPE_CHECKING:
     import torch
 
-NO_MAP = "{arch} has no feature map with a place in the image: no module of it gives (b, c, h, w) with h, w > 1"
+NO_MAP = (
+    "{arch} has no feature map with a place in the image: no module of it gives (b, c, h, w) or (b, h, w, c) with h, w "
+    "> 1"
+)
 TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM says little"
 UNUSED = "the last feature map of {arch} does not lead to its output"
 
@@ -42,7 +45,7 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
         nonlocal last, tokens_after
         if not isinstance(output, torch.Tensor):
             return
-        if output.ndim == 4 and min(output.shape[2:]) > 1:
+        if output.ndim == 4 and min(_channels_first(output).shape[2:]) > 1:
             last, tokens_after = module, False
         # (batch, tokens, channels): attention mixes places, so that a map before it says little
         elif output.ndim == 3 and output.shape[1] > 1:
@@ -61,6 +64,15 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
     if tokens_after:
         raise NoSaliency(TOKENS.format(arch=classifier.arch))
     return last
+
+
+def _channels_first(features: "torch.Tensor") -> "torch.Tensor":
+    """Features (b, c, h, w) as they are, and those of (b, h, w, c), as Swin transformers have them, in that order.
+
+    The image is square: rows and columns are the two axes of one length.
+    """
+    _, first, second, last = features.shape
+    return features.permute(0, 3, 1, 2) if first == second != last else features
 
 
 def compute_gradcam(
@@ -105,8 +117,8 @@ def compute_gradcam(
         raise NoSaliency(UNUSED.format(arch=classifier.arch))
     with torch.no_grad():
         # Grad-CAM (Selvaraju et al. 2017, equations 1 and 2): channels weighted by their mean gradient, then ReLU
-        weights = gradient.double().mean((2, 3), keepdim=True)
-        return (weights * seen[-1].double()).sum(1).relu().float().cpu().numpy()
+        weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
+        return (weights * _channels_first(seen[-1]).double()).sum(1).relu().float().cpu().numpy()
 
 
 MAX_UNASKED = 200

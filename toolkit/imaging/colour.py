@@ -23,6 +23,25 @@ XYZ_OF_LINEAR_SRGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 """IEC 61966-2-1, D65."""
+ADOBE_GAMMA = 563 / 256
+LINEAR_SRGB_OF_ADOBE = np.array(
+    [[1.3983557, -0.3983557, 0.0], [0.0, 1.0, 0.0], [0.0, -0.0429290, 1.0429290]], np.float32
+)
+"""Adobe RGB (1998): the primaries but for green's, and the white, are sRGB's."""
+ROWS_AT_ONCE = 256
+
+
+def adobe_to_srgb(codes: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8 of Adobe RGB (1998) as uint8 sRGB; what sRGB cannot show is cut."""
+    light = (np.arange(256, dtype=np.float32) / 255) ** np.float32(ADOBE_GAMMA)
+    code_of_light = np.round(linear_to_srgb(np.arange(65536) / 65535) * 255).astype(np.uint8)
+    converted = np.empty_like(codes)
+    for start in range(0, len(codes), ROWS_AT_ONCE):  # a whole photograph would take twelve bytes a value
+        part = light[codes[start : start + ROWS_AT_ONCE]] @ LINEAR_SRGB_OF_ADOBE.T
+        converted[start : start + ROWS_AT_ONCE] = code_of_light[(np.clip(part, 0, 1) * 65535 + 0.5).astype(np.uint16)]
+    return converted
+
+
 POW25_7 = 25.0**7
 
 

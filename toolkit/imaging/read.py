@@ -17,6 +17,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain, real_path
+from toolkit.imaging.colour import adobe_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -52,8 +53,9 @@ def is_image_name(name: str) -> bool:
 def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
     """Decode a photograph to (h, w, 3) uint8, sRGB-encoded.
 
-    EXIF orientation is applied, an embedded ICC profile converted to sRGB, 16-bit and grey and CMYK and palette images
-    brought to 8-bit RGB, transparency laid over mid grey. Of several frames the first is taken.
+    EXIF orientation is applied; an embedded ICC profile, or Adobe RGB by the EXIF alone, is converted to sRGB. 16-bit
+    and grey and CMYK and palette images are brought to 8-bit RGB, transparency is laid over mid grey. Of several frames
+    the first is taken.
 
     Args:
         path: JPEG, PNG, WebP, TIFF, HEIC, AVIF, BMP or GIF.
@@ -205,6 +207,27 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
         raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
 
 
+def read_texture(path: Path) -> np.ndarray:
+    """`decode_texture` of a file that a mesh names.
+
+    Raises:
+        UnreadableImage: it is empty, no picture, damaged, or far too large.
+    """
+    again = "save the picture again as PNG"
+    try:
+        with open_plain(path) as file:
+            if not file.read(1):
+                raise UnreadableImage(path, f"the file is empty: {again}")
+            file.seek(0)
+            with Image.open(file, formats=_list_readers(TEXTURE_FORMATS)) as image:
+                return decode_texture(image, str(path))
+    except UnreadableImage:
+        raise
+    # decoders raise nearly every built-in exception on hostile bytes
+    except Exception as error:
+        raise UnreadableImage(path, f"{explain_damage(error)}: {again}") from None
+
+
 _one_at_a_time = threading.RLock()
 
 
@@ -280,8 +303,8 @@ def _turn_upright(image: Image.Image) -> Image.Image:
 
 
 def _to_rgb(image: Image.Image) -> Image.Image:
-    # read first: conversions drop it
-    profile = image.info.get("icc_profile")
+    # read first: conversions drop them
+    profile, is_adobe = image.info.get("icc_profile"), _is_adobe_rgb(image)
     image = _to_eight_bits(image)
     if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
         has_alpha = image.mode != "P" or "transparency" in image.info
@@ -291,10 +314,25 @@ def _to_rgb(image: Image.Image) -> Image.Image:
         image = image.convert("RGB")
     if profile:
         image = _to_srgb(image, profile)
+    elif is_adobe and image.mode == "RGB":
+        image = Image.fromarray(adobe_to_srgb(np.asarray(image)))
     image = image if image.mode == "RGB" else image.convert("RGB")
     if alpha is None:
         return image
     return Image.composite(image, Image.new("RGB", image.size, (MID_GREY,) * 3), alpha)
+
+
+def _is_adobe_rgb(image: Image.Image) -> bool:
+    """Whether the EXIF says Adobe RGB, as cameras do that embed no profile (DCF 2.0: "uncalibrated", and R03)."""
+    with contextlib.suppress(Exception):  # damaged EXIF says nothing about the pixels
+        exif = image.getexif()
+        if not exif:
+            return False
+        space = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.ColorSpace)
+        kind = exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex)
+        # 2 is what some programs write for it
+        return space == 2 or (space == 65535 and str(kind).startswith("R03"))
+    return False
 
 
 def _to_eight_bits(image: Image.Image) -> Image.Image:

@@ -1,5 +1,6 @@
 """What the outputs of a network are called, and which class a folder of images is of."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -76,6 +77,8 @@ class LabelsFile(BaseModel):
     def _find_labels(cls, content: object) -> object:
         found = find_labels(content)
         if found is None:
+            if isinstance(content, Mapping):
+                _check_used(content)
             return content
         kept = {key: value for key, value in content.items() if not key.isdecimal()} if _is_named(content) else {}
         return kept | {"labels": found}
@@ -83,6 +86,7 @@ class LabelsFile(BaseModel):
 
 LABEL_KEYS = (
     "labels", "classes", "class_names", "categories", "names", "id2label", "idx_to_class", "class_to_idx", "label2id",
+    "label_names", "idx2label", "idx_to_label", "index_to_name", "id_to_class", "class_labels", "label_map",
 )  # fmt: skip
 """What training scripts call the list, in their checkpoints and beside them; `categories` is torchvision's."""
 
@@ -90,8 +94,9 @@ LABEL_KEYS = (
 def find_labels(content: object) -> list[str] | None:
     """The names of a network's outputs in what a file holds, in their order; None where it holds none.
 
-    A list of names; a mapping of indices to names, or of names to indices; or either under one of `LABEL_KEYS`, which
-    may itself lie under `meta`. Of Keras's `[id, name]` the name counts.
+    A list of names, or of COCO's `{"id": …, "name": …}`; a mapping of indices to names, or of names to indices, from 0
+    or from 1; or either under one of `LABEL_KEYS`, which may itself lie under `meta`. Of Keras's `[id, name]` the name
+    counts.
     """
     named = _as_names(content)
     if named is not None or not isinstance(content, Mapping):
@@ -115,13 +120,35 @@ def _as_names(content: object) -> list[str] | None:
             content = _in_order(content, content)
     if not isinstance(content, list | tuple) or not content:
         return None
+    if all(isinstance(one, Mapping) and "name" in one for one in content):
+        by_id = all(isinstance(one.get("id"), int) for one in content)
+        content = [one["name"] for one in (sorted(content, key=lambda one: one["id"]) if by_id else content)]
     names = [one[-1] if isinstance(one, list | tuple) and one else one for one in content]
     return [str(name) for name in names] if all(isinstance(name, str) for name in names) else None
 
 
 def _in_order(content: Mapping[Any, object], index: Mapping[Any, Any]) -> list[Any] | None:
     keys = sorted(content, key=lambda key: index[key])
-    return keys if [index[key] for key in keys] == list(range(len(keys))) else None
+    first = index[keys[0]]
+    # MATLAB and people count from 1
+    return keys if first in (0, 1) and [index[key] for key in keys] == list(range(first, first + len(keys))) else None
+
+
+def _check_used(content: Mapping[Any, Any]) -> None:
+    """A `ValueError` for names of classes that are there, and that `find_labels` cannot put into an order."""
+    numbers = [int(key) for key in content if str(key).isdecimal()]
+    if numbers and len(numbers) == len(content):
+        raise ValueError(
+            f"the {len(numbers)} keys from {min(numbers)} to {max(numbers)} leave gaps, or not all values are names: "
+            "expected a name for each output, counted from 0 or from 1"
+        )
+    holders = [one for one in (content, content.get("meta")) if isinstance(one, Mapping)]
+    named = [key for holder in holders for key in LABEL_KEYS if holder.get(key) not in (None, [], {})]
+    if named:
+        raise ValueError(
+            f"the field '{named[0]}' is no list of names: expected a name for each output, in order, or indices from 0 "
+            "or from 1 with their names"
+        )
 
 
 def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
@@ -168,32 +195,62 @@ FROM_FUNCTION = "return {'size': …, 'labels': ['…', …]} as the preprocessi
 """How the classes of a network get names."""
 CODE = ".py"
 MOST_TEXT_BYTES = 16 << 20
+UNREAD = (".yaml", ".yml", ".csv", ".names", ".labels")
+"""Under its name, other programs' files of labels."""
 DESCRIPTIONS = (".toml", ".json", ".txt")
 """What may lie beside a network's file, under its name."""
 
 
 def read_labels_file(weights: Path) -> LabelsFile:
-    """`WEIGHTS.toml`, `WEIGHTS.json`, or the names in `WEIGHTS.txt`, one a line; all fields empty where there is none.
+    """`WEIGHTS.toml` or `WEIGHTS.json`, and the names in `WEIGHTS.txt`, one a line; empty fields where there is none.
 
     Raises:
-        ToolkitError: a field is wrong, the text is none, or there are both TOML and JSON.
+        ToolkitError: a field is wrong, the text is none, two files say the same, or names lie in one that is not read.
     """
     file, toml, text = (weights.with_suffix(suffix) for suffix in (".json", ".toml", ".txt"))
     if file.is_file() and toml.is_file():
         raise ToolkitError(f"{toml} and {file} both describe {weights.name}: delete one of them")
+    said = LabelsFile()
     if toml.is_file():
-        return read_toml(toml, LabelsFile)
-    if file.is_file():
-        return read_json(file, LabelsFile)
-    if not text.is_file():
-        return LabelsFile()
+        said = read_toml(toml, LabelsFile)
+    elif file.is_file():
+        said = read_json(file, LabelsFile)
+    if text.is_file():
+        if said.labels is not None:
+            other = toml if toml.is_file() else file
+            raise ToolkitError(f"{other} and {text} both name the classes of {weights.name}: delete one of them")
+        try:
+            return LabelsFile.model_validate(said.model_dump() | {"labels": read_names(text)})
+        except ValidationError as error:
+            raise ToolkitError(f"{text}: {explain_validation(error)}") from None
+    unread = next((one for suffix in UNREAD if (one := weights.with_suffix(suffix)).is_file()), None)
+    if said.labels is None and unread is not None:
+        raise ToolkitError(
+            f"{unread} is not read: put the names of the classes of {weights.name}, one a line, into {text.name}"
+        )
+    return said
+
+
+def read_names(text: Path) -> list[str]:
+    """The names of classes in a text file, one a line; numbers and WordNet ids before all of them are left out.
+
+    Raises:
+        ToolkitError: the file is empty, or no text.
+    """
     try:
-        lines = read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()
-        return LabelsFile(labels=[line.strip() for line in lines if line.strip()] or None)
+        lines = [line.strip() for line in read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()]
     except UnicodeDecodeError as error:
         raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
-    except ValidationError as error:
-        raise ToolkitError(f"{text}: {explain_validation(error)}") from None
+    lines = [line for line in lines if line]
+    if not lines:
+        raise ToolkitError(f"{text} is empty: expected the name of a class on each line, or delete the file")
+    by_index = {int(one[1]): one for line in lines if (one := re.fullmatch(r"(\d+) *([:,;\t ]) *(.+)", line))}
+    keys = _in_order(by_index, {key: key for key in by_index}) if len(by_index) == len(lines) else None
+    # "1 cent" is a name: a space alone is taken for a separator only where the numbers begin at 0
+    if keys is not None and (keys[0] == 0 or all(one[2] != " " for one in by_index.values())):
+        return [by_index[key][3] for key in keys]
+    wnids = [re.fullmatch(r"n\d{8}\s+(.+)", line) for line in lines]
+    return [one[1] for one in wnids if one] if all(wnids) else lines
 
 
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:

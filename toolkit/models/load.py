@@ -36,8 +36,10 @@ from toolkit.models.weights import (
     find_in_folder,
     find_local,
     find_weights,
+    name_prefix,
     no_weights,
     open_weights,
+    unwrap_names,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +83,7 @@ def load_classifier(
     file = find_weights(arch, found.weights)
     state, own = read_network_file(file)
     published = entry.meta["categories"]
-    num_classes = _count_classes(arch, state, len(published), file)
+    num_classes, state = _count_classes(arch, state, len(published), file)
     module = build_network(arch, num_classes)
     _fill(module, state, arch, file)
     module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
@@ -119,7 +121,10 @@ def load_classifiers(
     return [load_classifier(name, file, device, folder) for name, file in pair_weights(models, weights, folder)]
 
 
-def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
+def _count_classes(
+    arch: str, state: "OrderedDict[str, torch.Tensor]", published: int, file: WeightsFile
+) -> "tuple[int, OrderedDict[str, torch.Tensor]]":
+    """Rows of the last layer, and the state dict with the network's own names."""
     import torch
 
     class Undrawn(torch.overrides.TorchFunctionMode):
@@ -134,11 +139,12 @@ def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: in
         expected = build_network(arch, published).state_dict()
     # the last weight with as many rows as there are classes is the classifier's head
     last = [name for name, value in expected.items() if name.endswith(".weight") and value.shape[0] == published][-1]
+    state = unwrap_names(state, expected, file.path)
     if last not in state:
-        raise _misfit(arch, file, f"it has no '{last}'")
+        raise _misfit(arch, file, f"it has no '{last}'{name_prefix(state)}")
     if state[last].ndim == 0:
         raise _misfit(arch, file, f"'{last}' is a single number")
-    return int(state[last].shape[0])
+    return int(state[last].shape[0]), state
 
 
 def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", arch: str, file: WeightsFile) -> None:
@@ -273,7 +279,7 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     preprocessing = read_timm_preprocessing(name, config)
     file = find_timm_weights(name, config, weights)
     state, own = read_network_file(file)
-    num_classes = _count_timm_classes(model, config, state)
+    num_classes, state = _count_timm_classes(model, config, state, file)
     check_numbers(state.values(), file)
     module = _build_timm(model, state, num_classes, file)
     module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
@@ -336,14 +342,23 @@ def read_timm_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
 
 
-def _count_timm_classes(model: str, config: dict[str, Any], state: "Mapping[str, torch.Tensor]") -> int:
-    """Outputs of the last layer; timm's published number where the file calls that layer otherwise."""
+def _count_timm_classes(
+    model: str, config: dict[str, Any], state: "OrderedDict[str, torch.Tensor]", file: WeightsFile
+) -> "tuple[int, OrderedDict[str, torch.Tensor]]":
+    """Outputs of the last layer, and the state dict with timm's names; the published number of another format's."""
+    import torch
+
     last = config.get("classifier") or ""
-    weight = state.get(f"{last if isinstance(last, str) else last[0]}.weight")
+    head = f"{last if isinstance(last, str) else last[0]}.weight"
+    if head not in state and any(name.endswith(f".{head}") for name in state):
+        with torch.device("meta"):
+            expected = import_module("timm").create_model(model.removeprefix(TIMM_PREFIX), pretrained=False)
+        state = unwrap_names(state, expected.state_dict(), file.path)
+    weight = state.get(head)
     count = int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0])
     if count < 1:
         raise FieldError("is not a classifier: its weights end in features: choose another network", {"model": model})
-    return count
+    return count, state
 
 
 def _build_timm(
@@ -360,7 +375,7 @@ def _build_timm(
         )
     # each network converts in its own way, and trips over a foreign file in its own way
     except (RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
-        why = " ".join(str(error).split())[:200]
+        why = " ".join(str(error).split())[:200] + name_prefix(state)
         raise FieldError(
             f"{file.path} holds no weights of {model}: {why}: name its network with {{model}}", {}
         ) from None

@@ -25,6 +25,7 @@ from toolkit.models.weights import (
     find_in_folder,
     open_weights,
     read_state_dict,
+    unwrap_names,
 )
 
 Dense = tuple[torch.Tensor, torch.Tensor]
@@ -342,7 +343,7 @@ def _load_torchvision(name: str, weights: Path | None, device: str) -> Torchvisi
     labels = own.labels or list(entry.meta["categories"])
     module: nn.Module = torchvision.models.get_model(name, weights=None, weights_backbone=None, num_classes=len(labels))
     try:
-        module.load_state_dict(state)
+        module.load_state_dict(unwrap_names(state, module.state_dict(), file.path))
     except RuntimeError as error:
         why = " ".join(str(error).split())[:160]
         raise ToolkitError(f"{file.path} holds no weights of {name} with {len(labels)} classes: {why}") from None

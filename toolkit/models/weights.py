@@ -6,7 +6,7 @@ import os
 import re
 import socket
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -116,8 +116,9 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     """Parameters by name, and what a checkpoint says beside them: labels, normalisation; nothing in it is executed.
 
     Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
-    DataParallel adds, are unwrapped. Of a checkpoint of MadryLab's robustness library, as those of
-    robust-models-transfer are, the classifier alone is taken, and the mean and deviation that it was trained with.
+    DataParallel adds or the `_orig_mod.` of torch.compile, are unwrapped; for other names see `unwrap_names`. Of a
+    checkpoint of MadryLab's robustness library, as those of robust-models-transfer are, the classifier alone is taken,
+    and the mean and deviation that it was trained with.
 
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
@@ -197,7 +198,47 @@ def _is_parameter(name: object, value: object) -> bool:
 def _modern_name(name: str) -> str:
     # torchvision's published DenseNets still have the names of torch 0.3, which its own loader renames like this
     old = re.match(r"^(.*denselayer\d+\.(?:norm|conv))\.([12]\..+)$", name)
-    return (old[1] + old[2] if old else name).removeprefix("module.")
+    # torch.compile wraps a network, or parts of it
+    return (old[1] + old[2] if old else name).replace("_orig_mod.", "").removeprefix("module.")
+
+
+def unwrap_names(
+    state: "OrderedDict[str, torch.Tensor]", expected: "Iterable[str]", path: Path
+) -> "OrderedDict[str, torch.Tensor]":
+    """The parameters that a network expects, without what a training program put before their names.
+
+    Lightning puts the attribute that holds the network, such as `model.`; what else it keeps beside it is left out.
+
+    Args:
+        state: parameters by name.
+        expected: the network's own names.
+        path: of the file, for messages.
+
+    Raises:
+        ToolkitError: the file holds several such networks; the message names their prefixes.
+    """
+    wanted = [name for name in expected if not name.endswith("num_batches_tracked")]
+    if not wanted:
+        return state
+    ends = {name[: -len(wanted[-1])] for name in state if name.endswith(wanted[-1])}
+    # `fc.weight` also ends another layer's `other_fc.weight`
+    prefixes = [end for end in sorted(ends) if not end or end.endswith(".")]
+    found = [prefix for prefix in prefixes if all(f"{prefix}{name}" in state for name in wanted)]
+    if "" in found or not found:
+        return state
+    if len(found) > 1:
+        named = " and ".join(f"'{prefix}'" for prefix in found)
+        raise ToolkitError(
+            f"{path} holds {len(found)} such networks, whose names begin with {named}: save the one that is meant with "
+            "torch.save(network.state_dict(), FILE)"
+        )
+    return _rename(state, lambda name: name[len(found[0]) :] if name.startswith(found[0]) else None)
+
+
+def name_prefix(state: "Iterable[str]") -> str:
+    """What all names of a state dict begin with, as a remark for a message; empty if they differ from the start."""
+    first, *others = {name.partition(".")[0] for name in state} or {""}
+    return "" if others or not first else f" (all its names begin with '{first}.')"
 
 
 def _load(path: Path) -> object:

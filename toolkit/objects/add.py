@@ -10,10 +10,12 @@ from typing import Any
 from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, real_path, write_bytes, write_text
+from toolkit.core.files import explain_read_error, inside, real_path, write_bytes, write_text
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
+from toolkit.objects.obj_file import list_obj_names
+from toolkit.objects.ply_file import list_ply_names
 from toolkit.objects.records import printed_size_mm
 from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
 
@@ -187,16 +189,22 @@ def find_named_files(mesh_file: Path) -> list[Path]:
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
         return _check_files(mesh_file, _gltf_uris(mesh_file))
-    if suffix == ".ply":
-        return _check_files(mesh_file, _values(_header_lines(mesh_file), (b"comment texturefile",)))
-    if suffix != ".obj":
+    if suffix not in (".obj", ".ply"):
         return []
-    with mesh_file.open("rb") as lines:
-        libraries = _check_files(mesh_file, _values(lines, (b"mtllib",)))
-    maps: list[str] = []
-    for library in libraries:
-        maps += _values(library.read_bytes().splitlines(), (b"map_", b"bump", b"disp", b"decal", b"refl", b"norm"))
-    return libraries + [file for file in _check_files(mesh_file, maps) if file not in libraries]
+    try:
+        files, missing = (list_obj_names if suffix == ".obj" else list_ply_names)(mesh_file)
+    except OSError as error:
+        raise explain_read_error(mesh_file, error) from None
+    except ToolkitError as error:
+        raise ToolkitError(f"{mesh_file} names another file: {error}") from None
+    _refuse_missing(mesh_file, missing)
+    return files
+
+
+def _refuse_missing(mesh_file: Path, missing: list[str]) -> None:
+    if missing:
+        named = ", ".join(missing)
+        raise ToolkitError(f"{mesh_file} names files that are not there: {named}: put them into {mesh_file.parent}")
 
 
 def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
@@ -210,32 +218,8 @@ def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
         if Path(name).is_absolute():
             raise ToolkitError(f"{mesh_file} names {name}: expected a path in its own folder: edit the mesh's text")
         files.append(file if ".." in name else folder / name)  # a linked file keeps its place
-    missing = [str(file.relative_to(folder)) for file in files if not file.is_file()]
-    if missing:
-        raise ToolkitError(f"{mesh_file} names files that are not there: {', '.join(missing)}: put them into {folder}")
+    _refuse_missing(mesh_file, [str(file.relative_to(folder)) for file in files if not file.is_file()])
     return files
-
-
-def _values(lines: Iterable[bytes], keys: tuple[bytes, ...]) -> list[str]:
-    """What follows one of `keys` on its line; options before a map's file name are left out."""
-    found = []
-    for line in lines:
-        line = line.strip()
-        if not line.lower().startswith(keys):
-            continue
-        words = line.decode("utf-8", "replace").split(None, 2 if b" " in keys[0] else 1)
-        value = words[-1] if len(words) > 1 else ""
-        if value.startswith("-"):
-            value = value.split()[-1]
-        if value:
-            found.append(value)
-    return found
-
-
-def _header_lines(ply: Path) -> list[bytes]:
-    with ply.open("rb") as stream:
-        head = stream.read(1 << 16)
-    return head.split(b"end_header")[0].splitlines()
 
 
 def _gltf_uris(file: Path) -> list[str]:

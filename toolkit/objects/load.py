@@ -4,11 +4,12 @@ What a file announces is looked at before anything is built of it: a few bytes m
 """
 
 import json
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,12 +31,10 @@ from toolkit.objects.mesh import (
     place_on_table,
     unpack_mesh,
 )
-from toolkit.objects.paint import paint_faces
+from toolkit.objects.obj_file import read_obj
+from toolkit.objects.paint import Piece, paint_faces
+from toolkit.objects.ply_file import read_ply
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
-
-if TYPE_CHECKING:
-    from toolkit.objects.paint import Visuals
-
 
 MAX_FACES = 4_000_000
 """More take over 2 GB to load, for detail that no picture shows."""
@@ -43,8 +42,6 @@ MAX_PARTS = 20_000
 """Each takes half a millisecond."""
 MOST_LEVELS = 200
 """Of nodes within one another; each takes its place from all above it."""
-MOST_OBJ_MATERIALS = 4_000
-"""trimesh looks for a name for each among all before it."""
 MOST_TEXT_BYTES = 512 << 20
 MOST_ZERO_BYTES = 64 << 20
 """Of numbers that a file only counts: glTF lets it leave out those that are zero."""
@@ -55,16 +52,14 @@ SIMPLER = "simplify it (Blender: Decimate; MeshLab: Quadric Edge Collapse Decima
 
 
 def check_announced(path: Path) -> None:
-    """Refuse a glTF or an OBJ that asks for more than `read_mesh` builds; what is no glTF is left to its reader.
+    """Refuse a glTF that asks for more than `read_mesh` builds; what is no glTF is left to its reader.
 
     Raises:
-        ToolkitError: too many faces, parts, levels, materials or bytes; the message says which and what to do.
+        ToolkitError: too many faces, parts, levels or bytes; the message says which and what to do.
     """
     suffix = path.suffix.lower()
     try:
-        if suffix == ".obj":
-            _check_obj(path)
-        elif suffix in (".glb", ".gltf"):
+        if suffix in (".glb", ".gltf"):
             tree = _read_tree(path, suffix)
             if isinstance(tree, dict):
                 _check_bytes(path, tree)
@@ -83,15 +78,6 @@ def check_parts(path: Path, count: int) -> None:
     """A `ToolkitError` for more than `MAX_PARTS`."""
     if count > MAX_PARTS:
         raise ToolkitError(f"{path}: {count:,} parts, more than {MAX_PARTS:,}: join them before the export")
-
-
-def _check_obj(path: Path) -> None:
-    with open_plain(path) as file:
-        names = {line.split(maxsplit=1)[-1] for line in file if line.startswith(b"usemtl")}
-    if len(names) > MOST_OBJ_MATERIALS:
-        raise ToolkitError(
-            f"{path}: {len(names):,} materials, more than {MOST_OBJ_MATERIALS:,}: join them, or export it as .glb"
-        )
 
 
 def _read_tree(path: Path, suffix: str) -> Any:
@@ -226,6 +212,11 @@ def load_object(spec_file: Path) -> TableObject:
         ('coffeepot', [144.0, 270.0, 240.0])
     """
     spec = read_spec(spec_file)
+    if not spec.mesh:
+        raise ToolkitError(
+            f"{spec_file}: '{spec.name}' has no mesh, so it is judged in photographs, but cannot be rendered: "
+            "add 'mesh' and 'length_mm' to the file"
+        )
     if spec.mesh.startswith(BUILTIN_PREFIX):
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
@@ -287,37 +278,14 @@ def _build_mesh(path: Path) -> Mesh:
     return check_mesh(merge_meshes(welded), str(path))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """A part of a file in the scene's axes: vertices (n, 3) float64, faces (m, 3), and trimesh's visuals."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    visual: "Visuals | None"
-
-
-def _read_pieces(path: Path) -> list[_Piece]:
-    import trimesh
-
-    pieces: list[_Piece] = []
+def _read_pieces(path: Path) -> list[Piece]:
+    pieces: list[Piece] = []
     count = 0
     try:
-        with open_textures(str(path)):  # trimesh opens them itself
-            scene = trimesh.load_scene(path, process=False)
-        check_parts(path, len(scene.graph.nodes_geometry))
-        for node in scene.graph.nodes_geometry:
-            T_scene_piece, name = scene.graph[node]
-            piece = scene.geometry[name]
-            if not isinstance(piece, trimesh.Trimesh) or not len(piece.faces):
-                continue
+        for piece in READERS.get(path.suffix.lower(), _read_scene)(path):
             count += len(piece.faces)
             check_faces(path, count)
-            vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
-            if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
-                vertices = trimesh.transform_points(vertices, T_scene_piece)
-                # a mirror turns triangles inside out
-                faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
-            pieces.append(_Piece(vertices, faces, piece.visual))
+            pieces.append(piece)
     except ToolkitError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their format makes them
@@ -330,7 +298,31 @@ def _read_pieces(path: Path) -> list[_Piece]:
     return pieces
 
 
-def _move_home(pieces: list[_Piece], source: str) -> list[_Piece]:
+def _read_scene(path: Path) -> Iterator[Piece]:
+    """The parts of a file that trimesh reads as it is."""
+    import trimesh
+
+    with open_textures(str(path)):  # trimesh opens them itself
+        scene = trimesh.load_scene(path, process=False)
+    check_parts(path, len(scene.graph.nodes_geometry))
+    for node in scene.graph.nodes_geometry:
+        T_scene_piece, name = scene.graph[node]
+        piece = scene.geometry[name]
+        if not isinstance(piece, trimesh.Trimesh) or not len(piece.faces):
+            continue
+        vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
+        if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
+            vertices = trimesh.transform_points(vertices, T_scene_piece)
+            # a mirror turns triangles inside out
+            faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
+        yield Piece(vertices, faces, piece.visual)
+
+
+READERS: dict[str, Callable[[Path], Iterator[Piece]]] = {".obj": read_obj, ".ply": read_ply}
+"""Formats with a reader of their own."""
+
+
+def _move_home(pieces: list[Piece], source: str) -> list[Piece]:
     """Check coordinates and indices; a mesh far from the origin is moved there, for float32 would round it."""
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for piece in pieces:
@@ -377,7 +369,7 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _paint(piece: _Piece, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Material]:
+def _paint(piece: Piece, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Material]:
     """Vertices as float32, faces, texture coordinates of their corners and material."""
     vertices = piece.vertices.astype(np.float32)
     return vertices, piece.faces, *paint_faces(piece.visual, vertices, piece.faces, source)

@@ -234,12 +234,12 @@ def _compare_all(
 
 
 def _compare_cells(unit: np.ndarray, weighted: np.ndarray, cosine: float) -> np.ndarray:
-    """(n, 3) as `_compare_all` for one fan: each corner with the means of cells of directions."""
+    """(n, 3) as `_compare_all` for one fan: cells of directions are compared, as there are only so many of them."""
     first, cell = group_rows(list(np.round((unit.T + 1) * (CELLS / 2)).astype(np.int64)))
     sums = np.stack([np.bincount(cell, axis, len(first)) for axis in weighted.T], axis=1)
     mean = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-20)
-    parts = np.array_split(unit, -(-unit.shape[0] * len(first) // AT_ONCE))
-    return np.concatenate([(part @ mean.T >= cosine) @ sums for part in parts])
+    parts = np.array_split(mean, -(-(len(mean) ** 2) // AT_ONCE))
+    return np.concatenate([(part @ mean.T >= cosine) @ sums for part in parts])[cell]
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The paint of a user's mesh as one texture: its picture, its colours per face or vertex, or one plain colour."""
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,8 +27,28 @@ LIKE = 4
 """Texels a side for each colour of a palette, so that look-ups between texels stay inside."""
 
 
+Paint = tuple[np.ndarray, Material]
+"""Texture coordinates (n, 2) of vertices, and the material."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of a file: vertices (n, 3) float64 in the scene's axes, faces (m, 3), its paint or trimesh's visuals."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    visual: "Visuals | Paint | None"
+
+
+def plain_paint(uv: np.ndarray | None, count: int) -> Paint:
+    """Plain grey for `count` vertices, on their own texture coordinates (n, 2) if they have some."""
+    if uv is None:
+        return np.zeros((count, 2), np.float32), Material("plain", _solid(PLAIN_COLOUR), roughness=0.45)
+    return uv, Material("material", _solid(PLAIN_COLOUR))
+
+
 def paint_faces(
-    visual: "Visuals | None", vertices: np.ndarray, faces: np.ndarray, source: str
+    visual: "Visuals | Paint | None", vertices: np.ndarray, faces: np.ndarray, source: str
 ) -> tuple[np.ndarray, Material]:
     """(m, 3, 2) texture coordinates of the corners of faces (m, 3) of vertices (n, 3), and the material.
 
@@ -39,12 +60,14 @@ def paint_faces(
     """
     from trimesh.visual import TextureVisuals
 
+    if isinstance(visual, tuple):
+        return visual[0][faces], visual[1]
     pbr, uv = (_to_pbr(visual.material), visual.uv) if isinstance(visual, TextureVisuals) else (None, None)
     if pbr is not None and uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
         image = pbr.baseColorTexture
         picture = None if image is None else decode_texture(image, source)
         return np.asarray(uv, np.float32)[faces], _material(pbr, picture)
-    plain = Material("plain", _solid(PLAIN_COLOUR), roughness=0.45) if pbr is None else _material(pbr, None)
+    plain = plain_paint(None, 0)[1] if pbr is None else _material(pbr, None)
     colours = _corner_colours(visual, vertices, faces)
     if colours is None:
         return np.zeros((len(faces), 3, 2), np.float32), plain

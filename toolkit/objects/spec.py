@@ -16,9 +16,11 @@ from pydantic import (
 )
 
 from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.text import FileName, LabelOrIndex, is_file_name
+from toolkit.core.workspace import Workspace
 
 """How large a patch comes out of the printer."""
 
@@ -44,6 +46,8 @@ Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
 MOST_SPEC_BYTES = 1 << 20
 MOST_SHEETS = 12
+UNKNOWN_MM = 1.0
+"""Stands for the length of an object without a mesh, which nothing measures."""
 
 
 def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
@@ -78,8 +82,8 @@ class ObjectSpec(BaseModel):
     Attributes:
         name: of its folder in a capture; in a file it is the file's and may be left out.
         class_name: the category it should be recognised as: an ImageNet name, an index, or a label of one's own.
-        mesh: `builtin:NAME`, or a file beside the spec.
-        length_mm: longest side.
+        mesh: `builtin:NAME`, or a file beside the spec; empty for an object that is known from photographs alone.
+        length_mm: longest side; required with a mesh.
         world_length_m: longest side of what it is a model of, for worlds outdoors.
         up: the mesh's axis that points up; by default as `axes_of_format` says.
         front: the mesh's axis that points to the front; likewise.
@@ -89,7 +93,7 @@ class ObjectSpec(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
     name: FileName = ""
     class_name: LabelOrIndex = Field(alias="class")
-    mesh: str
+    mesh: str = ""
     length_mm: float = Field(ge=1, lt=100_000)
     world_length_m: float | None = Field(None, ge=0.001, lt=10_000)
     up: Axis = "z"
@@ -113,6 +117,8 @@ class ObjectSpec(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _stand_as_the_format_says(cls, fields: Any) -> Any:
+        if isinstance(fields, dict) and "mesh" not in fields:
+            return {"length_mm": UNKNOWN_MM} | fields
         if not isinstance(fields, dict) or not isinstance(fields.get("mesh"), str):
             return fields
         up, front = axes_of_format(fields["mesh"])
@@ -206,6 +212,18 @@ def read_spec(path: Path) -> ObjectSpec:
     if not is_file_name(name):
         raise ToolkitError(f"{path}: expected a file name of letters, digits, - and _, found '{name}': rename the file")
     return spec.model_copy(update={"name": name})
+
+
+def names_with_mesh(workspace: Workspace) -> list[str]:
+    """The names of all objects that can be rendered, sorted; a notice tells of those without a mesh.
+
+    Raises:
+        ToolkitError: a spec is broken.
+    """
+    meshes = {name: read_spec(file).mesh for name, file in sorted(workspace.object_specs().items())}
+    if bare := [name for name, mesh in meshes.items() if not mesh]:
+        notice(f"note: left out, known from photographs alone: {', '.join(bare)} (no mesh in the spec)")
+    return [name for name, mesh in meshes.items() if mesh]
 
 
 def write_mounts(spec_file: Path, written: Path, mounts: Sequence[PatchMount]) -> Path:

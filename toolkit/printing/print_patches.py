@@ -373,6 +373,6 @@ def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[st
     """Which sheets will not lie on their objects at the size that was printed, and where they would."""
     notes = []
     for one in printed:
-        if one.object is not None:
+        if one.object is not None and read_spec(workspace.object_spec(one.object)).mesh:
             notes += describe_misfits(load_object(workspace.object_spec(one.object)), one.sizes_mm)
     return notes

@@ -23,6 +23,7 @@ from toolkit.core.files import read_json, sha256_json, write_json
 from toolkit.core.text import FileName
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.spec import names_with_mesh
 from toolkit.rig import MOST_POSES, Pattern
 from toolkit.rig.camera import Camera, Distortion, distance_to_fill, orbit_pose, project
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
@@ -383,7 +384,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
         ToolkitError: the plan is broken, or an object is unknown.
     """
     old = read_plan(workspace.plan_file) if workspace.plan_file.is_file() else None
-    wanted = names or [] if old else sorted({*workspace.object_specs(), *(names or [])})
+    wanted = names or [] if old else sorted({*names_with_mesh(workspace), *(names or [])})
     missing = [name for name in wanted if old is None or name not in old.objects]
     if old is not None and not missing:
         return old
@@ -465,7 +466,7 @@ def plan_objects(
     Raises:
         ToolkitError: an unknown object, or as `make_plan` says.
     """
-    items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
+    items = [load_object(workspace.object_spec(name)) for name in objects or names_with_mesh(workspace)]
     made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern(), workspace)
     old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
     plan = keep_others(old, made)

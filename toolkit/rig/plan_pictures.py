@@ -40,8 +40,10 @@ def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> byte
         space.plot(*np.vstack([corners, corners[:1]]).T, color="0.4", lw=0.7)
         space.text(*(position * 1.04), str(pose.id), fontsize=8)
     reach = float(np.abs(positions).max()) * 1.05
-    space.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(0, reach), xlabel="x, front (cm)", ylabel="y (cm)")
-    space.set_box_aspect((2, 2, 1))
+    space.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(0, reach))
+    space.set(xlabel="x, to the front (cm)", ylabel="y, to the left (cm)", zlabel="z, height (cm)")
+    # smaller than its frame, so that the label of the height is in the picture
+    space.set_box_aspect((2, 2, 1), zoom=0.9)
     space.view_init(28, -60)
     plan = figure.add_subplot(1, 2, 2)
     plan.scatter(vertices[:, 0], vertices[:, 1], s=0.5, c="0.6", linewidths=0)

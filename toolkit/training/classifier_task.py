@@ -24,7 +24,7 @@ from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAtta
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
 from toolkit.models.vision import torchvision
-from toolkit.models.weights import WeightsFile, read_state_dict
+from toolkit.models.weights import WeightsFile, read_state_dict, unwrap_names
 from toolkit.training.classifier_config import Attack, Augmentation, ClassifierConfig, ClassPictures, Corrupting
 from toolkit.training.data import Pack, TrainingSet
 from toolkit.training.loop import History, TrainingTask
@@ -542,7 +542,8 @@ def _initialise(module: nn.Module, arch: str) -> None:
 
 
 def _take_weights(module: nn.Module, arch: str, init: WeightsFile) -> None:
-    own, given = module.state_dict(), read_state_dict(init)
+    own = module.state_dict()
+    given = unwrap_names(read_state_dict(init), own, init.path)
     # side outputs for training only, and batch norm's step counter, may be absent
     needed = [name for name in own if not name.endswith("num_batches_tracked") and not name.lower().startswith("aux")]
     other = [name for name in needed if name not in given or given[name].shape != own[name].shape]

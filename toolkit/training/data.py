@@ -28,7 +28,7 @@ from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.load import load_object
-from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
+from toolkit.objects.spec import BUILTIN_PREFIX, names_with_mesh, read_spec
 from toolkit.training.images import (
     CIFAR_PREFIX,
     CifarImage,
@@ -154,7 +154,8 @@ def _everyday(counts: RenderCounts) -> DataSource:
 
 
 def _rig(workspace: Workspace, counts: RenderCounts) -> DataSource:
-    specs = {name: (file, read_spec(file)) for name, file in sorted(workspace.object_specs().items())}
+    files = {name: workspace.object_spec(name) for name in names_with_mesh(workspace)}
+    specs = {name: (file, read_spec(file)) for name, file in files.items()}
     units: list[tuple] = []
     keys: list[Any] = [_hash_code()]
     for name, (file, spec) in specs.items():

@@ -36,6 +36,7 @@ from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.experiments.transfer import FOR_CLASSIFIERS, Kind, TransferConfig
 from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
+from toolkit.objects.spec import names_with_mesh
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan, write_plan
 
 BOOSTED = {"patched": "patch", "textured": "texture"}
@@ -187,7 +188,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     for name in config.left_out:
         if name not in groups:
             raise one_of("network", name, list(groups))
-    objects = list(config.objects) or sorted(workspace.object_specs())
+    objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
     folder = workspace.eval_dir / "transfer" / config.run

@@ -1,0 +1,57 @@
+"""Files that a mesh or its material library names, found in the mesh's folder, whatever system wrote the path."""
+
+import unicodedata
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import inside
+
+
+def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None:
+    r"""The file in `root` or below that a mesh means by `name`; None if there is none.
+
+    The path is tried as written, then with `\` as `/`, then its last part alone: exporters write the absolute paths of
+    their own machine. If no file has that exact name, letter case is ignored where only one file matches.
+
+    Args:
+        root: the mesh's folder; nothing outside it is found.
+        name: as the file has it.
+        beside: a folder below `root` that is looked into first: the material library's.
+
+    Raises:
+        ToolkitError: the path leaves `root`, and no file in `root` has its last part as its name.
+    """
+    slashed = name.replace("\\", "/")
+    forms = dict.fromkeys((name, slashed, slashed.rsplit("/", 1)[-1]))
+    places = [(folder, form) for folder in dict.fromkeys((beside or root, root)) for form in forms if form]
+    left: ToolkitError | None = None
+    for folder, form in places:
+        try:
+            real = inside(root, str((folder / form).relative_to(root)) if not Path(form).is_absolute() else form)
+        except ToolkitError as error:
+            left = left or error
+            continue
+        if real.is_file():
+            return real if ".." in form else folder / form  # a linked file keeps its place
+    for folder, form in places:
+        found = _match_case(folder, form)
+        if len(found) == 1 and inside(root, str(found[0].relative_to(root))).is_file():
+            return found[0]
+    if left is not None:
+        raise left
+    return None
+
+
+def _match_case(folder: Path, name: str) -> list[Path]:
+    """Files below `folder` whose path is `name` but for letter case and for how accents are encoded."""
+    found = [folder]
+    for part in Path(name).parts:
+        if part in ("/", ".."):
+            return []
+        folders = [folder for folder in found if folder.is_dir()]
+        found = [path for folder in folders for path in folder.iterdir() if _plain(path.name) == _plain(part)]
+    return [path for path in found if path.is_file()]
+
+
+def _plain(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

@@ -1,0 +1,243 @@
+"""Wavefront OBJ as people have it: text that is made plain for trimesh, and the materials of its libraries."""
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.core.console import notice
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import open_plain
+from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
+from toolkit.imaging.read import read_texture
+from toolkit.objects.mesh import Material
+from toolkit.objects.mtl_file import ObjMaterial, PictureMap, decode_text, find_libraries, read_library
+from toolkit.objects.named_files import find_named
+from toolkit.objects.paint import Paint, Piece, plain_paint
+
+MOST_OBJ_MATERIALS = 4_000
+"""trimesh looks for a name for each among all before it."""
+CLAMPED_TILES = 4
+"""A clamped picture is drawn out to so many times its size on each side; further out it has the same colour."""
+MOST_NOTES = 8
+FREE_FORM = re.compile(r"^ *(surf|curv2?|cstype|call|csh) ", re.MULTILINE)
+MIXED_FACE = re.compile(r"^ *f [^\n]*(?: |/)-", re.MULTILINE)
+
+
+def read_obj(path: Path) -> Iterator[Piece]:
+    """The parts of an OBJ, one for each material.
+
+    Raises:
+        ToolkitError: too many materials, or a picture that does not decode; names the file.
+        Exception: whatever trimesh makes of text that is no OBJ.
+    """
+    from trimesh.exchange.obj import load_obj
+    from trimesh.geometry import triangulate_quads
+
+    text, materials = _read_text(path)
+    names = "".join(f"newmtl {name}\n" for name in materials)
+    made = load_obj(io.StringIO(f"mtllib materials\n{text}"), resolver={"materials": names})
+    del text
+    painter = _Painter(path, materials)
+    for part in made.get("geometry", {}).values() if "geometry" in made else ():
+        vertices = np.asarray(part["vertices"], np.float64)
+        faces = np.asarray(triangulate_quads(part["faces"]), np.int64)
+        if len(faces):
+            yield Piece(vertices, faces, painter.paint(part, vertices))
+    painter.say_left_out()
+
+
+def list_obj_names(path: Path) -> tuple[list[Path], list[str]]:
+    """The files that an OBJ and its libraries name, and the names of those that are not there.
+
+    Raises:
+        ToolkitError: a name leaves the folder.
+    """
+    with open_plain(path) as file:
+        libraries, missing = find_libraries(path, decode_text(file.read()))
+    files = dict.fromkeys(libraries)
+    for library in libraries:
+        for material in read_library(library).values():
+            for name in [*([material.picture.name] if material.picture else []), *material.others]:
+                found = find_named(path.parent, name, library.parent)
+                if found is None:
+                    missing.append(name)
+                else:
+                    files[found] = None
+    return list(files), list(dict.fromkeys(missing))
+
+
+def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
+    """The file's text in the plain form that trimesh reads, and the materials of its libraries."""
+    with open_plain(path) as file:
+        text = decode_text(file.read())
+    libraries, missing = find_libraries(path, text)
+    materials: dict[str, ObjMaterial] = {}
+    for library in libraries:
+        materials |= read_library(library)
+    left_out = [f"{name} (not there)" for name in missing]
+    if FREE_FORM.search(text):
+        left_out.append("free-form curves and surfaces")
+    say_left_out(path, left_out)
+
+    text = re.sub(r"^ *mtllib .*$", "", text, flags=re.MULTILINE)
+    if "#" in text:
+        text = re.sub(r"^#.*$|^([vf][^#\n]*) #.*$", r"\1", text, flags=re.MULTILINE)
+    text = re.sub(r"^ +", "", text, flags=re.MULTILINE) if "\n " in text or text[:1] == " " else text
+    used = {*re.findall(r"^usemtl +(.*)$", text, re.MULTILINE)}
+    if len(used) > MOST_OBJ_MATERIALS:
+        raise ToolkitError(
+            f"{path}: {len(used):,} materials, more than {MOST_OBJ_MATERIALS:,}: join them, or export it as .glb"
+        )
+    if any("  " in name for name in used):
+        text = re.sub(r"^usemtl .*$", lambda line: " ".join(line[0].split()), text, flags=re.MULTILINE)
+    return _plain_faces(text), materials
+
+
+def say_left_out(path: Path, features: list[str]) -> None:
+    """One note on stderr with the features of a file that are not used; nothing if there are none."""
+    features = list(dict.fromkeys(features))
+    if features:
+        more = f" and {len(features) - MOST_NOTES} more" if len(features) > MOST_NOTES else ""
+        notice(f"note: {path}: left out: {', '.join(features[:MOST_NOTES])}{more}")
+
+
+def _plain_faces(text: str) -> str:
+    """Corners counted from the last vertex get absolute numbers; corners without texture coordinates get (0, 0).
+
+    trimesh counts backwards from the end of the file, and drops all texture coordinates of a part if one is missing.
+    """
+    starts = re.findall(r"^f +(\S+)", text, re.MULTILINE)
+    is_mixed = len({_form(start) for start in starts}) > 1
+    if not is_mixed and not MIXED_FACE.search(text):
+        return text
+    counts = {"v": 0, "vt": 0, "vn": 0}
+    lines = text.split("\n")
+    # the added texture coordinate stands behind all others
+    dummy = sum(line.startswith("vt ") for line in lines) + 1
+    has_uv = dummy > 1
+    for number, line in enumerate(lines):
+        key = line.partition(" ")[0]
+        if key in counts:
+            counts[key] += 1
+        elif key == "f":
+            corners = (_plain_corner(corner, counts, dummy if has_uv else 0) for corner in line.split()[1:])
+            lines[number] = " ".join(("f", *corners))
+    return "\n".join([*lines, "vt 0 0"] if has_uv else lines)
+
+
+def _form(corner: str) -> tuple[bool, ...]:
+    return tuple(bool(part) for part in corner.rstrip("/").split("/"))
+
+
+def _plain_corner(corner: str, counts: dict[str, int], dummy: int) -> str:
+    """A corner as vertex/uv, or as the vertex alone if the file has no texture coordinates."""
+    parts = corner.split("/")
+    vertex, uv = (_absolute(part, counts[key]) for part, key in zip([*parts, ""][:2], ("v", "vt"), strict=True))
+    return f"{vertex}/{uv or dummy}" if dummy else str(vertex)
+
+
+def _absolute(index: str, count: int) -> int:
+    if not index:
+        return 0
+    number = int(index)
+    return number if number >= 0 else count + 1 + number
+
+
+@dataclass
+class _Painter:
+    """The paint of the parts of one OBJ; each picture is decoded once."""
+
+    path: Path
+    materials: dict[str, ObjMaterial]
+
+    def __post_init__(self) -> None:
+        self.pictures: dict[Path, np.ndarray] = {}
+        self.left_out: list[str] = []
+
+    def say_left_out(self) -> None:
+        say_left_out(self.path, self.left_out)
+
+    def paint(self, part: dict[str, Any], vertices: np.ndarray) -> Any:
+        """The paint of one part: its material's picture or colour, times its vertices' colours; else plain grey."""
+        from trimesh.visual import ColorVisuals
+        from trimesh.visual.color import to_rgba
+
+        visual, colours = part.get("visual"), part.get("vertex_colors")
+        material = None if visual is None else self.materials.get(visual.material.name)
+        uv = None if visual is None or visual.uv is None else np.asarray(visual.uv, np.float32)
+        if uv is not None and (uv.shape != (len(vertices), 2) or not np.isfinite(uv).all()):
+            uv = None
+        picture = self._read_picture(material) if material is not None and uv is not None else None
+        if material is not None:
+            self.left_out += material.left_out
+        if colours is not None and len(colours) == len(vertices):
+            if picture is None:
+                colours = to_rgba(np.asarray(colours))[:, :3]
+                tint = None if material is None else material.colour
+                return ColorVisuals(vertex_colors=colours if tint is None else tint_picture(colours, tint))
+            self.left_out.append("colours of vertices below a picture")
+        if material is None:
+            return plain_paint(uv, len(vertices))
+        return self._paint(material, picture, np.zeros((len(vertices), 2), np.float32) if uv is None else uv)
+
+    def _read_picture(self, material: ObjMaterial) -> np.ndarray | None:
+        if material.picture is None:
+            return None
+        file = find_named(self.path.parent, material.picture.name, material.folder)
+        if file is None:
+            self.left_out.append(f"{material.picture.name} (not there)")
+            return None
+        if file not in self.pictures:
+            self.pictures[file] = read_texture(file)
+        return self.pictures[file]
+
+    def _paint(self, material: ObjMaterial, picture: np.ndarray | None, uv: np.ndarray) -> Paint:
+        roughness = material.roughness
+        if roughness is None:  # of the exponent of Phong's highlight
+            roughness = (2 / (material.shininess + 2)) ** 0.25
+        colour = material.colour
+        if picture is None or material.picture is None:
+            uv, plain = plain_paint(uv, len(uv))
+            if colour is not None:
+                plain = replace(plain, texture=tint_picture(np.full((4, 4, 3), 255, np.uint8), colour))
+            return uv, replace(plain, roughness=roughness, metallic=material.metallic)
+        uv, picture = _lay_out(material.picture, uv, picture)
+        # black under a picture is a colour that was never set: it would blacken the picture
+        if colour is not None and min(colour) < 1 and max(colour) > 0:
+            picture = tint_picture(picture, colour)
+        return uv, Material("material", picture, roughness, material.metallic)
+
+
+def tint_picture(picture: np.ndarray, colour: tuple[float, float, float]) -> np.ndarray:
+    """(..., 3) uint8 sRGB times a colour, 0 to 1, sRGB-encoded: the product of their light."""
+    import cv2
+
+    light = LINEAR_OF_CODE[np.round(np.multiply(colour, 255)).astype(np.uint8)]
+    table = np.round(linear_to_srgb(LINEAR_OF_CODE[:, None] * light) * 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(np.atleast_3d(picture).reshape(-1, 1, 3), table[None])).reshape(picture.shape)
+
+
+def _lay_out(how: PictureMap, uv: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Texture coordinates (n, 2) and the picture with a map's scale, offset and clamping."""
+    uv = (uv * np.array(how.scale) + np.array(how.offset)).astype(np.float32)
+    if not how.is_clamped or (uv.min() >= 0 and uv.max() <= 1):
+        return uv, picture
+    return clamp_picture(uv, picture)
+
+
+def clamp_picture(uv: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Texture coordinates (n, 2) and a picture whose edge is drawn out as far as they reach."""
+    height, width = picture.shape[:2]
+    uv = np.clip(uv, -CLAMPED_TILES, 1 + CLAMPED_TILES)
+    low, high = np.minimum(uv.min(axis=0), 0), np.maximum(uv.max(axis=0), 1)
+    # one texel more on each side, so that look-ups between texels stay inside
+    left, bottom = (np.ceil(-low * [width, height]) + 1).astype(int)
+    right, top = (np.ceil((high - 1) * [width, height]) + 1).astype(int)
+    larger = np.pad(picture, ((top, bottom), (left, right), (0, 0)), mode="edge")
+    texels = uv * [width, height] + [left, bottom]
+    return (texels / [larger.shape[1], larger.shape[0]]).astype(np.float32), larger
