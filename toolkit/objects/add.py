@@ -2,17 +2,16 @@
 
 import json
 import re
-import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, real_path, without_links, write_bytes, write_text
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
+from toolkit.objects.gltf.document import named_files
 from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
 from toolkit.objects.records import printed_size_mm
 from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
@@ -186,7 +185,7 @@ def find_named_files(mesh_file: Path) -> list[Path]:
         return []  # reading says so
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
-        return _check_files(mesh_file, _gltf_uris(mesh_file))
+        return _check_files(mesh_file, named_files(mesh_file))
     if suffix == ".ply":
         return _check_files(mesh_file, _values(_header_lines(mesh_file), (b"comment texturefile",)))
     if suffix != ".obj":
@@ -236,17 +235,3 @@ def _header_lines(ply: Path) -> list[bytes]:
     with ply.open("rb") as stream:
         head = stream.read(1 << 16)
     return head.split(b"end_header")[0].splitlines()
-
-
-def _gltf_uris(file: Path) -> list[str]:
-    try:
-        content = file.read_bytes()
-        if file.suffix.lower() == ".glb":
-            (length,) = struct.unpack_from("<I", content, 12)  # after the header of 12 bytes, the JSON chunk's
-            content = content[20 : 20 + length]
-        tree: Any = json.loads(content)
-        entries = [entry for key in ("buffers", "images") for entry in tree.get(key, [])]
-        uris = [entry["uri"] for entry in entries if isinstance(entry.get("uri"), str)]
-    except (ValueError, AttributeError, TypeError, struct.error):
-        return []  # reading says that it is no glTF
-    return [unquote(uri) for uri in uris if not uri.startswith("data:")]
