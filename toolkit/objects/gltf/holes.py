@@ -1,6 +1,5 @@
 """Holes of `alphaMode: MASK`: triangles are cut along the line where alpha falls below the cutoff."""
 
-import cv2
 import numpy as np
 
 MOST_SIDE = 2048
@@ -24,6 +23,8 @@ def cut_holes(corner_uv: np.ndarray, alpha: np.ndarray, cutoff: float) -> tuple[
         (k,) the triangle that each piece is of; (k, 3, 3) its corners as weights of that triangle's corners.
     """
     if max(alpha.shape) > MOST_SIDE:
+        import cv2
+
         scale = MOST_SIDE / max(alpha.shape)
         alpha = cv2.resize(alpha.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     alpha = alpha.astype(np.float64)
