@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from PIL import Image
 
@@ -136,14 +137,18 @@ def _cast(mesh: Mesh) -> tuple[Any, Any]:
 
 
 def find_twofold(mesh: Mesh) -> np.ndarray:
-    """(SIZE, SIZE) where two faces lie on one another: which one is seen is nobody's fault."""
+    """(SIZE, SIZE) where two faces lie on one another: rounding decides which one is seen.
+
+    Open3D does not list every hit of such a place, so that its neighbours count too.
+    """
     tensor, scene = _cast(mesh)
     hits = scene.list_intersections(tensor)
     way, ray = hits["t_hit"].numpy(), hits["ray_ids"].numpy().astype(np.int64)
     first = np.full(SIZE * SIZE, np.inf)
     np.minimum.at(first, ray, way)
     near = np.bincount(ray[way <= first[ray] * (1 + TOGETHER)], minlength=SIZE * SIZE)
-    return near.reshape(SIZE, SIZE) > 1
+    twofold = (near.reshape(SIZE, SIZE) > 1).astype(np.uint8)
+    return cv2.morphologyEx(twofold, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
 
 
 def draw_albedo(mesh: Mesh) -> np.ndarray:

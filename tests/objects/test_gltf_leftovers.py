@@ -106,6 +106,29 @@ def test_a_required_extension_that_is_not_read_is_one_line_with_the_way_out(tmp_
     assert "quantization" not in str(caught.value)
 
 
+def test_what_may_be_left_out_is_noted_even_where_it_is_required(tmp_path, capsys):
+    gltf = Gltf()
+    gltf.card()
+    gltf.use("KHR_materials_unlit", required=True)
+    assert len(notes(tmp_path, gltf, capsys)) == 1
+
+
+def test_a_texture_by_an_extension_of_next_year_is_one_line(tmp_path):
+    gltf = Gltf()
+    texture = gltf.picture(np.zeros((4, 4, 3)))
+    gltf.tree["textures"][texture] = {"extensions": {"VENDOR_texture": {"source": 0, "picture": 1}}}
+    gltf.card(gltf.material(**base_colour(texture)))
+    with pytest.raises(ToolkitError, match=r"thing\.glb: a texture names no picture .*VENDOR_texture.*: save"):
+        read_mesh(gltf.write(tmp_path))
+
+
+def test_alpha_of_vertices_is_noted_where_there_are_holes(tmp_path, capsys):
+    gltf = Gltf()
+    gltf.card(gltf.material(alphaMode="MASK"), COLOR_0=np.full((4, 4), 0.9, "<f4"))
+    (note,) = notes(tmp_path, gltf, capsys)
+    assert note.startswith("the alpha of COLOR_0 is left out")
+
+
 def test_a_file_of_the_first_version_is_named(tmp_path):
     (tmp_path / "old.gltf").write_text('{"asset": {"version": "1.0"}, "meshes": {}}')
     with pytest.raises(ToolkitError, match=r"old\.gltf: glTF 1\.0, expected 2\.0"):

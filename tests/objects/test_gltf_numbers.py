@@ -49,6 +49,14 @@ def test_positions_of_plain_integers_are_scaled_by_their_node(tmp_path):
     np.testing.assert_allclose(mesh.size_mm, [0.1, 0.1, 0], atol=1e-6)
 
 
+def test_texture_coordinates_of_plain_integers_are_scaled_by_their_transform(tmp_path):
+    gltf = Gltf()
+    moved = {"KHR_texture_transform": {"scale": [1 / 4095, 1 / 4095]}}
+    material = gltf.material(**base_colour(gltf.picture(QUARTERS), extensions=moved))
+    gltf.card(material, (CARD_UV * 4095).astype("<u2"))
+    check(read_mesh(gltf.write(tmp_path)))
+
+
 def test_the_least_signed_integer_is_minus_one(tmp_path):
     rows = np.array([[-32768, 0, 0], [32767, 0, 0], [0, 32767, 0]], "<i2")
     gltf = Gltf()

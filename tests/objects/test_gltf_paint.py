@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from gltf_builder import CARD, CARD_FACES, CARD_UV, Gltf, base_colour, colours_at, to_code
+from gltf_builder import CARD, CARD_FACES, CARD_UV, Gltf, base_colour, colours_at, to_code, to_linear
+from PIL import Image
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.add import find_named_files
 from toolkit.objects.load import read_mesh
 from toolkit.objects.paint import COLOURS, PLAIN_COLOUR
 
@@ -29,8 +31,6 @@ def paint_card(folder, pixels, uv=CARD_UV, sampler=None, more=None, **slot):
 
 def sample(pixels, uv, wraps=(REPEAT, REPEAT)):
     """The specification's look-up, v down, as codes."""
-    from gltf_builder import to_linear
-
     light, total = to_linear(pixels), 0
     height, width = light.shape[:2]
     x, y = uv[:, 0] * width - 0.5, uv[:, 1] * height - 0.5
@@ -69,6 +69,18 @@ def test_colours_of_vertices_are_linear_light(tmp_path, dtype, most, channels, h
     np.testing.assert_allclose(colours_at(read(tmp_path, gltf), GRID), [[188, 92, 60]] * len(GRID), atol=1.2)
 
 
+def test_steep_colours_are_blended_evenly(tmp_path):
+    """From 0 to 1 across one triangle, where four texels would need a colour below 0."""
+    gltf = Gltf()
+    colours = np.array([[1, 1, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]], "<f4")
+    gltf.card(gltf.material(), COLOR_0=colours)
+    x, y = np.random.default_rng(1).random((2, 200))
+    x, y = np.maximum(x, y), np.minimum(x, y)  # in the first triangle
+    expected = np.stack([1 - x, x - y, y], axis=1) @ colours[:3]
+    found = to_linear(colours_at(read(tmp_path, gltf), np.stack([x, y], axis=1)))
+    np.testing.assert_allclose(found, expected, atol=0.03)
+
+
 def test_one_colour_times_a_picture_keeps_the_pictures_coordinates(tmp_path):
     gltf = Gltf()
     material = gltf.material(**base_colour(gltf.picture(np.full((4, 4, 3), 255, np.uint8))))
@@ -87,8 +99,6 @@ def test_blended_colours_times_a_factor_times_a_picture(tmp_path):
     gltf.card(gltf.material(**look), COLOR_0=colours)
     mesh = read(tmp_path, gltf)
     assert mesh.materials[0].name == COLOURS  # no sheet to train
-    from gltf_builder import to_linear
-
     # in the middles of texels, where a blend of the new picture's texels says nothing else
     places = (np.stack(np.meshgrid(np.arange(16), np.arange(8)), axis=-1).reshape(-1, 2) + 0.5) / [16, 8]
     picture = to_linear(sample(NOISE, places))
@@ -189,6 +199,20 @@ def test_a_picture_that_cannot_be_read_gives_way_to_the_usual_one(tmp_path):
     gltf.tree["textures"][good]["extensions"] = {"EXT_texture_webp": {"source": bad}}
     gltf.card(gltf.material(**base_colour(good)))
     np.testing.assert_allclose(colours_at(read(tmp_path, gltf), GRID), sample(NOISE, upright(GRID)), atol=1.5)
+
+
+@pytest.mark.parametrize(
+    ("uri", "file"),
+    [("a%20b.png", "a b.png"), ("50%25.png", "50%.png"), ("50%.png", "50%.png"), ("pics\\a.png", "pics/a.png")],
+)
+def test_pictures_are_found_however_their_uri_is_written(tmp_path, uri, file):
+    gltf = Gltf()
+    (tmp_path / "pics").mkdir()
+    gltf.card(gltf.material(**base_colour(gltf.picture(NOISE, uri=uri))))
+    Image.fromarray(NOISE).save(tmp_path / file)
+    path = gltf.write(tmp_path, "thing.gltf")
+    assert find_named_files(path) == [tmp_path / file]
+    np.testing.assert_allclose(colours_at(read_mesh(path), GRID), sample(NOISE, upright(GRID)), atol=1.5)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"no picture"])

@@ -5,6 +5,7 @@ import binascii
 import json
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -100,12 +101,22 @@ class Document:
                 return base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
             except binascii.Error:
                 raise DamagedGltf("a data URI is no base64") from None
-        file = inside(self.path.parent, unquote(uri))
+        file = inside(self.path.parent, name_of_uri(self.path.parent, uri))
         try:
             with open_plain(file) as stream:
                 return stream.read()
         except OSError as error:
             raise explain_read_error(file, error) from None
+
+
+def name_of_uri(folder: Path, uri: str) -> str:
+    """The path that a URI means: decoded, or as it stands where a careless exporter did not encode it."""
+    decoded = unquote(uri)
+    for name in (decoded, uri, decoded.replace("\\", "/")):
+        with suppress(OSError, ValueError):
+            if (folder / name).is_file():
+                return name
+    return decoded
 
 
 def rows(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
@@ -182,4 +193,4 @@ def named_files(path: Path) -> Iterator[str]:
     for entry in rows(tree, "buffers") + rows(tree, "images"):
         uri = entry.get("uri")
         if isinstance(uri, str) and not uri.startswith("data:"):
-            yield unquote(uri)
+            yield name_of_uri(path.parent, uri)

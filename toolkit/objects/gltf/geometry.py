@@ -24,6 +24,7 @@ class Primitive:
         faces: (m, 3) int64, counter-clockwise seen from outside.
         uv: number of a set -> (n, 2), v down.
         colours: (n, 3) linear light; None where there are none.
+        is_clear: whether some of them have an alpha below 1.
         material: its number, None where there is none.
     """
 
@@ -31,6 +32,7 @@ class Primitive:
     faces: np.ndarray
     uv: dict[int, np.ndarray]
     colours: np.ndarray | None
+    is_clear: bool
     material: Any
 
 
@@ -62,6 +64,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
         faces[:, ::-1] if is_mirrored else faces,
         {int(name[9:]): uv[:, :2] for name, uv in attributes.items() if name[:9] == "TEXCOORD_" and name[9:].isdigit()},
         None if colours is None else normalise(colours)[:, :3],
+        colours is not None and bool((normalise(colours)[:, 3:] < 1).any()),
         primitive.get("material"),
     )
 

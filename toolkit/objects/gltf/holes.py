@@ -12,7 +12,7 @@ MOST_LEVELS = 14
 def cut_holes(corner_uv: np.ndarray, alpha: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
     """What is left of triangles where a repeating picture's alpha reaches the cutoff.
 
-    Triangles that hold both kinds of texels are split in four until they are as small as a texel, and cut there.
+    Triangles that hold both kinds of texels are split in four until they are as small as half a texel, and cut there.
 
     Args:
         corner_uv: (m, 3, 2) look-ups of the corners, v down.
@@ -41,7 +41,7 @@ def cut_holes(corner_uv: np.ndarray, alpha: np.ndarray, cutoff: float) -> tuple[
         kept.append((owner[solid == 1], weights[solid == 1]))
         done += len(kept[-1][0])
         owner, weights, corners = owner[mixed], weights[mixed], corners[mixed]
-        small = np.ptp(corners, axis=1).max(axis=1) <= 1
+        small = np.ptp(corners, axis=1).max(axis=1) <= 0.5
         if level == MOST_LEVELS or done + 4 * len(owner) > MOST_PIECES:
             small[:] = True
         kept.append(_cut(owner[small], weights[small], _blend(alpha, corners[small]) - cutoff))

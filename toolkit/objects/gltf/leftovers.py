@@ -15,6 +15,10 @@ READ = frozenset((
     "KHR_mesh_quantization", TRANSFORM, SPECULAR, BASISU, DRACO, *MESHOPT, *SOURCES, INSTANCES, "KHR_node_visibility",
 ))  # fmt: skip
 """Extensions whose meaning is read."""
+OPTIONAL = frozenset((
+    "KHR_materials_unlit", "KHR_materials_variants", "KHR_lights_punctual", "KHR_animation_pointer", "KHR_xmp_json_ld",
+))  # fmt: skip
+"""Extensions that may be left out, with a note, even where a file requires them: its shape and colours stay."""
 REASONS = {
     "KHR_materials_unlit": "lamps light the object like any other",
     "KHR_materials_variants": "the default material is taken",
@@ -46,7 +50,7 @@ MODES = {0: "points", 1: "lines", 2: "loops of lines", 3: "strips of lines"}
 
 def check_required(document: Document) -> None:
     """A `ToolkitError` that names the extensions that a file requires and the kit does not read."""
-    lacking = sorted(set(_texts(document.tree.get("extensionsRequired"))) - READ)
+    lacking = sorted(set(_texts(document.tree.get("extensionsRequired"))) - READ - OPTIONAL)
     if lacking:
         names = ", ".join(name[:60] for name in lacking[:5])
         raise ToolkitError(

@@ -12,11 +12,14 @@ from toolkit.objects.gltf.geometry import Primitive
 from toolkit.objects.gltf.holes import cut_holes
 from toolkit.objects.gltf.pictures import Picture, Pictures, lay_out, look_up, texture_coordinates
 from toolkit.objects.mesh import Material, cross_products
-from toolkit.objects.paint import COLOURS, PLAIN_COLOUR, paint_colours, plain_material, solid_texture, tint_texture
+from toolkit.objects.paint import BLENDED, COLOURS, PLAIN_COLOUR, paint_colours, plain_material, solid_texture
 
 SPECULAR = "KHR_materials_pbrSpecularGlossiness"
 ROUGHNESS, METALLIC = 0.6, 0.0
 """Where a file states neither a number nor a picture. The specification says rough metal, which they seldom mean."""
+
+STEEP, STEEP_PX = 0.02, 16
+"""How far a face's fourth texel may lie outside of what a texel holds, and how many texels a side such a face gets."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +94,11 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
     if primitive.material is None:
         if colours is None:
             return Part(vertices, faces, np.zeros((len(faces), 3, 2), np.float32), plain_material())
-        return Part(vertices, faces, *paint_colours(_to_codes(colours), vertices, faces, (ROUGHNESS, METALLIC)))
+        return Part(vertices, faces, *_paint_corners(colours, vertices, faces, (ROUGHNESS, METALLIC)))
     look = read_look(document.row("materials", primitive.material))
     gloss = _measure_gloss(pictures, look, primitive)
+    if look.cutoff is not None and primitive.is_clear:
+        document.notes.append(f"the alpha of COLOR_0 is left out where '{look.name}' has holes")
     uv = "" if look.picture is None else texture_coordinates(look.picture, primitive.uv)
     factor = np.ones(4) if look.colour is None else look.colour
     if look.picture is None or isinstance(uv, str):
@@ -102,8 +107,8 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         if look.cutoff is not None and factor[3] < look.cutoff:
             faces = faces[:0]
         if colours is not None:
-            colours = _to_codes(colours[: len(faces)] * factor[:3].astype(np.float32))
-            return Part(vertices, faces, *paint_colours(colours, vertices, faces, gloss))
+            colours = colours[: len(faces)] * factor[:3].astype(np.float32)
+            return Part(vertices, faces, *_paint_corners(colours, vertices, faces, gloss))
         codes = _to_codes(factor[:3]).tolist() if look.colour is not None else PLAIN_COLOUR
         material = Material(look.name, solid_texture(tuple(codes)), *gloss)
         return Part(vertices, faces, np.zeros((len(faces), 3, 2), np.float32), material)
@@ -113,6 +118,8 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
     laid = lay_out(picture, corner_uv)
     if laid is not None:
         picture, corner_uv = laid
+    elif look.cutoff is not None:
+        document.notes.append(f"the holes of '{look.name}' are left out: its picture is clamped far beyond its edges")
     if look.cutoff is not None and laid is not None:
         alpha = np.ones((1, 1)) if picture.alpha is None else picture.alpha / 255
         owner, weights = cut_holes(corner_uv, alpha * factor[3], look.cutoff)
@@ -125,8 +132,26 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         return Part(vertices, faces, corner_uv, Material(COLOURS, texture, *gloss))
     flipped = corner_uv.copy()
     flipped[..., 1] = 1 - flipped[..., 1]
-    material = Material(look.name, tint_texture(picture.pixels, factor[:3]), *gloss)
+    material = Material(look.name, pictures.tint(picture.pixels, factor[:3]), *gloss)
     return Part(vertices, faces, flipped.astype(np.float32), material)
+
+
+def _paint_corners(
+    colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]
+) -> tuple[np.ndarray, Material]:
+    """Texture coordinates and material of colours (m, 3, 3) of the corners, linear light."""
+    a, b, c = np.moveaxis(colours, 1, 0)
+    fourth = b + c - a
+    steep = (np.abs(fourth - fourth.clip(0, 1)) > STEEP).any(axis=1)
+    if not steep.any() or len(faces) > BLENDED:
+        return paint_colours(_to_codes(colours), vertices, faces, gloss)
+
+    # four texels cannot blend such colours evenly
+    def colour_at(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return np.einsum("nk,nkd->nd", weights, colours[face])
+
+    corner_uv, texture = bake_faces(np.where(steep, STEEP_PX, 2), colour_at)
+    return corner_uv, Material(COLOURS, texture, *gloss)
 
 
 def _to_codes(light: np.ndarray) -> np.ndarray:

@@ -9,7 +9,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.imaging.read import MAX_TEXTURE_PX, decode_texture_file
 from toolkit.objects.gltf.compressed import BASISU, decode_ktx
-from toolkit.objects.gltf.document import DamagedGltf, Document, extension
+from toolkit.objects.gltf.document import Document, extension
+from toolkit.objects.paint import tint_texture
 
 TRANSFORM = "KHR_texture_transform"
 SOURCES = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds")
@@ -49,6 +50,7 @@ class Pictures:
 
     document: Document
     _decoded: dict[tuple[int, bool], Picture] = field(default_factory=dict)
+    _tinted: dict[tuple[int, bytes], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def read(self, index: Any, with_alpha: bool = False) -> Picture:
         """The picture of a texture.
@@ -67,13 +69,24 @@ class Pictures:
             self._decoded[key] = replace(picture, wraps=wraps)
         return self._decoded[key]
 
+    def tint(self, pixels: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        """`tint_texture`, one array for all parts that share a picture and a factor."""
+        key = (id(pixels), factor.tobytes())
+        if key not in self._tinted:
+            self._tinted[key] = pixels, tint_texture(pixels, factor)  # kept, so that no other array gets its number
+        return self._tinted[key][1]
+
     def _decode(self, texture: dict[str, Any], with_alpha: bool) -> Picture:
         """Of a texture's sources the first that can be read, the widely known ones first."""
         named = [(extension(texture, name) or {}).get("source") for name in SOURCES]
         named += [texture.get("source"), (extension(texture, BASISU) or {}).get("source")]
         sources = [source for source in named if source is not None]
         if not sources:
-            raise DamagedGltf("a texture names no picture")
+            others = ", ".join(sorted(map(str, texture.get("extensions", {}))))[:80]
+            raise ToolkitError(
+                f"{self.document.path}: a texture names no picture that the kit reads"
+                f"{f' (it has {others})' if others else ''}: save its pictures as PNG or JPEG"
+            )
         for source in sources[:-1]:
             try:
                 return self._load(source, with_alpha)
@@ -111,6 +124,7 @@ def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np
         return f"a part has no TEXCOORD_{wanted}"
     if not (np.abs(uv) <= FARTHEST_UV).all():
         return f"TEXCOORD_{wanted} is not finite or far too large"
+    uv = uv if uv.dtype.kind == "f" else uv.astype(np.float64)  # integers that a transform scales
     if not {"offset", "rotation", "scale"} & set(moved):
         return uv
     cosine, sine = np.cos(moved.get("rotation", 0.0)), np.sin(moved.get("rotation", 0.0))
