@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from gltf_builder import CARD, Gltf, base_colour
+from gltf_builder import CARD, CARD_FACES, CARD_UV, Gltf, base_colour
+from PIL import Image
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
+from toolkit.objects.add import ObjectRequest, add_object
 from toolkit.objects.load import read_mesh
 
 
@@ -133,3 +136,25 @@ def test_a_file_of_the_first_version_is_named(tmp_path):
     (tmp_path / "old.gltf").write_text('{"asset": {"version": "1.0"}, "meshes": {}}')
     with pytest.raises(ToolkitError, match=r"old\.gltf: glTF 1\.0, expected 2\.0"):
         read_mesh(tmp_path / "old.gltf")
+
+
+def test_add_says_which_pictures_the_object_shows(tmp_path):
+    gltf = Gltf()
+    pixels = np.full((4, 4, 3), (10, 200, 30), np.uint8)
+    textures = [gltf.picture(pixels, uri=f"{name}.png") for name in ("skin", "gloss", "bumps")]
+    for name in ("skin", "gloss", "bumps"):
+        Image.fromarray(pixels).save(tmp_path / f"{name}.png")
+    look = base_colour(textures[0])
+    look["pbrMetallicRoughness"]["metallicRoughnessTexture"] = {"index": textures[1]}
+    corners = np.concatenate([CARD, CARD[[2, 3, 0, 1]] + np.array([0, 0, 1])]).astype("<f4")
+    attributes = {"POSITION": corners, "TEXCOORD_0": np.tile(CARD_UV, (2, 1))}
+    faces = np.concatenate([CARD_FACES, CARD_FACES + 4]).astype("<u2")
+    material = gltf.material(**look, normalTexture={"index": textures[2]})
+    gltf.node(mesh=gltf.mesh(attributes, faces, material))
+    space = make_workspace(tmp_path / "space")
+    added = add_object(space, gltf.write(tmp_path, "crate.gltf"), ObjectRequest(class_name="crate", length_mm=200))
+    lines = list(added.lines())
+    assert lines[1].endswith("crate.gltf with skin.png, gloss.png")
+    assert lines[2] == "copied, but not shown on the object: bumps.png"
+    (shown,) = {material.texture.tobytes() for material in added.item.mesh.materials}
+    assert shown == pixels.tobytes()  # what was announced is what the material holds

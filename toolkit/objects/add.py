@@ -12,6 +12,7 @@ from toolkit.core.files import inside, real_path, without_links, write_bytes, wr
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.gltf.document import named_files
+from toolkit.objects.gltf.materials import unseen_files
 from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
 from toolkit.objects.records import printed_size_mm
 from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
@@ -34,6 +35,7 @@ class AddedObject:
         mesh_files: the mesh and what it names, in the workspace.
         length_is_guessed: the format states no unit and no length was given.
         file_length: longest side as the file has it, in metres for a glTF.
+        unseen: those of `mesh_files` that the object does not show, such as normal maps.
     """
 
     item: TableObject
@@ -41,6 +43,7 @@ class AddedObject:
     mesh_files: tuple[Path, ...]
     length_is_guessed: bool
     file_length: float
+    unseen: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
@@ -56,8 +59,10 @@ class AddedObject:
         item = self.item
         size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
         yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
-        named = ", ".join(file.name for file in self.mesh_files[1:])
+        named = ", ".join(file.name for file in self.mesh_files[1:] if file not in self.unseen)
         yield f"wrote {self.spec_file}; the mesh is {self.mesh_files[0]}{f' with {named}' if named else ''}"
+        if self.unseen:
+            yield f"copied, but not shown on the object: {', '.join(file.name for file in self.unseen)}"
 
     def ask_length(self) -> str | None:
         """`ask_scale`, and what to do about it."""
@@ -113,7 +118,9 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
 
     place = without_links(workspace.root, "rig/objects")
+    unseen = unseen_files(mesh_file) if is_gltf else set()
     files = [mesh_file, *named]
+    is_unseen = [file.relative_to(mesh_file.parent).as_posix() in unseen for file in files]
     if not mesh_file.is_relative_to(place):
         target = without_links(place, name)
         files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes(), target) for file in files]
@@ -121,7 +128,8 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}", place)
     guessed = request.length_mm is None and length_mm != stated_mm
     item = stand_upright(read_spec(spec_file), mesh)  # reading a large mesh takes longer than all else here
-    return AddedObject(item, spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
+    not_shown = tuple(file for file, hidden in zip(files, is_unseen, strict=True) if hidden)
+    return AddedObject(item, spec_file, tuple(files), guessed, float(mesh.size_mm.max()), not_shown)
 
 
 def _check_name(workspace: Workspace, name: str, replace: bool) -> None:

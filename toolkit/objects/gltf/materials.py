@@ -1,16 +1,17 @@
 """Materials of a glTF, and a primitive's paint: base colour times colours of vertices, in linear light."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit.imaging.colour import linear_to_srgb
 from toolkit.objects.bake import bake_faces
-from toolkit.objects.gltf.document import Document, extension
+from toolkit.objects.gltf.document import Document, extension, name_of_uri, read_document
 from toolkit.objects.gltf.geometry import Primitive
 from toolkit.objects.gltf.holes import cut_holes
-from toolkit.objects.gltf.pictures import Picture, Pictures, lay_out, look_up, texture_coordinates
+from toolkit.objects.gltf.pictures import Picture, Pictures, lay_out, look_up, picture_sources, texture_coordinates
 from toolkit.objects.mesh import Material, cross_products
 from toolkit.objects.paint import BLENDED, COLOURS, PLAIN_COLOUR, paint_colours, plain_material, solid_texture
 
@@ -71,6 +72,22 @@ def read_look(material: dict[str, Any]) -> Look:
         specular is not None,
         float(material.get("alphaCutoff", 0.5)) if material.get("alphaMode") == "MASK" else None,
     )
+
+
+def unseen_files(path: Path) -> set[str]:
+    """The pictures that a readable file names and no material's colour or gloss is made of."""
+    document = read_document(path)
+    looks = [read_look(material) for material in document.rows("materials")]
+    slots = [slot for look in looks for slot in (look.picture, look.gloss) if slot is not None]
+    textures = [document.row("textures", slot.get("index")) for slot in slots]
+    shown = {number for texture in textures for number in picture_sources(texture)}
+    named = [(number, image.get("uri")) for number, image in enumerate(document.rows("images"))]
+    files = [
+        (number, name_of_uri(path.parent, uri))
+        for number, uri in named
+        if isinstance(uri, str) and not uri.startswith("data:")
+    ]
+    return {name for number, name in files} - {name for number, name in files if number in shown}
 
 
 @dataclass(frozen=True)

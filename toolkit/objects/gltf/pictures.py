@@ -78,9 +78,7 @@ class Pictures:
 
     def _decode(self, texture: dict[str, Any], with_alpha: bool) -> Picture:
         """Of a texture's sources the first that can be read, the widely known ones first."""
-        named = [(extension(texture, name) or {}).get("source") for name in SOURCES]
-        named += [texture.get("source"), (extension(texture, BASISU) or {}).get("source")]
-        sources = [source for source in named if source is not None]
+        sources = picture_sources(texture)
         if not sources:
             others = ", ".join(sorted(map(str, texture.get("extensions", {}))))[:80]
             raise ToolkitError(
@@ -106,6 +104,13 @@ class Pictures:
         if content.startswith(b"\xabKTX") or image.get("mimeType") == "image/ktx2":
             content = decode_ktx(self.document, content, f"picture {index}")
         return Picture(*decode_texture_file(content, name, with_alpha))
+
+
+def picture_sources(texture: dict[str, Any]) -> list[Any]:
+    """The numbers of a texture's pictures, in the order in which they are tried."""
+    named = [(extension(texture, name) or {}).get("source") for name in SOURCES]
+    named += [texture.get("source"), (extension(texture, BASISU) or {}).get("source")]
+    return [source for source in named if source is not None]
 
 
 def _enlarge(picture: Picture, times: int) -> Picture:

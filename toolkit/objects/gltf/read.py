@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from toolkit.core.child import is_memory_full
-from toolkit.core.console import notice
+from toolkit.core.console import is_quiet, notice
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.gltf.announced import check_announced
 from toolkit.objects.gltf.document import DamagedGltf, Document, read_document, refuse, rows
@@ -40,7 +40,7 @@ def read_gltf(path: Path) -> list[Part]:
         refuse(path)
     for line in dict.fromkeys(leftovers + document.notes):
         note = f"note: {path}: {line}"
-        if note not in _noted:
+        if note not in _noted and not is_quiet():
             _noted.add(note)
             notice(note)
     return parts
