@@ -21,6 +21,7 @@ MOST_TEXT_BYTES = 512 << 20
 MOST_VIEWED_BYTES = 1 << 30
 """Parts of a buffer are copied, and may overlap."""
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+MAGIC = b"glTF"
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
@@ -133,17 +134,19 @@ def extension(tree: dict[str, Any], name: str) -> dict[str, Any] | None:
 
 
 def read_document(path: Path) -> Document:
-    """Read a `.glb` or the JSON of a `.gltf`.
+    """Read a GLB or the JSON of a glTF, whichever its bytes are.
 
     Raises:
         ToolkitError: it cannot be read, is no glTF 2.0, or holds more text than `MOST_TEXT_BYTES`.
     """
     try:
         with open_plain(path) as file:
-            content = file.read(MOST_TEXT_BYTES + 1) if path.suffix.lower() == ".gltf" else file.read()
+            head = file.read(4)
+            is_binary = head == MAGIC
+            content = head + (file.read() if is_binary else file.read(MOST_TEXT_BYTES))
     except OSError as error:
         raise explain_read_error(path, error) from None
-    text, binary = _split(content) if path.suffix.lower() == ".glb" else (content, b"")
+    text, binary = _split(content) if is_binary else (content, b"")
     if len(text) > MOST_TEXT_BYTES:
         raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
     try:
@@ -163,9 +166,7 @@ def _split(content: bytes) -> tuple[bytes, memoryview | bytes]:
     """The JSON and the binary chunk of a GLB; chunks of other kinds are passed over, as the specification asks."""
     text: bytes = b""
     binary: memoryview | bytes = b""
-    if content[:4] != b"glTF":
-        return text, binary
-    start = 12
+    start = 12  # behind magic, version and length
     while start + 8 <= len(content):
         length, kind = struct.unpack_from("<II", content, start)
         chunk = memoryview(content)[start + 8 : start + 8 + length]

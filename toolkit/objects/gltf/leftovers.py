@@ -83,7 +83,7 @@ def _find_in_material(material: dict[str, Any]) -> Iterator[str]:
     name = str(material.get("name") or "material")
     yield from (_left_out(key) for key in sorted(set(material) - MATERIAL))
     emission = material.get("emissiveFactor")
-    if isinstance(emission, list) and any(emission):
+    if isinstance(emission, list) and any(emission) and "emissiveTexture" not in material:
         yield _left_out("emissiveFactor")
     mode = material.get("alphaMode", "OPAQUE")
     if mode not in ("OPAQUE", "MASK"):
