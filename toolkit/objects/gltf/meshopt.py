@@ -155,73 +155,99 @@ def _decode_sequence(content: bytes, count: int) -> list[int]:
     return out
 
 
+class _Triangles:
+    """Indices of triangles, each told by edges and vertices that came shortly before.
+
+    Attributes:
+        out: the indices so far.
+        at: where the next number of `content` begins.
+    """
+
+    def __init__(self, content: bytes, at: int) -> None:
+        self._content, self.at = content, at
+        self._edges: list[tuple[int, int]] = [(0, 0)] * 16
+        self._vertices = [0] * 16
+        self._edge = self._vertex = self._next = self._last = 0
+        self.out: list[int] = []
+
+    def add_on_edge(self, code: int, most: int) -> None:
+        """An edge of before, and a vertex; `most` is the first kind of vertex that is told by its number."""
+        a, b = self._edges[self._edge - 1 - (code >> 4) & 15]
+        kind = code & 15
+        if 0 < kind < most:
+            self._push(a, b, self._vertices[self._vertex - 1 - kind & 15], ((2, 1), (0, 2)))
+            return
+        if kind == 0:
+            c = self._take_next()
+        elif kind == 15:
+            c = self._read_index()
+        else:
+            c = self._last = self._last + (kind - (kind ^ 3)) & 0xFFFFFFFF
+        self._keep(c)
+        self._push(a, b, c, ((2, 1), (0, 2)))
+
+    def add_free(self, kinds: tuple[int, int, int], has_numbers: bool) -> None:
+        """Three vertices: new ones, some of before, and where `has_numbers` some told by their number."""
+        is_told = [has_numbers and kind == 15 for kind in kinds]
+        triangle = [
+            self._take_next() if kind == 0 else 0 if told else self._vertices[self._vertex - kind & 15]
+            for kind, told in zip(kinds, is_told, strict=True)
+        ]
+        for k in range(3):
+            if is_told[k]:
+                triangle[k] = self._read_index()
+        for k, kind in enumerate(kinds):
+            if k == 0 or kind == 0 or is_told[k]:
+                self._keep(triangle[k])
+        a, b, c = triangle
+        self._push(a, b, c, ((1, 0), (2, 1), (0, 2)))
+
+    def restart(self) -> None:
+        """Count new vertices from 0 again."""
+        self._next = 0
+
+    def _push(self, a: int, b: int, c: int, edges: tuple[tuple[int, int], ...]) -> None:
+        triangle = a, b, c
+        self.out += triangle
+        for first, second in edges:
+            self._edges[self._edge] = triangle[first], triangle[second]
+            self._edge = self._edge + 1 & 15
+
+    def _keep(self, vertex: int) -> None:
+        self._vertices[self._vertex] = vertex
+        self._vertex = self._vertex + 1 & 15
+
+    def _take_next(self) -> int:
+        self._next += 1
+        return self._next - 1
+
+    def _read_index(self) -> int:
+        value, self.at = _read_vbyte(self._content, self.at)
+        self._last = self._last + (value >> 1 ^ -(value & 1)) & 0xFFFFFFFF
+        return self._last
+
+
 def _decode_triangles(content: bytes, count: int) -> list[int]:
-    """Indices of triangles, each told by edges and vertices that came shortly before."""
     version = content[0] & 15
     if content[0] & 0xF0 != 0xE0 or version > 1 or count % 3:
         raise ValueError("no triangles")
-    most = 13 if version else 15
     table = content[len(content) - 16 :]
-    edges: list[tuple[int, int]] = [(0, 0)] * 16
-    vertices = [0] * 16
-    edge = vertex = next_new = last = 0
-    at = 1 + count // 3
-    out: list[int] = []
-
-    def read_index() -> int:
-        nonlocal at, last
-        value, at = _read_vbyte(content, at)
-        last = last + (value >> 1 ^ -(value & 1)) & 0xFFFFFFFF
-        return last
-
+    triangles = _Triangles(content, 1 + count // 3)
     for code in content[1 : 1 + count // 3]:
-        if code < 0xF0:  # an edge of before, and one more vertex
-            a, b = edges[edge - 1 - (code >> 4) & 15]
-            kind = code & 15
-            if kind == 0:
-                c, next_new = next_new, next_new + 1
-            elif kind < most:
-                c = vertices[vertex - 1 - kind & 15]
-            elif kind == 15:
-                c = read_index()
-            else:
-                c = last = last + (kind - (kind ^ 3)) & 0xFFFFFFFF
-            if kind == 0 or kind >= most:
-                vertices[vertex] = c
-                vertex = vertex + 1 & 15
-            out += (a, b, c)
-            edges[edge], edges[edge + 1 & 15] = (c, b), (a, c)
-            edge = edge + 2 & 15
-            continue
-        if code < 0xFE:
-            more, kind_a = table[code & 15], 0
+        if code < 0xF0:
+            triangles.add_on_edge(code, 13 if version else 15)
+        elif code < 0xFE:
+            more = table[code & 15]
+            triangles.add_free((0, more >> 4, more & 15), False)
         else:
-            more, kind_a = content[at], 0 if code == 0xFE else 15
-            at += 1
+            more = content[triangles.at]
+            triangles.at += 1
             if more == 0:
-                next_new = 0
-        kinds = kind_a, more >> 4, more & 15
-        triangle = [0, 0, 0]
-        for k, kind in enumerate(kinds):
-            if kind == 0:
-                triangle[k], next_new = next_new, next_new + 1
-            elif kind != 15 or code < 0xFE:
-                triangle[k] = vertices[vertex - kind & 15]
-        if code >= 0xFE:
-            for k, kind in enumerate(kinds):
-                if kind == 15:
-                    triangle[k] = read_index()
-        for k, kind in enumerate(kinds):
-            if k == 0 or kind == 0 or (kind == 15 and code >= 0xFE):
-                vertices[vertex] = triangle[k]
-                vertex = vertex + 1 & 15
-        a, b, c = triangle
-        out += (a, b, c)
-        edges[edge], edges[edge + 1 & 15], edges[edge + 2 & 15] = (b, a), (c, b), (a, c)
-        edge = edge + 3 & 15
-    if at > len(content) - 16 or len(out) != count:
+                triangles.restart()
+            triangles.add_free((0 if code == 0xFE else 15, more >> 4, more & 15), True)
+    if triangles.at > len(content) - 16 or len(triangles.out) != count:
         raise ValueError("it is cut")
-    return out
+    return triangles.out
 
 
 def _apply_filter(rows: np.ndarray, name: str) -> np.ndarray:
