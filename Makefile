@@ -2,7 +2,7 @@
 # make test    set up, then the quick tests, one process for each core; PYTEST_ARGS="tests/rig -x" for some
 # make test-all  and those that take long: trainings, whole roads, kills and resumptions; CI runs this
 # make fuzz    attack every reader and command with bad input, others each time: some minutes; FUZZ=1000 for hours
-# make validate  pages, meshes, PDFs and the package before validators that others wrote
+# make validate  pages, meshes, PDFs and the package before validators that others wrote, and glTFs beside three.js
 # make bench   speed against the peers, as ratios in one run
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
 # make versions  note the versions that the tests ran with in scripts/tested-versions.txt; to have the same:

@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.load import MAX_FACES, MAX_PARTS, read_mesh
+from toolkit.objects.add import find_named_files
+from toolkit.objects.limits import MAX_FACES, MAX_PARTS
+from toolkit.objects.load import read_mesh
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], "<f4")
 MANY = st.sampled_from((1, 300, MAX_PARTS + 1, 100_000))
@@ -46,7 +48,7 @@ def place_nodes(n: int, kind: str) -> dict:
 
 @st.composite
 def gltfs(draw) -> bytes:
-    kind = draw(st.sampled_from(("nodes", "primitives", "count", "faces", "views", "instances", "damaged")))
+    kind = draw(st.sampled_from(("nodes", "primitives", "count", "faces", "views", "instances", "looks", "damaged")))
     if kind == "nodes":
         placed = place_nodes(draw(MANY), draw(st.sampled_from(("beside", "within", "empty", "twice", "own child"))))
         return make_glb(**placed)
@@ -66,7 +68,41 @@ def gltfs(draw) -> bytes:
     if kind == "instances":
         numbers = np.random.default_rng(0).random((9000, 3)).astype("<f4")
         return make_glb(numbers, **place_nodes(draw(st.sampled_from((10, 5000))), "beside"))
-    return draw(damaged(make_glb()))
+    content = make_glb(**draw(looks())) if kind == "looks" else make_glb()
+    return draw(damaged(content) | st.just(content))
+
+
+@st.composite
+def looks(draw) -> dict:
+    """What a drawn part may say beside its corners: pictures, packed views, instances, skins, and nonsense."""
+    wrong = st.sampled_from((0, 1, -1, 10**9, 1e300, "x", "../../etc/passwd", None, [], {}, [[]] * 9, True))
+    moved = {"KHR_texture_transform": {"scale": draw(wrong)}}
+    slot = {"index": draw(wrong), "texCoord": draw(wrong), "extensions": moved}
+    packed = {
+        "buffer": 0, "byteOffset": 0, "byteLength": 36, "mode": "ATTRIBUTES", "byteStride": draw(wrong),
+        "count": draw(wrong),
+    }  # fmt: skip
+    view = {"buffer": 0, "byteOffset": draw(st.sampled_from((0, 30, 10**12))), "byteLength": 36}
+    if draw(st.booleans()):
+        view["extensions"] = {"EXT_meshopt_compression": packed}
+    more = draw(st.sampled_from(("TEXCOORD_0", "COLOR_0", "JOINTS_0", "X")))
+    drawn = {
+        "attributes": {"POSITION": 0, more: draw(wrong)}, "material": draw(wrong), "mode": draw(wrong),
+        "targets": draw(wrong),
+    }  # fmt: skip
+    node = {
+        "mesh": 0, "skin": draw(wrong), "matrix": draw(wrong), "children": draw(wrong), "weights": draw(wrong),
+        "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"SCALE": draw(wrong)}}},
+    }  # fmt: skip
+    pbr = {"baseColorTexture": slot, "baseColorFactor": draw(wrong)}
+    made = {
+        "materials": [{"pbrMetallicRoughness": pbr, "alphaMode": "MASK"}],
+        "textures": [{"source": draw(wrong), "sampler": draw(wrong)}], "images": [{"uri": draw(wrong)}],
+        "samplers": [{"wrapS": draw(wrong)}], "skins": [{"joints": draw(wrong)}], "bufferViews": [view],
+        "meshes": [{"primitives": [drawn], "weights": draw(wrong)}], "nodes": [node], "extensionsUsed": draw(wrong),
+    }  # fmt: skip
+    kept = draw(st.sets(st.sampled_from(sorted(made)), max_size=4))
+    return {key: made[key] for key in sorted(kept)}
 
 
 def write_ring(n: int, suffix: str) -> str:
@@ -131,7 +167,6 @@ def test_a_text_that_asks_for_much(tmp_path_factory, made):
     [
         ({"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}]}, "MB of numbers, more than 64"),
         (place_nodes(MAX_PARTS + 1, "beside"), "20,001 parts, more than 20,000: join them"),
-        (place_nodes(300, "within"), "301 levels of nodes, more than 200"),
         ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 2**31}]}, "2,048 MB of numbers"),
         ({"accessors": [{"bufferView": 0, "componentType": 5126, "count": 3 * MAX_FACES + 3, "type": "VEC3"}]},
          "4,000,001 faces, more than 4,000,000: simplify it"),
@@ -143,11 +178,40 @@ def test_what_a_gltf_asks_for_is_named(tmp_path, changes, said):
         read_mesh(tmp_path / "much.glb")
 
 
-def test_large_polygons_and_levels_below_the_cap_are_read(tmp_path):
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("opening", ["[", '{"a":', '{"meshes":['])
+def test_deeply_nested_json_is_one_line(tmp_path, suffix, opening):
+    text = (opening * 200_000).encode()
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON")
+    file = tmp_path / f"deep{suffix}"
+    file.write_bytes(head + text if suffix == ".glb" else text)
+    assert find_named_files(file) == []
+    with pytest.raises(ToolkitError, match=rf"deep{suffix}: not a readable {suffix} mesh") as caught:
+        read_mesh(file)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "/etc/passwd", "%2e%2e/secret.bin", "a/../../secret.bin"])
+@pytest.mark.parametrize("what", ["buffers", "images"])
+def test_a_uri_that_leaves_the_folder_is_refused(tmp_path, uri, what):
+    (tmp_path / "secret.bin").write_bytes(CORNERS.tobytes())
+    folder = tmp_path / "inside"
+    folder.mkdir()
+    changes = {
+        "images": [{"uri": uri}], "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 0}, "material": 0}]}],
+    } if what == "images" else {"buffers": [{"byteLength": 36, "uri": uri}]}  # fmt: skip
+    (folder / "thing.glb").write_bytes(make_glb(**changes))
+    with pytest.raises(ToolkitError, match="leaves its folder"):
+        read_mesh(folder / "thing.glb")
+
+
+def test_large_polygons_and_many_levels_are_read(tmp_path):
     (tmp_path / "ring.obj").write_text(write_ring(50_000, ".obj"))
     assert len(read(tmp_path / "ring.obj").faces) == 49_998
-    (tmp_path / "tower.glb").write_bytes(make_glb(**place_nodes(199, "within")))
-    assert len(read(tmp_path / "tower.glb").faces) == 200
+    (tmp_path / "tower.glb").write_bytes(make_glb(**place_nodes(5000, "within")))
+    assert len(read(tmp_path / "tower.glb").faces) == 5001
 
 
 @pytest.mark.slow

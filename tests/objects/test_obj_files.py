@@ -175,7 +175,7 @@ def test_texture_coordinates_without_a_library_are_plain_grey(folder):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(b"", "the file is empty"), (b"GIF89a?", "not an image|damaged|truncated")]
+    ("content", "words"), [(b"", "a texture that is empty"), (b"GIF89a?", "not an image|damaged|truncated")]
 )
 def test_an_empty_or_broken_picture_is_one_line_with_its_file(folder, content, words):
     obj = write(folder, "map_Kd tex.png")

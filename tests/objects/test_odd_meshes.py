@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects import load
+from toolkit.objects import limits
 from toolkit.objects.load import load_object, read_mesh
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
@@ -99,7 +99,7 @@ def test_coordinates_beyond_measure_are_one_clear_line(tmp_path, scale, words):
 
 
 def test_more_faces_than_memory_has_room_for_are_one_clear_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(load, "MAX_FACES", 300)
+    monkeypatch.setattr(limits, "MAX_FACES", 300)
     with pytest.raises(ToolkitError, match=r"thing\.ply: 320 faces, more than 300: simplify it"):
         load_object(write_ply(tmp_path, VERTICES, FACES))
 

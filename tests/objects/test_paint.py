@@ -52,7 +52,8 @@ def test_colours_of_vertices_are_blended_over_each_face(tmp_path, name):
     assert len(mesh.faces) == 320 and [m.name for m in mesh.materials] == ["colours"]
     corners = mesh.vertices[mesh.faces].astype(float)
     for face in range(0, 320, 7):
-        expected = to_linear(np.clip(corners[face] * 6 + 128, 0, 255))
+        expected = np.clip(corners[face] * 6 + 128, 0, 255)
+        expected = expected / 255 if name == "ball.glb" else to_linear(expected)  # glTF's colours are linear light
         for weights in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1 / 3, 1 / 3, 1 / 3), (0.6, 0.3, 0.1)):
             np.testing.assert_allclose(colour_at(mesh, face, weights), weights @ expected, atol=0.02)
 
@@ -98,7 +99,9 @@ def test_a_base_colour_without_texture_coordinates_is_the_colour(tmp_path):
     box.visual = TextureVisuals(material=PBRMaterial(baseColorFactor=[200, 40, 10, 255], roughnessFactor=0.3))
     box.export(tmp_path / "box.glb")
     (material,) = read_mesh(tmp_path / "box.glb").materials
-    assert {tuple(texel) for texel in material.texture.reshape(-1, 3).tolist()} == {(200, 40, 10)}
+    np.testing.assert_allclose(
+        to_linear(material.texture.reshape(-1, 3)) * 255, np.tile([200, 40, 10], (16, 1)), atol=1
+    )
     assert material.roughness == pytest.approx(0.3)
 
 
@@ -108,8 +111,9 @@ def test_colours_of_vertices_are_tinted_by_the_base_colour(tmp_path):
     box.visual.vertex_attributes["color"] = np.tile(np.array([[100, 200, 50, 255]], np.uint8), (len(box.vertices), 1))
     box.export(tmp_path / "box.glb")
     (material,) = read_mesh(tmp_path / "box.glb").materials
-    texels = {tuple(texel) for texel in material.texture.reshape(-1, 3).tolist()}
-    assert texels in ({(100, 100, 0)}, {(255, 128, 0)})  # older trimesh writes no colours beside a material
+    found = to_linear(material.texture.reshape(-1, 3).mean(axis=0)) * 255
+    expected = [100, 200 * 128 / 255, 0] if material.name == paint.COLOURS else [255, 128, 0]
+    np.testing.assert_allclose(found, expected, atol=1.5)  # older trimesh writes no colours beside a material
 
 
 def a_textured_card(folder, image: Image.Image, name="card.glb"):

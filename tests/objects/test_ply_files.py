@@ -99,7 +99,7 @@ def test_names_are_found_as_in_an_obj(folder):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(b"", "the file is empty"), (b"hello", "not an image"), (None, "is not there")]
+    ("content", "words"), [(b"", "a texture that is empty"), (b"hello", "not an image"), (None, "is not there")]
 )
 def test_an_empty_broken_or_missing_picture_is_one_line_with_its_file(folder, content, words):
     ply = write(folder, (f"4 0 1 2 3 8 {UV}",), WEDGES, comments=BOTH[:1])

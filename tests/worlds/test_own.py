@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects import load
+from toolkit.objects import limits
 from toolkit.worlds.own import load_world, share_materials
 from toolkit.worlds.world import SceneClass, World
 
@@ -123,7 +123,7 @@ def test_no_texture(tmp_path: Path) -> None:
 
 
 def test_a_million_tiny_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(load, "MAX_PARTS", 5)
+    monkeypatch.setattr(limits, "MAX_PARTS", 5)
     parts = [painted(block((60, 40, 1)))] + [painted(block((1, 1, 1), x=k, z=1)) for k in range(6)]
     file = write(tmp_path / "crumbs.glb", parts)
     content = file.read_bytes()

@@ -207,25 +207,40 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
         raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
 
 
+def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """`decode_texture` of a file's bytes, and its alpha, (h, w) uint8, where that is asked for.
+
+    Raises:
+        UnreadableImage: it is empty, of no known kind, damaged, or far too large; `name` is what errors call it.
+    """
+    if not content:
+        raise UnreadableImage(Path(name), "a texture that is empty: save it again as PNG")
+    with open_textures(name):
+        try:
+            image = Image.open(io.BytesIO(content), formats=_list_readers(TEXTURE_FORMATS))
+        except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
+            raise UnreadableImage(
+                Path(name), f"a texture that cannot be read ({explain_damage(error)}): save it as PNG"
+            ) from None
+        pixels, alpha = decode_texture(image, name), None
+        if with_alpha and (image.has_transparency_data or image.mode in ("RGBA", "LA", "PA")):
+            image = Image.open(io.BytesIO(content), formats=_list_readers(TEXTURE_FORMATS))
+            alpha = np.asarray(image.convert("RGBA").getchannel("A").resize(pixels.shape[1::-1]))
+    return pixels, alpha
+
+
 def read_texture(path: Path) -> np.ndarray:
     """`decode_texture` of a file that a mesh names.
 
     Raises:
         UnreadableImage: it is empty, no picture, damaged, or far too large.
     """
-    again = "save the picture again as PNG"
     try:
         with open_plain(path) as file:
-            if not file.read(1):
-                raise UnreadableImage(path, f"the file is empty: {again}")
-            file.seek(0)
-            with Image.open(file, formats=_list_readers(TEXTURE_FORMATS)) as image:
-                return decode_texture(image, str(path))
-    except UnreadableImage:
-        raise
-    # decoders raise nearly every built-in exception on hostile bytes
-    except Exception as error:
-        raise UnreadableImage(path, f"{explain_damage(error)}: {again}") from None
+            content = file.read()
+    except (OSError, ValueError) as error:
+        raise UnreadableImage(path, explain_damage(error)) from None
+    return decode_texture_file(content, str(path), with_alpha=False)[0]
 
 
 _one_at_a_time = threading.RLock()

@@ -2,17 +2,17 @@
 
 import json
 import re
-import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_read_error, inside, real_path, write_bytes, write_text
 from toolkit.core.text import is_file_name
 from toolkit.core.workspace import Workspace
+from toolkit.objects.gltf.document import named_files
+from toolkit.objects.gltf.materials import unseen_files
 from toolkit.objects.load import TableObject, read_mesh, stand_upright, turn_upright
 from toolkit.objects.obj_file import list_obj_names
 from toolkit.objects.ply_file import list_ply_names
@@ -37,6 +37,7 @@ class AddedObject:
         mesh_files: the mesh and what it names, in the workspace.
         length_is_guessed: the format states no unit and no length was given.
         file_length: longest side as the file has it, in metres for a glTF.
+        unseen: those of `mesh_files` that the object does not show, such as normal maps.
     """
 
     item: TableObject
@@ -44,6 +45,7 @@ class AddedObject:
     mesh_files: tuple[Path, ...]
     length_is_guessed: bool
     file_length: float
+    unseen: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
@@ -59,8 +61,10 @@ class AddedObject:
         item = self.item
         size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
         yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
-        named = ", ".join(file.name for file in self.mesh_files[1:])
+        named = ", ".join(file.name for file in self.mesh_files[1:] if file not in self.unseen)
         yield f"wrote {self.spec_file}; the mesh is {self.mesh_files[0]}{f' with {named}' if named else ''}"
+        if self.unseen:
+            yield f"copied, but not shown on the object: {', '.join(file.name for file in self.unseen)}"
 
     def ask_length(self) -> str | None:
         """`ask_scale`, and what to do about it."""
@@ -116,7 +120,9 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
 
     place = Workspace(real_path(workspace.root)).objects_dir
+    unseen = unseen_files(mesh_file) if is_gltf else set()
     files = [mesh_file, *named]
+    is_unseen = [file.relative_to(mesh_file.parent).as_posix() in unseen for file in files]
     if not mesh_file.is_relative_to(place):
         target = place / name
         files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes(), target) for file in files]
@@ -124,7 +130,8 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}", place)
     guessed = request.length_mm is None and length_mm != stated_mm
     item = stand_upright(read_spec(spec_file), mesh)  # reading a large mesh takes longer than all else here
-    return AddedObject(item, spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
+    not_shown = tuple(file for file, hidden in zip(files, is_unseen, strict=True) if hidden)
+    return AddedObject(item, spec_file, tuple(files), guessed, float(mesh.size_mm.max()), not_shown)
 
 
 def _check_name(workspace: Workspace, name: str, replace: bool) -> None:
@@ -188,7 +195,7 @@ def find_named_files(mesh_file: Path) -> list[Path]:
         return []  # reading says so
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
-        return _check_files(mesh_file, _gltf_uris(mesh_file))
+        return _check_files(mesh_file, named_files(mesh_file))
     if suffix not in (".obj", ".ply"):
         return []
     try:
@@ -220,17 +227,3 @@ def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
         files.append(file if ".." in name else folder / name)  # a linked file keeps its place
     _refuse_missing(mesh_file, [str(file.relative_to(folder)) for file in files if not file.is_file()])
     return files
-
-
-def _gltf_uris(file: Path) -> list[str]:
-    try:
-        content = file.read_bytes()
-        if file.suffix.lower() == ".glb":
-            (length,) = struct.unpack_from("<I", content, 12)  # after the header of 12 bytes, the JSON chunk's
-            content = content[20 : 20 + length]
-        tree: Any = json.loads(content)
-        entries = [entry for key in ("buffers", "images") for entry in tree.get(key, [])]
-        uris = [entry["uri"] for entry in entries if isinstance(entry.get("uri"), str)]
-    except (ValueError, AttributeError, TypeError, struct.error):
-        return []  # reading says that it is no glTF
-    return [unquote(uri) for uri in uris if not uri.startswith("data:")]

@@ -1,23 +1,20 @@
-"""From a spec to a mesh on the table: built-in objects and the user's own files.
+"""From a spec to a mesh on the table: built-in objects and the user's own files."""
 
-What a file announces is looked at before anything is built of it: a few bytes may ask for gigabytes or hours.
-"""
-
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import explain_read_error, inside, open_plain
+from toolkit.core.files import inside
 from toolkit.imaging.read import open_textures
+from toolkit.objects.gltf.read import read_gltf
+from toolkit.objects.limits import check_faces, check_parts
 from toolkit.objects.mesh import (
     Material,
     Mesh,
@@ -36,135 +33,9 @@ from toolkit.objects.paint import Piece, paint_faces
 from toolkit.objects.ply_file import read_ply
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
 
-MAX_FACES = 4_000_000
-"""More take over 2 GB to load, for detail that no picture shows."""
-MAX_PARTS = 20_000
-"""Each takes half a millisecond."""
-MOST_LEVELS = 200
-"""Of nodes within one another; each takes its place from all above it."""
-MOST_TEXT_BYTES = 512 << 20
-MOST_ZERO_BYTES = 64 << 20
-"""Of numbers that a file only counts: glTF lets it leave out those that are zero."""
-MOST_VIEWED_BYTES = 1 << 30
-"""Parts of a buffer are copied, and may overlap."""
-COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-SIMPLER = "simplify it (Blender: Decimate; MeshLab: Quadric Edge Collapse Decimation)"
-
-
-def check_announced(path: Path) -> None:
-    """Refuse a glTF that asks for more than `read_mesh` builds; what is no glTF is left to its reader.
-
-    Raises:
-        ToolkitError: too many faces, parts, levels or bytes; the message says which and what to do.
-    """
-    suffix = path.suffix.lower()
-    try:
-        if suffix in (".glb", ".gltf"):
-            tree = _read_tree(path, suffix)
-            if isinstance(tree, dict):
-                _check_bytes(path, tree)
-                _check_nodes(path, tree)
-    except OSError as error:
-        raise explain_read_error(path, error) from None
-
-
-def check_faces(path: Path, count: int) -> None:
-    """A `ToolkitError` for more than `MAX_FACES`."""
-    if count > MAX_FACES:
-        raise ToolkitError(f"{path}: {count:,} faces, more than {MAX_FACES:,}: {SIMPLER}")
-
-
-def check_parts(path: Path, count: int) -> None:
-    """A `ToolkitError` for more than `MAX_PARTS`."""
-    if count > MAX_PARTS:
-        raise ToolkitError(f"{path}: {count:,} parts, more than {MAX_PARTS:,}: join them before the export")
-
-
-def _read_tree(path: Path, suffix: str) -> Any:
-    """The JSON of a glTF, None where there is none that can be read."""
-    with open_plain(path) as file:
-        head = file.read(20) if suffix == ".glb" else b""  # magic, version, length; length and kind of the JSON
-        most = int.from_bytes(head[12:16], "little") if head else MOST_TEXT_BYTES + 1
-        text = file.read(min(most, MOST_TEXT_BYTES + 1))
-    if len(text) > MOST_TEXT_BYTES:
-        raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-
-
-def _rows(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    found = tree.get(name)
-    return [one if isinstance(one, dict) else {} for one in found] if isinstance(found, list) else []
-
-
-def _count(found: Any) -> int:
-    return found if isinstance(found, int) and found > 0 else 0
-
-
-def _at(rows: list[dict[str, Any]], index: Any) -> dict[str, Any]:
-    return rows[index] if isinstance(index, int) and -len(rows) <= index < len(rows) else {}
-
-
-def _check_bytes(path: Path, tree: dict[str, Any]) -> None:
-    viewed = sum(_count(view.get("byteLength")) for view in _rows(tree, "bufferViews"))
-    zeros = sum(
-        4 * _count(one.get("count")) * COMPONENTS.get(str(one.get("type")), 1)
-        for one in _rows(tree, "accessors")
-        if "bufferView" not in one
-    )
-    if zeros > MOST_ZERO_BYTES or viewed > MOST_VIEWED_BYTES:
-        most, found = (MOST_ZERO_BYTES, zeros) if zeros > MOST_ZERO_BYTES else (MOST_VIEWED_BYTES, viewed)
-        raise ToolkitError(f"{path}: asks for {found >> 20:,} MB of numbers, more than {most >> 20:,}: {SIMPLER}")
-
-
-def _check_nodes(path: Path, tree: dict[str, Any]) -> None:
-    """Count the parts and faces that nodes make of meshes, and the levels of nodes."""
-    nodes, meshes, accessors = (_rows(tree, name) for name in ("nodes", "meshes", "accessors"))
-    parts: list[int] = []
-    faces: list[int] = []
-    for mesh in meshes:
-        drawn = _rows(mesh, "primitives")
-        shapes = [_at(accessors, one.get("indices", _attribute(one, "POSITION"))) for one in drawn]
-        parts.append(len(drawn))
-        faces.append(sum(_count(shape.get("count")) for shape in shapes) // 3)
-    check_parts(path, max(len(nodes), sum(parts)))
-    check_faces(path, sum(faces))
-    used = [node["mesh"] for node in nodes if isinstance(node.get("mesh"), int) and 0 <= node["mesh"] < len(meshes)]
-    check_parts(path, sum(parts[index] for index in used))
-    check_faces(path, sum(faces[index] for index in used))
-    if (levels := _count_levels(nodes)) > MOST_LEVELS:
-        raise ToolkitError(
-            f"{path}: {levels:,} levels of nodes, more than {MOST_LEVELS}: apply their transforms before the export"
-        )
-
-
-def _attribute(primitive: dict[str, Any], name: str) -> Any:
-    found = primitive.get("attributes")
-    return found.get(name) if isinstance(found, dict) else None
-
-
-def _count_levels(nodes: list[dict[str, Any]]) -> int:
-    """Of nodes within one another, each taken where it is met first, as trimesh walks them."""
-    children = [
-        [child for child in found if isinstance(child, int) and 0 <= child < len(nodes)]
-        if isinstance(found := node.get("children"), list)
-        else []
-        for node in nodes
-    ]
-    inner = {child for some in children for child in some}
-    here = [index for index in range(len(nodes)) if index not in inner] or list(range(len(nodes)))[:1]
-    seen, levels = set(here), 0
-    while here:
-        levels += 1
-        here = list({child for index in here for child in children[index]} - seen)
-        seen.update(here)
-    return levels
-
-
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+GLTF_SUFFIXES = (".glb", ".gltf")
+SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".off")
 MOST_BYTES = 7 << 28
 """What a mesh with its pictures may take while it is read; with what is loaded already, under 2 GB."""
 EXTENTS = (1e-9, 1e12)
@@ -252,8 +123,6 @@ def read_mesh(path: Path) -> Mesh:
         )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
-    # what the file's head says of its size, before trimesh reads the rest
-    check_announced(path)
     try:
         with limit_memory(MOST_BYTES):
             return _build_mesh(path)
@@ -274,8 +143,11 @@ def _build_mesh(path: Path) -> Mesh:
         raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
     pieces = _move_home(pieces, str(path))
     painted = [_paint(pieces.pop(0), str(path)) for _ in range(len(pieces))]  # each in place of what trimesh holds
-    welded = [_weld(*painted.pop(0), str(path)) for _ in range(len(painted))]
-    return check_mesh(merge_meshes(welded), str(path))
+    welded = [_weld(*painted.pop(0)) for _ in range(len(painted))]
+    solid = [mesh for mesh in welded if mesh is not None]
+    if not solid:
+        raise ToolkitError(f"{path}: every face has zero area: expected an object with an extent")
+    return check_mesh(merge_meshes(solid), str(path))
 
 
 def _read_pieces(path: Path) -> list[Piece]:
@@ -318,7 +190,13 @@ def _read_scene(path: Path) -> Iterator[Piece]:
         yield Piece(vertices, faces, piece.visual)
 
 
-READERS: dict[str, Callable[[Path], Iterator[Piece]]] = {".obj": read_obj, ".ply": read_ply}
+def _read_gltf(path: Path) -> Iterator[Piece]:
+    return (Piece(part.vertices, part.faces, (part.corner_uv, part.material)) for part in read_gltf(path))
+
+
+READERS: dict[str, Callable[[Path], Iterator[Piece]]] = {
+    ".obj": read_obj, ".ply": read_ply, **dict.fromkeys(GLTF_SUFFIXES, _read_gltf),
+}  # fmt: skip
 """Formats with a reader of their own."""
 
 
@@ -375,12 +253,13 @@ def _paint(piece: Piece, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return vertices, piece.faces, *paint_faces(piece.visual, vertices, piece.faces, source)
 
 
-def _weld(vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, material: Material, source: str) -> Mesh:
+def _weld(vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, material: Material) -> Mesh | None:
+    """A part as a mesh, None where no face has an area."""
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
     first, place = group_places(vertices)
     vertices, faces = vertices[first], place[faces]
     # welding leaves triangles with two corners in one place
     real = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     if not real.any():
-        raise ToolkitError(f"{source}: every face has zero area: expected an object with an extent")
+        return None
     return mesh_from_corners(vertices, faces[real], corner_uv[real], np.zeros(int(real.sum()), np.int32), (material,))

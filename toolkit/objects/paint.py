@@ -7,6 +7,7 @@ import numpy as np
 
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.imaging.read import decode_texture
+from toolkit.objects.bake import unfold
 from toolkit.objects.mesh import Material, cross_products
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ LIKE = 4
 
 
 Paint = tuple[np.ndarray, Material]
-"""Texture coordinates (n, 2) of vertices, and the material."""
+"""Texture coordinates (n, 2) of vertices or (m, 3, 2) of the corners of faces, and the material."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Piece:
 def plain_paint(uv: np.ndarray | None, count: int) -> Paint:
     """Plain grey for `count` vertices, on their own texture coordinates (n, 2) if they have some."""
     if uv is None:
-        return np.zeros((count, 2), np.float32), Material("plain", _solid(PLAIN_COLOUR), roughness=0.45)
-    return uv, Material("material", _solid(PLAIN_COLOUR))
+        return np.zeros((count, 2), np.float32), plain_material()
+    return uv, Material("material", solid_texture(PLAIN_COLOUR))
 
 
 def paint_faces(
@@ -61,24 +62,49 @@ def paint_faces(
     from trimesh.visual import TextureVisuals
 
     if isinstance(visual, tuple):
-        return visual[0][faces], visual[1]
+        own, material = visual
+        return (own if own.ndim == 3 else own[faces]), material
     pbr, uv = (_to_pbr(visual.material), visual.uv) if isinstance(visual, TextureVisuals) else (None, None)
     if pbr is not None and uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
         image = pbr.baseColorTexture
         picture = None if image is None else decode_texture(image, source)
         return np.asarray(uv, np.float32)[faces], _material(pbr, picture)
-    plain = plain_paint(None, 0)[1] if pbr is None else _material(pbr, None)
+    plain = plain_material() if pbr is None else _material(pbr, None)
     colours = _corner_colours(visual, vertices, faces)
     if colours is None:
         return np.zeros((len(faces), 3, 2), np.float32), plain
     if pbr is not None and (tint := _tint(pbr)) is not None:
         colours = (colours * tint).astype(np.uint8)
+    return paint_colours(colours, vertices, faces, (0.6 if pbr is None else plain.roughness, plain.metallic))
+
+
+def paint_colours(
+    colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]
+) -> tuple[np.ndarray, Material]:
+    """(m, 3, 2) texture coordinates and the material of colours (m, 3, 3) uint8 of the corners, sRGB-encoded.
+
+    `gloss` is roughness and metalness.
+    """
     if len(faces) > BLENDED:
         colours = _mean_colours(colours)
     even = bool((colours == colours[:, :1]).all())
     corner_uv, texture = _spread_palette(colours[:, 0]) if even else _blend_corners(colours, vertices, faces)
-    roughness = 0.6 if pbr is None else plain.roughness
-    return corner_uv, Material(COLOURS, texture, roughness, plain.metallic)
+    return corner_uv, Material(COLOURS, texture, *gloss)
+
+
+def plain_material() -> Material:
+    """What a mesh without colours is made of."""
+    return Material("plain", solid_texture(PLAIN_COLOUR), roughness=0.45)
+
+
+def tint_texture(texture: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """A picture (h, w, 3) uint8, sRGB-encoded, times (3,) linear factors; itself where they are 1."""
+    import cv2
+
+    if (factor == 1).all():
+        return texture
+    codes = np.round(linear_to_srgb(LINEAR_OF_CODE[:, None] * factor) * 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(texture, codes[None]))
 
 
 def _corner_colours(visual: "Visuals | None", vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
@@ -104,7 +130,8 @@ def _mean_colours(colours: np.ndarray) -> np.ndarray:
     return np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
 
 
-def _solid(colour: tuple[int, int, int]) -> np.ndarray:
+def solid_texture(colour: tuple[int, int, int]) -> np.ndarray:
+    """A picture of one sRGB colour."""
     return np.full((4, 4, 3), colour, np.uint8)
 
 
@@ -132,7 +159,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     """
     count = len(faces)
     level = max(int(np.ceil(np.log2(count) / 2)), 1)
-    column, row = _unfold(np.arange(count), level)
+    column, row = unfold(np.arange(count), level)
     place = np.empty((count, 2), np.int64)
     place[_near_order(vertices, faces)] = 2 * np.stack([column, row], axis=1)
     width, height = 2 << level, 2 * (int(row.max()) + 1)
@@ -144,15 +171,6 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     texture[y + 1, x + 1] = np.round(linear_to_srgb(np.clip(b + c - a, 0, 1)) * 255)
     corners = place[:, None] + np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]])
     return (corners / [width, -height] + [0, 1]).astype(np.float32), texture
-
-
-def _unfold(index: np.ndarray, level: int) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and rows of numbers along a Z-order curve through a square of 2^level."""
-    column, row = np.zeros_like(index), np.zeros_like(index)
-    for bit in range(level):
-        column |= (index >> (2 * bit) & 1) << bit
-        row |= (index >> (2 * bit + 1) & 1) << bit
-    return column, row
 
 
 def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -178,7 +196,7 @@ def _material(pbr: "PBRMaterial", picture: np.ndarray | None) -> Material:
 
     tint = _tint(pbr)
     if picture is None:
-        picture = _solid(PLAIN_COLOUR if tint is None else (255, 255, 255))
+        picture = solid_texture(PLAIN_COLOUR if tint is None else (255, 255, 255))
     if tint is not None:
         picture = np.asarray(cv2.LUT(picture, (np.arange(256)[:, None] * tint).clip(0, 255).astype(np.uint8)[None]))
     return Material(

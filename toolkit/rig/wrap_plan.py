@@ -11,7 +11,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas, take_paint
 from toolkit.objects.flatten import Surface, lay_triangles, weld_surface
 from toolkit.objects.grow import find_pieces
-from toolkit.objects.load import SIMPLER, TableObject
+from toolkit.objects.limits import SIMPLER
+from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
 from toolkit.objects.net import FOLD_DEG as NET_FOLD_DEG
 from toolkit.objects.net import TAB_MM, name_tabs, unfold

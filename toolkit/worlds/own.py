@@ -32,7 +32,8 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, read_toml
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import MAX_FACES, MAX_PARTS, SUFFIXES, read_mesh, turn_upright
+from toolkit.objects.limits import MAX_FACES, MAX_PARTS
+from toolkit.objects.load import SUFFIXES, read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.spec import axes_of_format
 from toolkit.worlds.world import STANDING, SceneClass, Spot, World

@@ -1,0 +1,197 @@
+"""A glTF file before anything is built of it: its JSON, its buffers, and a refusal of what asks for too much."""
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+from urllib.parse import unquote, unquote_to_bytes
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_read_error, inside, open_plain
+from toolkit.objects.gltf.meshopt import decode_view
+
+MOST_TEXT_BYTES = 512 << 20
+MOST_VIEWED_BYTES = 1 << 30
+"""Parts of a buffer are copied, and may overlap."""
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+MAGIC = b"glTF"
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+
+class DamagedGltf(Exception):
+    """The file breaks the specification; the text says how, in a few words."""
+
+
+@dataclass
+class Document:
+    """A glTF file.
+
+    Attributes:
+        path: the file.
+        tree: its JSON.
+        binary: the GLB's own chunk, empty for a `.gltf`.
+        notes: what turned out while reading to be left out, a sentence each.
+    """
+
+    path: Path
+    tree: dict[str, Any]
+    binary: np.ndarray
+    notes: list[str] = field(default_factory=list)
+    _buffers: dict[int, np.ndarray] = field(default_factory=dict)
+    _views: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
+        """A list of the JSON, such as `nodes`."""
+        return rows(self.tree, name)
+
+    def row(self, name: str, index: Any) -> dict[str, Any]:
+        """One entry of such a list."""
+        found = self.rows(name)
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(found):
+            raise DamagedGltf(f"{name} has {len(found)} entries, none is number {index!r}")
+        return found[index]
+
+    def view(self, index: Any) -> np.ndarray:
+        """(n,) uint8 bytes of a buffer view, decompressed."""
+        view = self.row("bufferViews", index)
+        if index not in self._views:
+            name = next((name for name in MESHOPT if extension(view, name)), None)
+            packed = None if name is None else extension(view, name)
+            if packed is None:
+                self._views[index] = self._cut(view, index)
+            else:
+                try:
+                    self._views[index] = decode_view(self._cut(packed, index).tobytes(), packed)
+                except (ValueError, IndexError, KeyError) as error:
+                    raise DamagedGltf(f"{name}: the data of buffer view {index} are damaged ({error})") from None
+        return self._views[index]
+
+    def _cut(self, view: dict[str, Any], index: int) -> np.ndarray:
+        start, length = view.get("byteOffset", 0), view.get("byteLength", 0)
+        data = self._buffer(view.get("buffer"))
+        if not isinstance(start, int) or not isinstance(length, int) or not 0 <= start <= start + length <= len(data):
+            raise DamagedGltf(f"buffer view {index} reaches outside of its buffer of {len(data)} bytes")
+        return data[start : start + length]
+
+    def _buffer(self, index: Any) -> np.ndarray:
+        buffer = self.row("buffers", index)
+        if index not in self._buffers:
+            uri = buffer.get("uri")
+            if uri is None and index == 0:
+                self._buffers[index] = self.binary
+            elif uri is None:
+                raise DamagedGltf(f"buffer {index} has no data")
+            else:
+                self._buffers[index] = np.frombuffer(self.load_uri(uri), np.uint8)
+        return self._buffers[index]
+
+    def load_uri(self, uri: Any) -> bytes:
+        """What a URI holds or names; a `ToolkitError` for a file that is missing or lies outside of the folder."""
+        if not isinstance(uri, str):
+            raise DamagedGltf("a URI is no text")
+        if uri.startswith("data:"):
+            head, _, body = uri.partition(",")
+            try:
+                return base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
+            except binascii.Error:
+                raise DamagedGltf("a data URI is no base64") from None
+        file = inside(self.path.parent, name_of_uri(self.path.parent, uri))
+        try:
+            with open_plain(file) as stream:
+                return stream.read()
+        except OSError as error:
+            raise explain_read_error(file, error) from None
+
+
+def name_of_uri(folder: Path, uri: str) -> str:
+    """The path that a URI means: decoded, or as it stands where a careless exporter did not encode it."""
+    decoded = unquote(uri)
+    for name in (decoded, uri, decoded.replace("\\", "/")):
+        with suppress(OSError, ValueError):
+            if (folder / name).is_file():
+                return name
+    return decoded
+
+
+def rows(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """A list of objects in a JSON object; what is none counts as empty."""
+    found = tree.get(name)
+    return [one if isinstance(one, dict) else {} for one in found] if isinstance(found, list) else []
+
+
+def extension(tree: dict[str, Any], name: str) -> dict[str, Any] | None:
+    """An extension of a JSON object, None where it is not there."""
+    all_of_it = tree.get("extensions")
+    found = all_of_it.get(name) if isinstance(all_of_it, dict) else None
+    return found if isinstance(found, dict) else None
+
+
+def read_document(path: Path) -> Document:
+    """Read a GLB or the JSON of a glTF, whichever its bytes are.
+
+    Raises:
+        ToolkitError: it cannot be read, is no glTF 2.0, or holds more text than `MOST_TEXT_BYTES`.
+    """
+    try:
+        with open_plain(path) as file:
+            head = file.read(4)
+            is_binary = head == MAGIC
+            content = head + (file.read() if is_binary else file.read(MOST_TEXT_BYTES))
+    except OSError as error:
+        raise explain_read_error(path, error) from None
+    text, binary = _split(content) if is_binary else (content, b"")
+    if len(text) > MOST_TEXT_BYTES:
+        raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        refuse(path)
+    if not isinstance(tree, dict):
+        refuse(path)
+    asset = tree.get("asset")
+    version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
+    if not version.startswith("2"):
+        raise ToolkitError(f"{path}: glTF {version[:20]}, expected 2.0: open it in Blender and export it again")
+    return Document(path, tree, np.frombuffer(binary, np.uint8))
+
+
+def _split(content: bytes) -> tuple[bytes, memoryview | bytes]:
+    """The JSON and the binary chunk of a GLB; chunks of other kinds are passed over, as the specification asks."""
+    text: bytes = b""
+    binary: memoryview | bytes = b""
+    start = 12  # behind magic, version and length
+    while start + 8 <= len(content):
+        length, kind = struct.unpack_from("<II", content, start)
+        chunk = memoryview(content)[start + 8 : start + 8 + length]
+        if kind == JSON_CHUNK and not text:
+            text = bytes(chunk)
+        elif kind == BINARY_CHUNK and not len(binary):
+            binary = chunk
+        start += 8 + length
+    return text, binary
+
+
+def refuse(path: Path, reason: str = "it is damaged, cut or of another kind") -> NoReturn:
+    """Raise the `ToolkitError` for a file that breaks the specification."""
+    raise ToolkitError(
+        f"{path}: not a readable {path.suffix} mesh: {reason}: open it in Blender and export it again"
+    ) from None
+
+
+def named_files(path: Path) -> Iterator[str]:
+    """The paths of buffers and pictures that a file names; nothing for a file that is no glTF, as reading says so."""
+    try:
+        tree = read_document(path).tree
+    except ToolkitError:
+        return
+    for entry in rows(tree, "buffers") + rows(tree, "images"):
+        uri = entry.get("uri")
+        if isinstance(uri, str) and not uri.startswith("data:"):
+            yield name_of_uri(path.parent, uri)

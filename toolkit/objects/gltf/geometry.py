@@ -1,0 +1,148 @@
+"""Triangles of a glTF's primitives: lists, strips and fans, morphed by their weights, bent by their skin."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.objects.gltf.accessors import normalise, read_accessor
+from toolkit.objects.gltf.compressed import DRACO, decode_draco
+from toolkit.objects.gltf.document import DamagedGltf, Document, extension, rows
+from toolkit.objects.gltf.scene import PlacedMesh
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+MORPHED = ("POSITION", "TEXCOORD", "COLOR")
+"""What targets change and the kit reads."""
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A part of a mesh with one material.
+
+    Attributes:
+        vertices: (n, 3) float64, in the scene's axes, metres.
+        faces: (m, 3) int64, counter-clockwise seen from outside.
+        uv: number of a set -> (n, 2), v down.
+        colours: (n, 3) linear light; None where there are none.
+        is_clear: whether some of them have an alpha below 1.
+        material: its number, None where there is none.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: dict[int, np.ndarray]
+    colours: np.ndarray | None
+    is_clear: bool
+    material: Any
+
+
+def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, Any]) -> Primitive | None:
+    """A primitive of a placed mesh; None for points and lines, or without positions.
+
+    Raises:
+        DamagedGltf: accessors of different lengths, or indices that do not make triangles.
+    """
+    mode = primitive.get("mode", TRIANGLES)
+    named = primitive.get("attributes")
+    if mode not in (TRIANGLES, STRIP, FAN) or not isinstance(named, dict) or "POSITION" not in named:
+        return None
+    attributes, index = _read_attributes(document, primitive, named)
+    attributes = _morph(document, placed, primitive, attributes)
+    position = attributes.pop("POSITION")
+    count = len(position)
+    if position.shape[1] != 3 or any(len(values) != count for values in attributes.values()):
+        raise DamagedGltf("attributes of one mesh have different lengths")
+    if extension(primitive, DRACO) is not None:
+        mode = TRIANGLES  # whatever they were before
+    faces = _triangles(np.arange(count) if index is None else index.astype(np.int64), mode)
+    vertices, is_mirrored = _place(position.astype(np.float64), placed, attributes)
+    if faces.size and (faces.min() < 0 or faces.max() >= count):
+        raise DamagedGltf(f"a face names vertex {faces.max()}, the mesh has {count}")
+    colours = attributes.get("COLOR_0")
+    return Primitive(
+        vertices,
+        faces[:, ::-1] if is_mirrored else faces,
+        {int(name[9:]): uv[:, :2] for name, uv in attributes.items() if name[:9] == "TEXCOORD_" and name[9:].isdigit()},
+        None if colours is None else normalise(colours)[:, :3],
+        colours is not None and bool((normalise(colours)[:, 3:] < 1).any()),
+        primitive.get("material"),
+    )
+
+
+def is_read(name: str) -> bool:
+    """Whether an attribute changes what is read; normals and tangents are worked out again."""
+    return name in ("POSITION", "COLOR_0") or name.startswith(("TEXCOORD_", "JOINTS_", "WEIGHTS_"))
+
+
+def _read_attributes(
+    document: Document, primitive: dict[str, Any], named: dict[str, Any]
+) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """Name -> (n, k) values, and the (i,) indices, if there are any."""
+    draco = extension(primitive, DRACO)
+    if draco is not None:
+        decoded, faces = decode_draco(document, draco)
+        attributes = {name: values for name, values in decoded.items() if is_read(name)}
+        for name, values in attributes.items():  # the accessor says what its integers mean
+            if document.row("accessors", named.get(name)).get("normalized") is True:
+                attributes[name] = normalise(values)
+        others = {name: at for name, at in named.items() if name not in decoded}
+        attributes |= {name: read_accessor(document, at) for name, at in others.items() if is_read(name)}
+        return attributes, faces.reshape(-1)
+    attributes = {name: read_accessor(document, at) for name, at in named.items() if is_read(name)}
+    index = read_accessor(document, primitive["indices"])[:, 0] if "indices" in primitive else None
+    return attributes, index
+
+
+def _morph(
+    document: Document, placed: PlacedMesh, primitive: dict[str, Any], attributes: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Attributes moved by the targets, as far as the weights of the node, else of the mesh, say."""
+    weights = placed.node.get("weights", placed.mesh.get("weights", []))
+    for weight, target in zip(weights, rows(primitive, "targets"), strict=False):
+        for name, index in target.items():
+            if weight and name in attributes and name.startswith(MORPHED):
+                attributes[name] = attributes[name] + weight * read_accessor(document, index)
+    return attributes
+
+
+def _triangles(index: np.ndarray, mode: int) -> np.ndarray:
+    """(m, 3) corners of what (i,) indices draw."""
+    if mode == TRIANGLES:
+        if len(index) % 3:
+            raise DamagedGltf(f"{len(index)} indices make no triangles")
+        return index.reshape(-1, 3)
+    if len(index) < 3:
+        return np.zeros((0, 3), np.int64)
+    if mode == FAN:
+        return np.stack([np.full(len(index) - 2, index[0]), index[1:-1], index[2:]], axis=1)
+    faces = np.stack([index[:-2], index[1:-1], index[2:]], axis=1)
+    faces[1::2] = faces[1::2, ::-1]  # each second one runs the other way
+    return faces
+
+
+def _place(position: np.ndarray, placed: PlacedMesh, attributes: dict[str, np.ndarray]) -> tuple[np.ndarray, bool]:
+    """Vertices in the scene's axes, and whether a mirror turned their triangles inside out."""
+    from trimesh import transform_points
+
+    if placed.T_scene_joints is not None and "JOINTS_0" in attributes:
+        return _bend(position, placed.T_scene_joints, attributes), False
+    T_scene_mesh = placed.T_scene_mesh
+    if np.allclose(T_scene_mesh, np.eye(4), rtol=0, atol=1e-8):
+        return position, False
+    return transform_points(position, T_scene_mesh), bool(np.linalg.det(T_scene_mesh[:3, :3]) < 0)
+
+
+def _bend(position: np.ndarray, T_scene_joints: np.ndarray, attributes: dict[str, np.ndarray]) -> np.ndarray:
+    """Linear blend skinning in the pose that the nodes state."""
+    sets = sorted(name[7:] for name in attributes if name.startswith("JOINTS_"))
+    joints = np.concatenate([attributes[f"JOINTS_{k}"] for k in sets], axis=1).astype(np.int64)
+    weights = np.concatenate([normalise(attributes[f"WEIGHTS_{k}"]) for k in sets], axis=1).astype(np.float64)
+    if joints.shape != weights.shape or joints.max(initial=0) >= len(T_scene_joints):
+        raise DamagedGltf("a vertex hangs on a joint that its skin does not have")
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.where(total > 0, weights / np.where(total > 0, total, 1), 0)
+    bent = np.zeros_like(position)
+    for k in range(joints.shape[1]):
+        T = T_scene_joints[joints[:, k]]
+        bent += weights[:, k, None] * (np.einsum("nij,nj->ni", T[:, :3, :3], position) + T[:, :3, 3])
+    return bent

@@ -1,0 +1,128 @@
+"""Where a glTF's meshes are: the nodes of its scene, their transforms, instances and joints."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.objects.gltf.accessors import normalise, read_accessor
+from toolkit.objects.gltf.document import DamagedGltf, Document, extension
+
+INSTANCES = "EXT_mesh_gpu_instancing"
+
+
+@dataclass(frozen=True)
+class PlacedMesh:
+    """A mesh where a node puts it.
+
+    Attributes:
+        node: the node's JSON.
+        mesh: the mesh's JSON.
+        T_scene_mesh: (4, 4).
+        T_scene_joints: (j, 4, 4) of a skin in its default pose, which then counts instead; else None.
+    """
+
+    node: dict[str, Any]
+    mesh: dict[str, Any]
+    T_scene_mesh: np.ndarray
+    T_scene_joints: np.ndarray | None = None
+
+
+def place_meshes(document: Document) -> Iterator[PlacedMesh]:
+    """The meshes of the default scene, else of the first, else of all nodes; each node counts once.
+
+    Nodes come last child first, as meshes of earlier versions were put together, so that their hashes stay.
+    """
+    placed = _place_nodes(document)
+    for index, T_scene_node in placed.items():
+        node = document.row("nodes", index)
+        if "mesh" not in node:
+            continue
+        mesh = document.row("meshes", node["mesh"])
+        if "skin" in node:
+            yield PlacedMesh(node, mesh, T_scene_node, _place_joints(document, node["skin"], placed))
+            continue
+        for T_node_instance in _instances(document, node):
+            yield PlacedMesh(node, mesh, T_scene_node if T_node_instance is None else T_scene_node @ T_node_instance)
+
+
+def _place_nodes(document: Document) -> dict[int, np.ndarray]:
+    """Number of each node of the scene -> (4, 4) transform to the scene."""
+    nodes, scenes = document.rows("nodes"), document.rows("scenes")
+    if scenes:
+        roots = document.row("scenes", document.tree.get("scene", 0)).get("nodes", [])
+    else:
+        inner = {child for node in nodes for child in _children(node)}
+        roots = [index for index in range(len(nodes)) if index not in inner]
+    placed: dict[int, np.ndarray] = {}
+    waiting: list[tuple[int, np.ndarray]] = [(root, np.eye(4)) for root in roots]
+    while waiting:
+        index, T_scene_parent = waiting.pop()
+        if index in placed:  # the specification allows one parent; a circle would go on for ever
+            continue
+        node = document.row("nodes", index)
+        if (extension(node, "KHR_node_visibility") or {}).get("visible", True) is False:
+            continue
+        T_scene_node = T_scene_parent @ local_transform(node)
+        placed[index] = T_scene_node
+        waiting += [(child, T_scene_node) for child in _children(node)]
+    return placed
+
+
+def _children(node: dict[str, Any]) -> list[int]:
+    found = node.get("children", [])
+    if not isinstance(found, list) or not all(isinstance(child, int) for child in found):
+        raise DamagedGltf("a node's children are no list of numbers")
+    return found
+
+
+def local_transform(node: dict[str, Any]) -> np.ndarray:
+    """(4, 4) from a node to its parent."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T  # column by column
+    matrix = np.eye(4)
+    if "translation" in node:
+        matrix[:3, 3] = _numbers(node["translation"], 3)
+    if "rotation" in node:
+        matrix = matrix @ _rotation(_numbers(node["rotation"], 4))
+    if "scale" in node:
+        matrix = matrix @ np.diag([*_numbers(node["scale"], 3), 1.0])
+    return matrix
+
+
+def _numbers(found: Any, count: int) -> np.ndarray:
+    return np.array(found, np.float64).reshape(count)
+
+
+def _rotation(xyzw: np.ndarray) -> np.ndarray:
+    from trimesh.transformations import quaternion_matrix
+
+    return np.asarray(quaternion_matrix(xyzw[[3, 0, 1, 2]]))
+
+
+def _instances(document: Document, node: dict[str, Any]) -> Iterator[np.ndarray | None]:
+    """Transforms from copies of a node's mesh to the node; None for the mesh itself."""
+    found = extension(node, INSTANCES)
+    if found is None:
+        yield None
+        return
+    names = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+    columns = {
+        name: normalise(read_accessor(document, found["attributes"][attribute]))
+        for attribute, name in names.items()
+        if attribute in found["attributes"]
+    }
+    for k in range(min((len(column) for column in columns.values()), default=0)):
+        yield local_transform({name: column[k] for name, column in columns.items()})
+
+
+def _place_joints(document: Document, index: Any, placed: dict[int, np.ndarray]) -> np.ndarray:
+    skin = document.row("skins", index)
+    T_scene_joints = np.stack([placed.get(joint, np.eye(4)) for joint in skin["joints"]])
+    if "inverseBindMatrices" not in skin:
+        return T_scene_joints
+    inverse = read_accessor(document, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+    if len(inverse) < len(T_scene_joints):
+        raise DamagedGltf(f"skin {index} has fewer matrices than joints")
+    return T_scene_joints @ inverse[: len(T_scene_joints)].astype(np.float64)
