@@ -55,7 +55,8 @@ def check_gltf(modules: Path | None, folder: Path, exported: list[Path], others:
         others: any more glTFs.
     """
     browser, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
-    if modules is None or not (modules / "three").is_dir() or browser is None or driver is None:
+    has_packages = modules is not None and all((modules / name.rpartition("@")[0]).is_dir() for name in PACKAGES)
+    if modules is None or not has_packages or browser is None or driver is None:
         return ["- three.js: passed over, it needs npm, Chromium and its driver"]
     found: list[str] = []
     drawn: list[Path] = []
