@@ -67,7 +67,7 @@ def test_the_patches_of_rig18_were_trained_on_it():
 
 def test_every_object_has_a_texture_that_fits_it(tmp_path):
     from toolkit.objects.load import load_object
-    from toolkit.rig.variants import find_texture
+    from toolkit.rig.applied.texture import find_texture
 
     space = Workspace(tmp_path)
     for name in BUILTIN:

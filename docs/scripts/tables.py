@@ -16,14 +16,14 @@ from toolkit.experiments.sweeps.axes import AXES
 from toolkit.experiments.transfer.leave_one_out import BOOSTED
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
-from toolkit.rig.variants import WRAPPED
+from toolkit.rig.applied.wrap import WRAP
 
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"
 TABLES = DOCS / "results"
 BENCHMARKS = ("photographs", "held", "cifar", "robust", "ablation")
 """Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
-BOOSTERS = BOOSTED | {WRAPPED: "wrap"}
+BOOSTERS = BOOSTED | {WRAP.variant: "wrap"}
 """What the tables call the boosted variants."""
 Row = dict[str, Any]
 

@@ -5,9 +5,10 @@ import pytest
 from typer.testing import CliRunner
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.find_patch import find_patch
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch, write_patch
-from toolkit.rig.variants import find_booster, find_patch
+from toolkit.rig.variants import find_booster
 
 
 @pytest.fixture

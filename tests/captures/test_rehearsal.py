@@ -19,18 +19,19 @@ from toolkit.core.files import sha256_file
 from toolkit.imaging.printer import SOLIDS
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.framing import BLUR, NETWORK_SIDE_PX
+from toolkit.rig.applied.patch import PatchBooster
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shading import tone_map
-from toolkit.rig.variants import Print, apply_booster, find_booster
+from toolkit.rig.variants import apply_booster, find_booster
 
 PLAIN = ShootSettings(backdrop="white")
 REHEARSED = ShootSettings(backdrop="white", rehearsal=Rehearsal())
 
 
-def red_print(n: int = 12) -> Print:
-    return Print(np.tile(np.uint8([255, 0, 0]), (n, n, 1)), "0" * 64, "red", (40.0,))
+def red_print(n: int = 12) -> PatchBooster:
+    return PatchBooster(np.tile(np.uint8([255, 0, 0]), (n, n, 1)), "0" * 64, "red", (40.0,))
 
 
 def test_a_solid_comes_out_in_the_colour_of_its_inks():

@@ -16,11 +16,12 @@ from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
+from toolkit.objects.find_patch import find_patch
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch, write_patch
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan, read_plan, write_plan
-from toolkit.rig.variants import CONTROLS_OF, find_patch
+from toolkit.rig.variants import CONTROLS_OF
 
 SETTINGS = ShootSettings(backdrop="white")
 PATHS = [f"crate/{variant}/pose_{i:02d}.jpg" for variant in ("patched", "unpatched") for i in (1, 2)]

@@ -100,7 +100,8 @@ def test_an_open_surface_is_said_to_be_open(make_box):
 
 def test_a_texture_goes_to_a_colour_printer(tmp_path):
     from toolkit.core.workspace import make_workspace
-    from toolkit.rig.variants import export_object, find_texture
+    from toolkit.rig.applied.texture import find_texture
+    from toolkit.rig.variants import export_object
 
     space = make_workspace(tmp_path)
     (file,), solid = export_object(space, "eggnog", ["3mf"], "textured")

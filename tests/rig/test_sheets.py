@@ -19,7 +19,7 @@ from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
 from toolkit.rig.mount import mount_sheets, wear_sheets
 from toolkit.rig.plan import list_misfits, read_plan
-from toolkit.rig.variants import apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import apply_booster, find_booster, note_booster
 
 PX = np.random.default_rng(3).integers(0, 256, (8, 8, 3), dtype=np.uint8)
 TOP, LEFT = PatchMount(at="top", size_mm=40), PatchMount(at="left", size_mm=25)
@@ -159,11 +159,11 @@ def test_a_plan_frames_all_of_them(space, crate):
 def test_the_rig_shoots_all_of_them_and_the_manifest_says_so(space, crate):
     booster = find_booster(space, crate, "patched")
     assert booster.sizes_mm == (40, 25) and note_booster(booster)["booster_mm"] == [40, 25]
-    looks = describe_booster(crate, booster)
+    looks = booster.describe(crate)
     assert looks["mm"] == [40, 25] and [mount["at"] for mount in looks["mount"]] == ["top", "left"]
     one = TableObject(crate.spec.with_mounts([TOP]), crate.mesh)
     before = {"patch": booster.sha256, "mm": 40.0, "mount": TOP.model_dump()}
-    assert sha256_json(describe_booster(one, find_booster(space, one, "patched"))) == sha256_json(before)
+    assert sha256_json(find_booster(space, one, "patched").describe(one)) == sha256_json(before)
     alone = apply_booster(crate, find_booster(space, crate, "patch-alone"))
     assert alone.size_mm[:2] == pytest.approx([50, 50], abs=0.1)
     shoot_plan(space, read_plan(space.plan_file), ["crate"], ["patched"])

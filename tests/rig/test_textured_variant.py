@@ -16,9 +16,10 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Material, hash_mesh, hash_shape
 from toolkit.objects.records import encode_png, write_texture
 from toolkit.rig import Pattern
+from toolkit.rig.applied.texture import find_texture, fit_texture
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rig.variants import CONTROLS_OF, apply_booster, find_booster, find_texture, fit_texture
+from toolkit.rig.variants import CONTROLS_OF, apply_booster, find_booster
 
 SETTINGS = ShootSettings(backdrop="white", image_format="png")
 PAINTED = ("textured", *CONTROLS_OF["textured"])

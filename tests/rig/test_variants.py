@@ -5,9 +5,10 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.objects.find_patch import find_patch
 from toolkit.objects.load import load_object
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch, write_patch
-from toolkit.rig.variants import ON_PAPER, apply_booster, find_booster, find_patch
+from toolkit.rig.variants import ON_PAPER, apply_booster, find_booster
 
 
 @pytest.fixture

@@ -20,8 +20,9 @@ from toolkit.objects.records import NetworkRecord
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
 from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig import Misfit, ShotListConfig, WrapConfig
+from toolkit.rig.applied.wrap import WrapBooster
 from toolkit.rig.plan import read_plan
-from toolkit.rig.variants import Sheets, apply_booster, describe_booster, find_booster, note_booster
+from toolkit.rig.variants import apply_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
 
 TRAINING = WrapTraining(
@@ -93,12 +94,12 @@ def test_what_is_stuck_on_otherwise_is_shot_again_and_nothing_else(space):
 
 def test_its_place_is_the_seeds_and_its_ink_the_printers(space, crate):
     booster = find_booster(space, crate, "wrapped", seed=3)
-    assert isinstance(booster, Sheets) and note_booster(booster)["misfit_seed"] == 3
+    assert isinstance(booster, WrapBooster) and note_booster(booster)["misfit_seed"] == 3
     mesh, again = apply_booster(crate, booster), apply_booster(crate, booster)
     np.testing.assert_array_equal(mesh.vertices, again.vertices)
     other = apply_booster(crate, find_booster(space, crate, "wrapped", seed=4))
     assert mesh.vertices.shape != other.vertices.shape or (mesh.vertices != other.vertices).any()
-    looks = [describe_booster(crate, find_booster(space, crate, "wrapped", seed=seed)) for seed in (3, 3, 4)]
+    looks = [find_booster(space, crate, "wrapped", seed=seed).describe(crate) for seed in (3, 3, 4)]
     assert looks[0] == looks[1] != looks[2]
     printed = Rehearsal().print_booster(booster, 0, "crate").pixels
     assert printed.shape == booster.pixels.shape and np.abs(printed.astype(int) - booster.pixels).max() > 10
@@ -133,7 +134,7 @@ def test_the_best_pieces_cover_the_share_that_is_asked_for(space, crate):
 def test_a_share_of_the_wrap_is_shot_and_said(space, crate):
     part = ShootSettings(backdrop="white", coverage=0.5).find_booster(space, crate, "wrapped")
     full = find_booster(space, crate, "wrapped")
-    assert describe_booster(crate, part) != describe_booster(crate, full)
+    assert part.describe(crate) != full.describe(crate)
     assert len(apply_booster(crate, part).faces) < len(apply_booster(crate, full).faces)
     green = {name: (show(shoot(space, coverage=share), "wrapped")[..., 1]).mean() for name, share in
              (("half", 0.5), ("all", None))}  # fmt: skip

@@ -20,7 +20,7 @@ from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import hash_paint
 from toolkit.objects.records import read_texture
-from toolkit.rig.variants import check_fit
+from toolkit.rig.applied.texture import check_fit
 from toolkit.rig.views import PaintableObject
 from toolkit.worlds.place import scale_to_world
 from toolkit.worlds.views import WorldSetting, open_setting

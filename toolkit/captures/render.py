@@ -16,6 +16,9 @@ from toolkit.objects.export_mesh import make_turntable
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import Patch, Texture
 from toolkit.rig import Pattern
+from toolkit.rig.applied.base import AppliedBooster
+from toolkit.rig.applied.patch import PatchBooster
+from toolkit.rig.applied.texture import TextureBooster
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfits
 from toolkit.rig.mount import attach, mount_sheets
@@ -23,7 +26,7 @@ from toolkit.rig.plan import CapturePlan, Pose, plan_poses
 from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
 from toolkit.rig.raycast import make_renderer
 from toolkit.rig.shading import tone_map
-from toolkit.rig.variants import Paint, Print, apply_booster
+from toolkit.rig.variants import apply_booster
 
 
 def render(
@@ -66,13 +69,13 @@ def render(
     return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
 
 
-def _put_on(item: TableObject, booster: Patch | Texture | None) -> Print | Paint | None:
+def _put_on(item: TableObject, booster: Patch | Texture | None) -> AppliedBooster | None:
     if booster is None:
         return None
     named = booster.pixels, booster.record.png_sha256, booster.record.name
     if isinstance(booster, Texture):
-        return Paint(*named, booster)
-    return Print(*named, item.spec.sizes_mm(booster.size_mm))
+        return TextureBooster(*named, texture=booster)
+    return PatchBooster(*named, item.spec.sizes_mm(booster.size_mm))
 
 
 CHEQUERED = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)

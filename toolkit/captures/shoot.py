@@ -33,6 +33,7 @@ from toolkit.imaging.read import encode_image
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
 from toolkit.rig import PAIR
+from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
@@ -41,8 +42,7 @@ from toolkit.rig.raycast import RENDERERS, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, Sheets, Worn, apply_booster, describe_booster, find_booster, note_booster
-from toolkit.rig.wrap_plan import take_best
+from toolkit.rig.variants import apply_booster, find_booster, note_booster
 
 NETWORK_PX = 224
 """The side of a network's image, of which the pixels of `CameraBlur` are."""
@@ -92,19 +92,16 @@ class Rehearsal:
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
 
-    def print_booster(self, booster: Worn | None, seed: int, name: str) -> Worn | None:
+    def print_booster(self, booster: AppliedBooster | None, seed: int, name: str) -> AppliedBooster | None:
         """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
-        if booster is None or isinstance(booster, Paint):
+        if booster is None or booster.texel_mm is None:
             return booster
         import torch
 
         from toolkit.boosters.pixels import quantise  # brings torch as well, which planning does not need
 
         # ink spreads by millimetres, however many texels a sheet has
-        texel_mm = (
-            booster.wrap.record.texel_mm if isinstance(booster, Sheets) else booster.sizes_mm[0] / len(booster.pixels)
-        )
-        printer = self.printer.with_overrides(texel_mm=texel_mm)
+        printer = self.printer.with_overrides(texel_mm=booster.texel_mm)
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
@@ -243,12 +240,10 @@ class ShootSettings:
     perfect: bool = False
     coverage: float | None = None
 
-    def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> Worn | None:
+    def find_booster(self, workspace: Workspace, item: TableObject, variant: str) -> AppliedBooster | None:
         """What is put on an object; raises as `toolkit.rig.variants.find_booster`."""
-        worn = find_booster(workspace, item, variant, perfect=self.perfect, seed=self.seed)
-        if self.coverage is None or not isinstance(worn, Sheets):
-            return worn
-        return replace(worn, wrap=take_best(worn.wrap, item, self.coverage), coverage=self.coverage)
+        booster = find_booster(workspace, item, variant, perfect=self.perfect, seed=self.seed)
+        return booster if self.coverage is None or booster is None else booster.covering(item, self.coverage)
 
 
 @dataclass(frozen=True)
@@ -479,7 +474,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     }  # fmt: skip
     booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
-        look |= describe_booster(item, booster)
+        look |= booster.describe(item)
     return look
 
 
@@ -496,7 +491,7 @@ def _list_units(
         yield Unit(paths, shoot_unit, (item, variant, booster, settings, places), f"{item.name} {variant}")
 
 
-def describe_made(item: TableObject, booster: Worn | None, settings: ShootSettings) -> dict[str, Any]:
+def describe_made(item: TableObject, booster: AppliedBooster | None, settings: ShootSettings) -> dict[str, Any]:
     """What a manifest says of how an image was made: what two images of a pair must share, and what is put on."""
     studio = studio_for(item, settings)
     how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
@@ -508,13 +503,12 @@ def describe_made(item: TableObject, booster: Worn | None, settings: ShootSettin
         "class": str(item.spec.class_name), **note_booster(booster),
         **({} if settings.rehearsal is None else {"rehearsed": True}),
     }  # fmt: skip
-    if isinstance(booster, Print) and not booster.alone:
-        look = describe_booster(item, booster)
-        made["sheet_sha256"] = sha256_json({name: look[name] for name in ("mm", "mount")})
+    if booster is not None and (place := booster.describe_place(item)):
+        made["sheet_sha256"] = sha256_json(place)
     return made
 
 
-def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) -> CaptureRecord:
+def _describe_shot(shot: Shot, booster: AppliedBooster | None, made: Mapping[str, Any]) -> CaptureRecord:
     return CaptureRecord(
         path=shot.path, object=shot.item.name, variant=shot.variant, pose_id=shot.pose_id,
         # six digits: below what any pixel shows, above what float noise changes
@@ -525,7 +519,7 @@ def _describe_shot(shot: Shot, booster: Worn | None, made: Mapping[str, Any]) ->
 
 
 def shoot_unit(
-    item: TableObject, variant: str, booster: Worn | None, settings: ShootSettings,
+    item: TableObject, variant: str, booster: AppliedBooster | None, settings: ShootSettings,
     places: Sequence[tuple[Camera, np.ndarray, int]],
 ) -> Iterator[bytes]:  # fmt: skip
     """The work of a unit: the image files of one object in one variant.

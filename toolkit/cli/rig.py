@@ -153,7 +153,7 @@ def plan(
 
 
 def _what_follows(space: Workspace, names: list[str]) -> str:
-    from toolkit.rig.variants import find_patch_file
+    from toolkit.objects.find_patch import find_patch_file
 
     bare = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
     trained = f"toolkit train-patch --object {bare[0]}, then " if bare else ""

@@ -27,13 +27,12 @@ from toolkit.core.statistics import (
     wilson_interval,
 )
 from toolkit.evaluation.predict import Prediction
-from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
+from toolkit.rig.variants import CONTROLS, CONTROLS_OF, NOUNS, VARIANTS
 
 NO_SPREAD = 1e-12
 Estimate = tuple[float, Interval | None]
 """A mean over items, and its interval over clusters; None where it cannot be told: one cluster, or no spread."""
 PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
-NOUNS = {PATCHED: "patch", TEXTURED: "texture"}
 MAX_FLIPS = 40
 MOST_NAMES = 20
 """Of an object's variants, that a reason lists."""

@@ -10,13 +10,13 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, real_path, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
+from toolkit.objects.find_patch import find_patch_file
 from toolkit.objects.load import load_object
 from toolkit.objects.records import PatchRecord, read_patch
 from toolkit.objects.spec import BASE_DPI, ObjectSpec, Side, read_spec
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, effective_percent, is_same_size, say_sizes
 from toolkit.rig.fit import describe_misfits
-from toolkit.rig.variants import find_patch_file
 
 
 def select_patches(

@@ -13,12 +13,12 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
+from toolkit.objects.find_patch import find_patch_file
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
 from toolkit.objects.spec import PatchMount, Side, printed_size_mm
 from toolkit.rig.mount import SAMPLES, LaidSheet, cast_heights, lay_sheet, mount_sheets
-from toolkit.rig.variants import find_patch_file
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene

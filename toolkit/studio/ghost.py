@@ -14,7 +14,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, load_open3d, make_ray_scene
 from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster
+from toolkit.rig.variants import VARIANTS, apply_booster, find_booster
 
 SIDE_PX = 720
 # ITU-R BT.709's weights of red, green and blue in brightness
@@ -116,7 +116,7 @@ class GhostRenderer:
         except ToolkitError:
             booster = None  # a sheet that is not here can be photographed all the same
         mesh = apply_booster(item, booster)
-        if not isinstance(booster, Print):
+        if booster is None or not booster.sizes_mm:
             return _Stage(mesh, len(mesh.materials))
         return _Stage(mesh, 0 if booster.alone else len(item.mesh.materials))
 

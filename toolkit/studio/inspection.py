@@ -16,10 +16,10 @@ from toolkit.photos.lens import read_lenses
 from toolkit.photos.locate import PoseMatch, locate_sighting, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels
 from toolkit.photos.posed_camera import PosedCamera
+from toolkit.rig.applied.base import GREY
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose
 from toolkit.rig.shot_order import ShotStep
-from toolkit.rig.variants import GREY
 
 KEPT = 6
 

@@ -33,9 +33,10 @@ from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, keep_
 from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
 from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, Wrap, check_wrap, hash_wrap, piece_name, read_wrap
 from toolkit.rig import Pattern
+from toolkit.rig.applied.texture import check_fit
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
-from toolkit.rig.variants import check_fit, find_booster
+from toolkit.rig.variants import find_booster
 
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"

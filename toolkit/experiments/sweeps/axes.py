@@ -11,7 +11,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
 from toolkit.rig.studio import BACKDROPS, LIGHTS
-from toolkit.rig.variants import Print, Sheets, apply_booster, find_booster
+from toolkit.rig.variants import find_booster
 
 if TYPE_CHECKING:
     from toolkit.captures.shoot import ShootSettings
@@ -247,8 +247,8 @@ def _plan_unit(
 ) -> SweepPoint:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [setup.settings.find_booster(workspace, item, name) for name in variants]
-    shown = [one.wrap.record.covered for one in boosters if isinstance(one, Sheets) and one.coverage is not None]
-    own_mm = [size_mm for booster in boosters if isinstance(booster, Print) for size_mm in booster.sizes_mm]
+    shown = [one.covered for one in boosters if one is not None and one.covered is not None]
+    own_mm = [size_mm for booster in boosters if booster is not None for size_mm in booster.sizes_mm]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
     if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):
         setup = replace(setup, patch_mm=None)  # the images of `capture-sim` are these
@@ -258,8 +258,8 @@ def _plan_unit(
         check_poses(item, setup.plan.camera, setup.plan.objects[item.name])
         for name in variants:
             booster = find_booster(workspace, sized, name)
-            if isinstance(booster, Print):  # paint fits wherever the object itself can be shot
-                apply_booster(sized, booster)
+            if booster is not None and booster.sizes_mm:  # paint fits wherever the object itself can be shot
+                booster.apply(sized)
     except ToolkitError as error:
         refused = str(error)
     return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused,

@@ -18,7 +18,8 @@ from toolkit.evaluation.results import Findings
 from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
 from toolkit.experiments.sweeps.axes import Axis, SweepPoint, Value
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
-from toolkit.rig.variants import ON_PAPER, WRAPPED
+from toolkit.rig.applied.wrap import WRAP
+from toolkit.rig.variants import ON_PAPER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,7 +119,7 @@ class Sweep:
     @property
     def _sized(self) -> tuple[str, ...]:
         """Variants that have a size, or a share that they cover."""
-        return (WRAPPED,) if self.axis.name == "coverage" else ON_PAPER
+        return (WRAP.variant,) if self.axis.name == "coverage" else ON_PAPER
 
     @property
     def pair_rows(self) -> list[dict[str, Any]]:

@@ -29,7 +29,7 @@ from toolkit.rig import PAIR
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
-from toolkit.rig.variants import Print, find_booster
+from toolkit.rig.variants import find_booster
 
 GATES_FILE = "gates.jsonl"
 VERSION = 4
@@ -344,7 +344,7 @@ def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[
     for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
         with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with
             booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
-            if isinstance(booster, Print):
+            if booster is not None and booster.sizes_mm:
                 sides[name, variant] = booster.sizes_mm
     return sides
 

@@ -50,10 +50,13 @@ from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
 from toolkit.photos.prints.find import PatchSighting
+from toolkit.rig.applied.base import AppliedBooster
+from toolkit.rig.applied.patch import PATCH, find_patch_booster
+from toolkit.rig.applied.wrap import WRAP, find_wrap_booster
 from toolkit.rig.board import Board
 from toolkit.rig.board_file import read_board
 from toolkit.rig.mount import MountedSheet, attach
-from toolkit.rig.variants import VARIANTS, WRAPPED, Print, Sheets, apply_booster, find_booster, mount_printed
+from toolkit.rig.variants import VARIANTS, find_booster
 
 WORK_SIDE_PX = 1440
 """Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
@@ -338,38 +341,36 @@ class ExpectationBuilder:
             return Solid(item.mesh), None, f"what '{variant}' has on it is not known", None
         try:
             booster = find_booster(self._workspace, item, variant)
-            if isinstance(booster, Print):
+            if booster is not None and booster.sizes_mm:
                 return self._dress(item, variant, booster)
         except ToolkitError as error:
             return Solid(item.mesh), None, str(error), None
         # paint and thin pieces change no shape; the object's own patch is the one that may have been left on
-        wrap = self._wrap_of(item, is_on=isinstance(booster, Sheets))
+        wrap = self._wrap_of(item, is_on=booster is not None and booster.wrap is not None)
         return Solid(item.mesh), self._without_patch(item), "", wrap
 
-    def _dress(self, item: TableObject, variant: str, booster: Print) -> Built:
+    def _dress(self, item: TableObject, variant: str, booster: AppliedBooster) -> Built:
         if variant == "grey-patch":
-            return Solid(apply_booster(item, booster)), None, NO_MARKS, None
+            return Solid(booster.apply(item)), None, NO_MARKS, None
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
-            return Solid(apply_booster(item, booster)), ExpectedPatch(booster.name, patches), "", None
-        sheets = mount_printed(item, booster)
+            return Solid(booster.apply(item)), ExpectedPatch(booster.name, patches), "", None
+        sheets = booster.sheets(item)
         patch = ExpectedPatch(booster.name, patches, None, _place(item, sheets))
         return Solid(attach(item.mesh, *sheets)), patch, "", self._wrap_of(item)
 
     def _wrap_of(self, item: TableObject, *, is_on: bool = False) -> ExpectedWrap | None:
         """The object's wrap; None where it has none, or nothing is trained on it, so that nobody printed it."""
         try:
-            booster = find_booster(self._workspace, item, WRAPPED)
+            booster = find_wrap_booster(self._workspace, item, WRAP.variant)
         except ToolkitError:
             return None
-        assert isinstance(booster, Sheets)
         return ExpectedWrap(booster.name, is_on, cut_squares(item.mesh, booster.wrap, booster.pixels))
 
     def _without_patch(self, item: TableObject) -> ExpectedPatch:
         try:
-            home = find_booster(self._workspace, item, "patched")
-            assert isinstance(home, Print)
-            sheets = mount_printed(item, home)
+            home = find_patch_booster(self._workspace, item, PATCH.variant)
+            sheets = home.sheets(item)
         except ToolkitError:  # it has none, or none that fits: there is nothing to leave on
             return ExpectedPatch(None, self._patches)
         return ExpectedPatch(None, {**self._patches, home.name: home.pixels}, home.name, _place(item, sheets))

@@ -28,10 +28,11 @@ from toolkit.photos.match_render import LEAST_SCORE
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.find import SearchedPhoto, find_patch, search_photo
+from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
-from toolkit.rig.variants import VARIANTS, WRAPPED, Print, find_booster, mount_printed
+from toolkit.rig.variants import VARIANTS, find_booster
 
 WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All
@@ -165,13 +166,15 @@ class Clues:
     def _weigh_wraps(self, one: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
         """By the board it is known where a wrap's pieces would show: seen or not, it is told from a bare object."""
         is_on: dict[str, bool] = {}
-        for name in {shot.object for shot in shots if shot.variant == WRAPPED}:
-            expected = self._expecter.expect(name, WRAPPED)
+        for name in {shot.object for shot in shots if shot.variant == WRAP.variant}:
+            expected = self._expecter.expect(name, WRAP.variant)
             if expected.wrap is not None and expected.solid is not None:
                 seen = look_for_pieces(load_pixels(one.candidate.photo), expected.wrap, expected.solid, view)
                 if seen.is_judged:
                     is_on[name] = seen.is_on
-        wrong = [is_on.get(shot.object, shot.variant == WRAPPED) != (shot.variant == WRAPPED) for shot in shots]
+        wrong = [
+            is_on.get(shot.object, shot.variant == WRAP.variant) != (shot.variant == WRAP.variant) for shot in shots
+        ]
         return np.where(wrong, WRONG, 0.0)
 
     def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:
@@ -193,8 +196,8 @@ class Clues:
             try:
                 item = load_object(self._workspace.object_spec(group[0]))
                 booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
-                if isinstance(booster, Print) and group[1] != "grey-patch" and not booster.alone:
-                    sheets = mount_printed(item, booster)
+                if booster is not None and booster.sizes_mm and group[1] != "grey-patch" and not booster.alone:
+                    sheets = booster.sheets(item)
                     self._patches[group] = booster.pixels, [place_cells(sheet).corners_mm for sheet in sheets]
             except ToolkitError:
                 pass  # an object without its patch: nothing to look for

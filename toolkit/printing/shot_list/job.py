@@ -30,6 +30,7 @@ from toolkit.printing.shot_list.tour import (
     name_change,
 )
 from toolkit.rig import ShotListConfig
+from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board_file import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.shot_order import (
@@ -40,7 +41,7 @@ from toolkit.rig.shot_order import (
     read_shots,
     write_shots,
 )
-from toolkit.rig.variants import VARIANTS, Print, Worn, find_booster
+from toolkit.rig.variants import VARIANTS, find_booster
 
 NUMBER_MM = 14.0
 ABOVE_MM = 35.0
@@ -321,7 +322,7 @@ def write_shot_list(
         for name in dict.fromkeys(objects):
             items[name] = load_object(workspace.object_spec(name))
             bar.advance(note=name)
-    boosters: dict[str, dict[str, Worn | None]] = {}
+    boosters: dict[str, dict[str, AppliedBooster | None]] = {}
     missing: dict[str, str] = {}
     for name, item in items.items():
         boosters[name] = _find_boosters(workspace, item, config.variants, missing)
@@ -352,9 +353,9 @@ def write_shot_list(
 
 def _find_boosters(
     workspace: Workspace, item: TableObject, variants: Sequence[str], missing: dict[str, str]
-) -> dict[str, Worn | None]:
+) -> dict[str, AppliedBooster | None]:
     """What is stuck on in each variant; an object without a patch is left with `unpatched`, and `missing` says why."""
-    found: dict[str, Worn | None] = {}
+    found: dict[str, AppliedBooster | None] = {}
     for variant in dict.fromkeys(variants):
         try:
             found[variant] = find_booster(workspace, item, variant)
@@ -366,11 +367,13 @@ def _find_boosters(
     return found
 
 
-def _find_page(workspace: Workspace, name: str, boosters: dict[str, Worn | None]) -> tuple[str | None, str | None]:
+def _find_page(
+    workspace: Workspace, name: str, boosters: dict[str, AppliedBooster | None]
+) -> tuple[str | None, str | None]:
     """The page of an object's patch, relative to the workspace; else what is wrong with the one that is there."""
     patch = boosters.get("patched")
     wrong: str | None = None
-    if not isinstance(patch, Print):
+    if patch is None or not patch.sizes_mm:
         return None, None
     # the object's own page first, as it has the object's own size
     for file in (workspace.print_dir / f"{name}.pdf", workspace.print_dir / f"{patch.name}.pdf"):

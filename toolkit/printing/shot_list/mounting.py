@@ -14,6 +14,7 @@ from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
 from toolkit.printing.canvas import BOLD, SHEET, SOFT, WHITE, Pdf, Point
 from toolkit.printing.page import Rect
+from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
@@ -24,7 +25,7 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Print, Worn, apply_booster, mount_printed
+from toolkit.rig.variants import apply_booster
 
 WIDTH_PX = 416
 """250 dpi on a picture 42 mm wide."""
@@ -44,7 +45,7 @@ def make_light_studio(item: TableObject, board: Board | None) -> Scene:
 
 
 def draw_views(
-    item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Worn | None],
+    item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, AppliedBooster | None],
     board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
     """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect; `bar` counts one per picture.
@@ -120,13 +121,13 @@ class MountDrawing:
         return b[0] - a[0], b[1] - a[1], a[2] - b[2], a[3] - b[3]
 
 
-def draw_mountings(item: TableObject, booster: Print) -> list[MountDrawing]:
+def draw_mountings(item: TableObject, booster: AppliedBooster) -> list[MountDrawing]:
     """For each sheet of an object the side that it is stuck on, with all sheets on it.
 
     Raises:
         ToolkitError: a sheet cannot be mounted there.
     """
-    sheets = mount_printed(item, booster)
+    sheets = booster.sheets(item)
     return [_draw_mounting(item, sheets, index) for index in range(len(sheets))]
 
 

@@ -30,11 +30,11 @@ from toolkit.printing.shot_list.tour import (
     survey,
 )
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
+from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep, hash_poses
-from toolkit.rig.variants import Print, Sheets, Worn
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ObjectSession:
     item: TableObject
     camera: Camera
     stops: tuple[Stop, ...]
-    booster: Print | None
+    booster: AppliedBooster | None
     mountings: tuple[MountDrawing, ...]
     papers: Papers
     around: Surroundings
@@ -91,7 +91,7 @@ class ObjectSession:
 
 
 def prepare_session(
-    item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, Worn | None],
+    item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, AppliedBooster | None],
     papers: Papers, bar: Ticker,
 ) -> ObjectSession:  # fmt: skip
     """Render and measure one object's part of the list; `bar` counts one per picture, and one for the mounting.
@@ -102,9 +102,9 @@ def prepare_session(
     poses = plan.objects[item.name]
     stops = find_stops(poses, steps)
     views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
-    wraps = [b.wrap for b in boosters.values() if isinstance(b, Sheets)]
+    wraps = [b.wrap for b in boosters.values() if b is not None and b.wrap is not None]
     # `patched` before the others: it is the sheet that the pages show how to stick
-    stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
+    stuck = [b for b in (boosters.get("patched"), *boosters.values()) if b is not None and b.sizes_mm and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
     return ObjectSession(
@@ -163,7 +163,9 @@ def advise_stage(board: Board | None) -> list[str]:
     return lines
 
 
-def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, drawing: MountDrawing) -> list[str]:
+def advise_sticking(
+    item: TableObject, booster: AppliedBooster, patch_pdf: str | None, drawing: MountDrawing
+) -> list[str]:
     """From the printer to the object, in order."""
     at, rotation_deg = drawing.mount.at, drawing.mount.rotation_deg
     page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"

@@ -1,0 +1,57 @@
+"""Which patch of a workspace is an object's."""
+
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject
+from toolkit.objects.records import Patch, read_patch, read_usable
+from toolkit.objects.spec import ObjectSpec
+
+
+def find_patch(workspace: Workspace, item: TableObject) -> Patch:
+    """The patch of an object: the one that bears its name, else one trained for its class.
+
+    Raises:
+        ToolkitError: there is none, or its files do not match.
+    """
+    file = find_patch_file(workspace, item.spec)
+    if file is not None:
+        return read_patch(file)
+    chosen = workspace.patch_set
+    where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
+    raise ToolkitError(
+        f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
+        f"one with 'toolkit train-patch --object {item.name}{where}', or shoot "
+        "--variant unpatched"
+    )
+
+
+def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
+    """The PNG that `find_patch` reads; None where the object has no patch.
+
+    Broken patches of other names are left out, see `read_usable`.
+    """
+    patches = workspace.patches()
+    for name in (spec.name, str(spec.class_name).replace(" ", "_")):
+        if name in patches:
+            return patches[name]
+    for name, patch in read_usable(read_patch, patches):
+        if spec.class_name in (patch.record.class_name, patch.record.class_index):
+            return patches[name]
+    return None
+
+
+def next_patch(workspace: Workspace, own: Patch) -> Patch:
+    """The next patch by name that was trained for another class.
+
+    Raises:
+        ToolkitError: there is none.
+    """
+    patches = workspace.patches()
+    names = sorted(patches)
+    after = [name for name in names if name > own.record.name] + [name for name in names if name < own.record.name]
+    for _, other in read_usable(read_patch, {name: patches[name] for name in after}):
+        if other.record.class_index != own.record.class_index:
+            return other
+    raise ToolkitError("the variant wrong-patch needs a patch of another class: train one, or leave the variant out")

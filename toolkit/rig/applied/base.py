@@ -1,0 +1,110 @@
+"""The protocol of boosters on an object: what each kind does to it, and what is written of it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import Mesh
+from toolkit.objects.wrap import Wrap
+from toolkit.rig.mount import MountedSheet
+
+GREY = 128
+"""Code of the grey that controls are made of."""
+
+
+@dataclass(frozen=True)
+class AppliedBooster(ABC):
+    """A booster that is put on an object, such as the printed patch of the variant `patched`.
+
+    To add a kind, derive a class from this one, write a `find` function, and register both:
+
+        register(BoosterKind("banded", "band", find_band))
+
+    Attributes:
+        pixels: (n, n, 3) uint8 sRGB.
+        sha256: of its PNG, or of its record.
+        name: of the patch, of the texture, or of the control.
+        sizes_mm: side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets.
+        alone: lies flat on the table, and the object is not there.
+        wrap: whose pieces are stuck on; None if there are no pieces.
+    """
+
+    pixels: np.ndarray
+    sha256: str
+    name: str
+    sizes_mm: tuple[float, ...] = ()
+    alone: bool = False
+    wrap: Wrap | None = None
+
+    @abstractmethod
+    def apply(self, item: TableObject) -> Mesh:
+        """Return the mesh to photograph.
+
+        Raises:
+            ToolkitError: the booster does not fit the object.
+        """
+
+    @abstractmethod
+    def describe(self, item: TableObject) -> dict[str, Any]:
+        """Return all that, beside the object's mesh, decides how the object looks: what a picture's hash is made of."""
+
+    @abstractmethod
+    def note(self) -> dict[str, Any]:
+        """Return what a manifest states of the booster besides its hash."""
+
+    @property
+    def texel_mm(self) -> float | None:
+        """Side of a texel on paper, in mm; None if the booster is not printed."""
+        return None
+
+    @property
+    def covered(self) -> float | None:
+        """Share of what cameras see that it covers; None if nobody asked for a share."""
+        return None
+
+    def sheets(self, item: TableObject) -> list[MountedSheet]:
+        """Return each sheet of paper where the object's spec places it; raises as `apply`."""
+        return []
+
+    def describe_place(self, item: TableObject) -> dict[str, Any]:
+        """Return size and place of its sheets, which two images of a pair must share."""
+        return {}
+
+    def covering(self, item: TableObject, share: float) -> "AppliedBooster":
+        """Return the booster on so large a share of what cameras see; itself if its kind has no parts to leave off."""
+        return self
+
+
+Find = Callable[[Workspace, TableObject, str, bool, int], AppliedBooster]
+"""(workspace, object, variant, perfect, seed) -> what is put on; with `perfect` exactly in its place."""
+
+
+@dataclass(frozen=True)
+class BoosterKind:
+    """A kind of booster, as commands, reports and pages know it.
+
+    Attributes:
+        variant: name of the folder that its images lie in, such as `patched`.
+        noun: what people call it, such as `patch`.
+        find: finds what a workspace has of it for an object, and its controls.
+        controls: variants that ask whether it is this booster, in the order of tables.
+        is_on_paper: it and its controls are on sheets at the place that the object's spec names.
+    """
+
+    variant: str
+    noun: str
+    find: Find
+    controls: tuple[str, ...] = ()
+    is_on_paper: bool = False
+
+
+def draw_control(variant: str, item: TableObject, n: int) -> np.ndarray:
+    """(n, n, 3) uint8 pixels of a control: middle grey, or noise that is drawn for the object's name alone."""
+    if variant.startswith("grey-"):
+        return np.full((n, n, 3), GREY, np.uint8)
+    return np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
