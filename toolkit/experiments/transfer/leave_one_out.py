@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict
 
@@ -38,9 +38,9 @@ from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import names_with_mesh
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan, write_plan
+from toolkit.rig.variants import NOUNS
 
-BOOSTED = {"patched": "patch", "textured": "texture"}
-VARIANTS = {"patch": "patched", "texture": "textured"}
+BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
 SOURCE = "sim"
 JUDGING_VERSION = 1
 """Raised when the same pictures and networks give other rows, so that networks are asked again."""
@@ -247,7 +247,7 @@ def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: 
     stored: dict[str, StoredImage] = {}
     for other in sorted(folder.glob(f"without-*/captures/{SOURCE}")):
         stored |= index_images(other)
-    variants = ("unpatched", *(VARIANTS[kind] for kind in config.kinds))
+    variants = ("unpatched", *(variant for variant, kind in BOOSTED.items() if kind in config.kinds))
     shoot_plan(space, plan, objects, variants, ShootSettings(config.seed), SOURCE, stored=stored)
 
 

@@ -13,6 +13,7 @@ from toolkit.printing.page import Rect
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.plan import Pose
 from toolkit.rig.shot_order import ShotStep
+from toolkit.rig.variants import KIND_OF, NOUNS
 
 
 @dataclass(frozen=True)
@@ -130,11 +131,11 @@ def _name_entering(before: str | None, after: str, sheets: int) -> str:
 
 
 def _is_painted(variant: str) -> bool:
-    return variant == "textured" or variant.endswith("-texture")
+    return variant in KIND_OF and KIND_OF[variant].is_painted
 
 
 def _name_sheets(variant: str, sheets: int) -> str:
-    name = "patch" if variant == "patched" else variant.replace("-", " ")
+    name = NOUNS.get(variant, variant.replace("-", " "))
     return name if sheets == 1 else f"{sheets} sheets of the {name}"
 
 

@@ -94,6 +94,7 @@ class BoosterKind:
         find: finds what a workspace has of it for an object, and its controls.
         controls: variants that ask whether it is this booster, in the order of tables.
         is_on_paper: it and its controls are on sheets at the place that the object's spec names.
+        is_painted: it and its controls are the object's own surface, so that nobody can stick them on.
     """
 
     variant: str
@@ -101,6 +102,7 @@ class BoosterKind:
     find: Find
     controls: tuple[str, ...] = ()
     is_on_paper: bool = False
+    is_painted: bool = False
 
 
 def draw_control(variant: str, item: TableObject, n: int) -> np.ndarray:

@@ -64,7 +64,7 @@ def find_texture_booster(
     return TextureBooster(pixels, sha256_bytes(encode_png(pixels)), variant, texture=own)
 
 
-TEXTURE = BoosterKind("textured", "texture", find_texture_booster, ("random-texture", "grey-texture"))
+TEXTURE = BoosterKind("textured", "texture", find_texture_booster, ("random-texture", "grey-texture"), is_painted=True)
 
 
 def find_texture(workspace: Workspace, item: TableObject) -> Texture:
