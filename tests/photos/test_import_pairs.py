@@ -16,6 +16,7 @@ from toolkit.evaluation.predict import Prediction
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates.check_captures import check_captures
 from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.resolve import read_pairs
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
 
@@ -138,3 +139,12 @@ def test_a_wrong_table_is_one_clear_line(space, photos, tmp_path, rows, heading,
     with pytest.raises(ToolkitError) as caught:
         import_photos(space, [photos], ImportSettings(pairs=table))
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("code", "mark"), [("utf-16", "\t"), ("utf-8-sig", ";"), ("utf-8", "\t"), ("utf-8", ", ")])
+def test_a_table_of_pairs_is_read_as_any_program_writes_it(tmp_path, code, mark):
+    rows = [("File", "Object", "Variant", "Pose"), ("Straße 1.jpg", "desk", "bear1", "left"), ("", "", "", "")]
+    file = tmp_path / "pairs.csv"
+    file.write_bytes("\r\n".join(mark.join(row) for row in rows).encode(code))
+    (row,) = read_pairs(file)
+    assert (row.file, row.object, row.variant, row.pose) == ("Straße 1.jpg", "desk", "bear1", "left")
