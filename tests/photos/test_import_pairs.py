@@ -20,7 +20,7 @@ from toolkit.photos import ImportSettings
 from toolkit.photos.gates.check_captures import check_captures
 from toolkit.photos.importing.gather import Candidate, Gathered, SourceIndex
 from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.pairs import PairRow, match_pairs
+from toolkit.photos.importing.pairs import PairRow, match_pairs, read_pairs
 from toolkit.photos.photo import Photo
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
@@ -286,3 +286,12 @@ def test_the_table_may_list_either_of_two_copies(space, photos, tmp_path):
     cv2.imwrite(str(photos / name), cv2.imread(str(photos / rows[0][0])))
     result = import_table(space, photos, tmp_path, [(name, *rows[0][1:]), *rows[1:]])
     assert len(result.imported) == 9 and not result.refused and [label for label, _ in result.duplicates] == [name]
+
+
+@pytest.mark.parametrize(("code", "mark"), [("utf-16", "\t"), ("utf-8-sig", ";"), ("utf-8", "\t"), ("utf-8", ", ")])
+def test_a_table_of_pairs_is_read_as_any_program_writes_it(tmp_path, code, mark):
+    rows = [("File", "Object", "Variant", "Pose"), ("Straße 1.jpg", "desk", "bear1", "left"), ("", "", "", "")]
+    file = tmp_path / "pairs.csv"
+    file.write_bytes("\r\n".join(mark.join(row) for row in rows).encode(code))
+    (row,) = read_pairs(file)
+    assert (row.file, row.object, row.variant, row.pose) == ("Straße 1.jpg", "desk", "bear1", "left")
