@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.manifest import MANIFEST, read_manifest
-from toolkit.captures.shoot import ShootSettings, shoot_plan
+from toolkit.captures.shoot import FILAMENT_VERSION, ShootSettings, describe_look, shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
@@ -236,6 +236,13 @@ def test_unknown_names_are_refused_before_anything_is_written(shot, monkeypatch,
     with pytest.raises(ToolkitError, match=words):
         shoot(shot, **call)
     assert contents(shot) == before
+
+
+def test_pictures_of_the_second_renderers_older_version_are_shot_again(space):
+    """And those of the first keep their hash."""
+    item = load_object(space.object_spec("crate"))
+    looks = [describe_look(space, item, "unpatched", ShootSettings(renderer=name)) for name in ("raycast", "filament")]
+    assert [look.get("filament") for look in looks] == [None, FILAMENT_VERSION]
 
 
 def test_a_patch_that_is_not_its_records_is_refused(space):

@@ -52,6 +52,7 @@ def test_the_traceback_of_an_error_that_nobody_foresaw_is_kept_and_its_file_is_n
     assert ran.failed[0][1].startswith("KeyError in engine_work.py, line ")
     first, second = file.read_text().split("\n\n")
     assert first.startswith("a\nTraceback ") and "in fail_at" in first and first.endswith("KeyError: 'x'")
+    assert run(tmp_path)[0].failed == () and not file.exists(), "the next run mends it"
     assert second.startswith("c\nTraceback ") and "ZeroDivisionError" in second and "torn" not in first + second
 
 

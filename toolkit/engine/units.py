@@ -233,6 +233,8 @@ def run_resumable(
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
     log = _FailureLog(folder)
+    if missing:
+        log.clear()
     made = 0
     with progress(title, total, done=total - todo) if bar is None else nullcontext(bar) as bar:
         for outcome in engine.run(_tell(units, bar) if missing else ()):
@@ -253,21 +255,24 @@ def run_resumable(
 
 
 class _FailureLog:
-    """Tracebacks of a run in a file of its own, which is written anew where the run has the first."""
+    """Tracebacks of a run in a file of its own."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._entries = folder, list[str]()
+        self._file, self._entries = folder / FAILURES, list[str]()
+
+    def clear(self) -> None:
+        """Remove what an earlier run left."""
+        self._file.unlink(missing_ok=True)
 
     def note(self, outcome: Outcome[Any]) -> str:
         """Log the traceback of a unit that failed, if it has one; returns the reason with the file's name."""
         trace = getattr(outcome.reason, "trace", "")
         if not trace:
-            return outcome.reason
-        file = self._folder / FAILURES
+            return str(outcome.reason)
         if len(self._entries) < MOST_TRACES:
             self._entries.append(f"{outcome.unit.name}\n{trace}")
-            write_text(file, "\n".join(self._entries))
-        return f"{outcome.reason} (traceback in {file})"
+            write_text(self._file, "\n".join(self._entries))
+        return f"{outcome.reason} (traceback in {self._file})"
 
 
 def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
