@@ -275,8 +275,8 @@ def check_classes(workspace: Workspace, rows: Sequence[PairRow], index: SourceIn
         known = str(read_spec(specs[name]).class_name) if name in specs else said
         if plain_name(said) != plain_name(known):
             raise ToolkitError(
-                f"'{name}' has the class '{said}' in the table of pairs, and '{known}' in {specs[name]}: correct one of "
-                "them, or call the photographed object otherwise"
+                f"'{name}' has the class '{said}' in the table of pairs, and '{known}' in {specs[name]}: correct one "
+                "of them, or call the photographed object otherwise"
             )
         for record in index.current.values():
             before = str(record.made.get("class", said)) if record.object == name else said
