@@ -1,6 +1,7 @@
 """A loaded classifier is torchvision's own network, normalised inside, with the right names on its outputs."""
 
 import json
+import unicodedata
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.models.architectures import CIFAR_NETWORKS, list_architectures, published_weights
 from toolkit.models.load import load_classifier
-from toolkit.models.network import choose_device, fold_normalisation
+from toolkit.models.network import choose_device, fold_normalisation, match_classes
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +142,11 @@ def test_users_own_classifier(files, tmp_path):
     mine = load_classifier("resnet18", files / "mine.pth", "cpu")
     assert mine.labels == ["mug", "Bowl", "bowl"]
     assert mine.class_index("Mug") == 0
+    # a Mac keeps accents of a file's name apart from their letters
+    other = replace(mine, labels=["caf\u00e9", "mug", "bowl"])
+    for form in ("NFC", "NFD"):
+        typed = unicodedata.normalize(form, "caf\u00e9")
+        assert other.class_index(typed) == match_classes([typed], other, tmp_path)[typed] == 0
     assert mine.preprocessing.mean == (0, 0, 0) and mine.preprocessing.std == (0.229, 0.224, 0.225)
     assert mine.logits(torch.rand(1, 3, 64, 64)).shape == (1, 3)
     bare = tmp_path / "bare.pth"

@@ -92,6 +92,12 @@ def test_a_table_and_a_board_record_the_cameras_of_freehand_photographs(space, p
     np.testing.assert_allclose(measured[0].T_world_camera, camera.T_world_camera, atol=1e-5)
     (note,) = (one for one in result.notes if "camera" in one)
     assert note == "keyboard_bear1_2in_over.jpg: its camera is not known: no board is seen"
+    # corrected without the board: what was measured stays
+    write_table(table, [(*row[:4], "keyboard") for row in rows_of()])
+    assert len(import_photos(space, [photos], ImportSettings(pairs=table)).imported) == 9
+    again, _ = read_measured(result.source_dir)
+    assert len(again) == 8
+    np.testing.assert_allclose(again[0].T_world_camera, camera.T_world_camera, atol=1e-5)
 
 
 def test_each_variant_is_compared_with_the_bare_one(space, photos, tmp_path):

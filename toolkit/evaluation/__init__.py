@@ -74,7 +74,7 @@ class EvalConfig(Config):
         "without a severity under all five; may be repeated.",
     )
     batch_size: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="Images per pass of the network; default: 32, on a GPU 128."
+        None, description="Images read before the network is asked. Default: 128 on a GPU, 4 per thread on a CPU."
     )
     saliency: Annotated[bool | None, Flag()] = Field(
         None, description="Grad-CAM maps of the flips in the report; default: when there are at most 200."

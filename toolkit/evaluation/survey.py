@@ -11,6 +11,8 @@ import torch
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
+from toolkit.evaluation.predict import classify_stream
+from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.models.architectures import list_architectures
 from toolkit.models.detector import Detector
 from toolkit.models.find import BUNDLED_DIR, list_own, may_be_detector
@@ -175,11 +177,8 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:
-        for start in range(0, len(images.images), BATCH):
-            part = images.images[start : start + BATCH]
-            pixels = [classifier.preprocess(images.read(one)) for one in part]
-            with torch.inference_mode():
-                answers = classifier.logits(torch.stack(pixels)).argmax(1).cpu()
-            correct += sum(int(said) == one.class_index for said, one in zip(answers, part, strict=True))
-            ticker.advance(len(part))
+        crops = ((one, resize_and_crop(images.read(one), classifier.preprocessing)) for one in images.images)
+        for one, order, _ in classify_stream(crops, classifier):
+            correct += int(order[0]) == one.class_index
+            ticker.advance()
     return len(images.images), correct

@@ -1,6 +1,7 @@
 """What the outputs of a network are called, and which class a folder of images is of."""
 
 import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -318,9 +319,13 @@ def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE
     """
     if isinstance(name, int):
         return _check_index(labels, name)
+
+    def fold(text: str) -> str:
+        return unicodedata.normalize("NFC", text).lower()
+
     # exact first: ImageNet has names that differ by case or stand twice
     exact = [index for index, label in enumerate(labels) if label == name]
-    for matches in (exact, [index for index, label in enumerate(labels) if label.lower() == name.lower()]):
+    for matches in (exact, [index for index, label in enumerate(labels) if fold(label) == fold(name)]):
         if len(matches) == 1:
             return matches[0]
         if matches:
@@ -376,5 +381,5 @@ def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
 
 
 def plain_name(name: str) -> str:
-    """A class's name as it is compared: in lower case, with spaces for - and _."""
-    return name.lower().replace("_", " ").replace("-", " ").strip()
+    """A class's name as it is compared: in lower case, with spaces for - and _, accents however they are stored."""
+    return unicodedata.normalize("NFC", name).lower().replace("_", " ").replace("-", " ").strip()

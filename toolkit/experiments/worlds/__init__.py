@@ -128,7 +128,9 @@ class WorldEvalConfig(Config):
     ] = Field(RIG, description="Who makes the pictures: the rig, or a running AirSim, Colosseum or Cosys-AirSim.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(
-        None, exclude=True, description="Images per pass of the network; default: 32, on a GPU 128."
+        None,
+        exclude=True,
+        description="Images read before the network is asked. Default: 128 on a GPU, 4 per thread on a CPU.",
     )
     keep: Annotated[bool, Flag("--keep")] = Field(
         False, exclude=True, description="Keep every picture with its depth, segmentation and truth."

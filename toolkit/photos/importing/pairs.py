@@ -7,11 +7,14 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from toolkit.captures.manifest import CaptureRecord
 from toolkit.core.errors import ToolkitError
 from toolkit.core.foreign_tables import read_foreign_table
 from toolkit.core.text import is_file_name, is_folder_name, shorten
 from toolkit.core.workspace import Workspace
+from toolkit.models.labels import plain_name
 from toolkit.objects.spec import read_spec
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.evidence import Evidence
@@ -25,6 +28,7 @@ from toolkit.photos.importing.gather import (
 )
 from toolkit.photos.importing.match import Decision
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_occupied
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.variants import VARIANTS
 
 COLUMNS = ("file", "object", "variant", "pose")
@@ -199,8 +203,16 @@ def match_pairs(
         elif describe_imported(index, one.photo):
             continue
         decision = Decision(key, "pairs", class_name=row.class_name, pose_name=row.pose, row=f"{table}:{row.line}")
-        found.resolved.append((Evidence(one, (key.object, key.variant)), decision))
+        located = None if record is None else _recall_camera(record)
+        found.resolved.append((Evidence(one, (key.object, key.variant), located=located), decision))
     return found
+
+
+def _recall_camera(record: CaptureRecord) -> PosedCamera | None:
+    """Where a photograph's camera stood, as an earlier run measured it: that holds wherever a table puts it."""
+    if record.T_world_camera is None or record.camera is None:
+        return None
+    return PosedCamera(np.array(record.T_world_camera), record.camera)
 
 
 def _find_photographs(rows: Sequence[PairRow], gathered: Gathered) -> dict[str, PairRow]:
@@ -260,23 +272,19 @@ def check_classes(workspace: Workspace, rows: Sequence[PairRow], index: SourceIn
     """
     specs = workspace.object_specs()
     for name, said in dict.fromkeys((row.object, row.class_name) for row in rows if row.class_name):
-        if name in specs and not _is_same_class(said, str(read_spec(specs[name]).class_name)):
-            spec = read_spec(specs[name])
+        known = str(read_spec(specs[name]).class_name) if name in specs else said
+        if plain_name(said) != plain_name(known):
             raise ToolkitError(
-                f"'{name}' has the class '{said}' in the table of pairs, and '{spec.class_name}' in {specs[name]}: "
-                "correct one of them, or call the photographed object otherwise"
+                f"'{name}' has the class '{said}' in the table of pairs, and '{known}' in {specs[name]}: correct one "
+                "of them, or call the photographed object otherwise"
             )
         for record in index.current.values():
-            before = record.made.get("class")
-            if record.object == name and before and record.path not in listed and not _is_same_class(said, str(before)):
+            before = str(record.made.get("class", said)) if record.object == name else said
+            if record.path not in listed and plain_name(said) != plain_name(before):
                 raise ToolkitError(
                     f"'{name}' has the class '{said}' in the table of pairs, and '{before}' in an earlier one "
                     f"({record.made.get('row', record.path)}): list all its photographs again, or correct the class"
                 )
-
-
-def _is_same_class(one: str, other: str) -> bool:
-    return one.replace("_", " ").casefold() == other.replace("_", " ").casefold()
 
 
 def settle_moves(
