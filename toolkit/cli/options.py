@@ -79,8 +79,8 @@ Variants = Annotated[
     typer.Option(
         "--variant",
         metavar="NAME",
-        help="unpatched, patched, textured; controls of the patch: wrong-patch, random-patch, grey-patch, patch-alone; "
-        "of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
+        help="unpatched, patched, wrapped, textured; controls of the patch: wrong-patch, random-patch, grey-patch, "
+        "patch-alone; of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
     ),
 ]
 RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]
