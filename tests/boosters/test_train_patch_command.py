@@ -40,7 +40,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     assert "jet: total variation 0." in said
     assert "non-printability 0." in said
     assert "n = 128" in said
-    assert "next: toolkit print --class jet" in said
+    assert "next: toolkit print --patch-file" in said and "jet.png" in said
     assert "as backgrounds, whatever they show" in told
     assert "Training jet: 3 to do" in told
     assert re.search(r"\n  recipe +default: smoothed descent", told)

@@ -93,6 +93,15 @@ def test_labels_that_are_there_and_cannot_be_used_are_an_error(tmp_path, name, c
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("mine.yaml", "lr: 0.1\nepochs: 3\n"), ("mine.csv", "epoch,loss,top1\n1,0.5,0.2\n2,0.4,0.3\n")],
+)
+def test_settings_and_logs_of_the_training_are_no_labels(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    assert read_labels_file(tmp_path / "mine.pth").labels is None
+
+
 def test_a_description_and_a_text_of_names_go_together(tmp_path):
     (tmp_path / "mine.txt").write_text("\n".join(NAMES))
     (tmp_path / "mine.json").write_text('{"crop_px": 200}')

@@ -22,6 +22,7 @@ from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.wrap import BLEED_MM, read_wrap, write_wrap
 from toolkit.printing import PrintSettings, WrapSettings
+from toolkit.printing.wrap_words import place_numbers, smooth_outline
 from toolkit.printing.wraps import CUT, order_pieces, print_wrap
 from toolkit.rig import WrapConfig
 from toolkit.rig.wrap_plan import plan_wrap
@@ -269,6 +270,66 @@ def test_the_tabs_of_a_net_are_printed_and_cut_out_with_it(net):
                 assert np.abs(seen - (0, 200, 90)).max() < 12, (seen, x, y)
 
 
+@pytest.fixture(scope="module")
+def by_hand(space, tmp_path_factory):
+    return print_wrap(space, "ring", out=tmp_path_factory.mktemp("hand"))
+
+
+def test_scissors_get_a_black_line_in_a_white_one_and_no_layer(wrap, by_hand):
+    """Along the outline black, beside it white to 0.5 mm, and the picture beyond."""
+    per_mm = 600 / MM_PER_INCH
+    assert "CutContour" not in pypdf.PdfReader(by_hand.file).pages[1].extract_text()
+    assert "/OCProperties" not in pypdf.PdfReader(by_hand.file).trailer["/Root"]
+    one = by_hand.placed[0]
+    outline = shapely.transform(smooth_outline(wrap.pieces[one.number - 1].outline()), one.to_page)
+    marked = [
+        shapely.transform(shapely.LineString(fold), one.to_page) for fold in wrap.record.pieces[one.number - 1].folds_mm
+    ]
+    pixels = raster(by_hand, one.page, 600).astype(int)
+
+    def look(ring):
+        spots = shapely.get_coordinates(shapely.segmentize(ring, 2.0))
+        clear = [spot for spot in spots if all(shapely.Point(spot).distance(line) > 1 for line in marked)]
+        x, y = (np.array(clear) * per_mm).T
+        return pixels[(len(pixels) - y).astype(int), x.astype(int)]
+
+    assert np.mean(look(outline.exterior).max(axis=1) < 80) > 0.95
+    assert np.mean(look(outline.buffer(0.33).exterior).min(axis=1) > 200) > 0.9
+    green = look(outline.buffer(-0.8).exterior)
+    assert np.mean((green[:, 1] > 120) & (green[:, 0] < 90)) > 0.9
+
+
+def test_the_pages_say_where_the_order_stands_and_that_nothing_was_trained(by_hand, printed):
+    first, second = (pypdf.PdfReader(by_hand.file).pages[page].extract_text() for page in (0, 1))
+    assert "NOT TRAINED" in first and "NOT TRAINED" in second
+    assert "Page 1 lists the order" in second and "black line" in second
+    assert "not trained" in by_hand.describe() and by_hand.as_json()["is_trained"] is False
+    assert "CutContour" in pypdf.PdfReader(printed.file).pages[1].extract_text()
+
+
+def test_teeth_go_and_straight_edges_and_darts_stay():
+    """A comb of 1 mm teeth on a rectangle with a dart, 1 mm wide and 20 mm long."""
+    teeth = [(60 - x, 30 + (2 if k % 2 else 0)) for k, x in enumerate(np.arange(0, 20, 0.5))]
+    comb = shapely.Polygon([(0, 0), (60, 0), (60, 30), *teeth, (40, 30), (0, 30)])
+    dart = shapely.Polygon([(20, 0), (21, 0), (20.5, 20)])
+    outline = comb.difference(dart)
+    smooth = smooth_outline(outline)
+    assert len(shapely.get_coordinates(smooth)) < 16 < len(shapely.get_coordinates(outline))
+    assert smooth.intersection(dart.buffer(-0.1)).area < 0.5 * dart.buffer(-0.1).area
+    assert shapely.hausdorff_distance(smooth.exterior, outline.exterior) < 2.1
+    plain = shapely.box(0, 0, 50, 30)
+    assert smooth_outline(plain).symmetric_difference(plain).area < 1e-6
+
+
+def test_numbers_find_paper_on_a_crowded_page_or_none():
+    page = shapely.box(0, 0, 100, 100)
+    pieces = [shapely.box(0, 0, 100, 40), shapely.box(0, 46, 100, 100)]
+    first, second = place_numbers(page, pieces, [14.0, 14.0])
+    assert first is not None and second is not None and abs(first[0] - second[0]) >= 14
+    assert all(40 < y < 46 for _, y in (first, second))
+    assert place_numbers(page, [page], [14.0]) == [None]
+
+
 def test_a_roll_takes_all_pieces_on_one_length(space, wrap, tmp_path):
     printed = print_wrap(space, "ring", wanted=WrapSettings(roll_mm=600), out=tmp_path)
     assert printed.pages == 2
@@ -319,7 +380,7 @@ def test_the_first_page_numbers_every_piece_and_holds_the_strip(printed, wrap):
 
 
 def test_every_piece_has_its_number_beside_it(printed, wrap):
-    """In 3 mm bold, off all pictures."""
+    """In bold digits of 4 mm or more, upright, off all pictures."""
     outlines = outlines_on_pages(wrap, printed)
     with pdfplumber.open(printed.file) as pdf:
         for one in printed.placed:
@@ -327,9 +388,10 @@ def test_every_piece_has_its_number_beside_it(printed, wrap):
             (mark,) = [
                 char for char in page.chars
                 if char["text"] == str(one.number) and "Bold" in char["fontname"]
-                and abs(max(char["width"], char["height"]) - 8.5) < 0.1
+                and char["upright"] and 0.72 * char["size"] / 72 * MM_PER_INCH >= 4
             ]  # fmt: skip
             left, low, right, high = (mark[side] / 72 * MM_PER_INCH for side in ("x0", "y0", "x1", "y1"))
             middle = shapely.Point((left + right) / 2, (low + high) / 2)
-            assert outlines[one.number][1].distance(middle) < 12
+            row = shapely.box(left, low, left + 14, high)  # number, arrow and word
+            assert outlines[one.number][1].distance(row) < 8
             assert all(outline.distance(middle) > BLEED_MM for at, outline in outlines.values() if at == one.page)

@@ -59,6 +59,7 @@ from toolkit.boosters.validation import Validation, count_placements, validate_p
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
+from toolkit.core.text import quote
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
@@ -113,10 +114,12 @@ class TrainedPatch(TrainedBooster):
             yield f"{files.preview}: the patch on training images"
             yield PrintScores(record.final["total_variation"], record.final["non_printability"]).describe(record.name)
             yield from self._describe_shares(record)
-        name = f"--class {record.name}, toolkit capture-sim"
+        if object_name == record.name:
+            yield f"next: toolkit print --object {object_name}, toolkit capture-sim --object {object_name}"
+            return
+        yield f"next: toolkit print --patch-file {quote(files.png)}"
         if object_name is not None:
-            name = f"--object {object_name}, toolkit capture-sim --object {object_name}"
-        yield f"next: toolkit print {name}"
+            yield f"note: the rig puts a patch called '{object_name}' on {object_name}: leave out --name for that"
 
     def _describe_shares(self, record: PatchRecord) -> Iterator[str]:
         """First on the object, where it was put on one: that is what a camera sees."""

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.core.text import count_of, kept_before
+from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 
@@ -114,7 +114,7 @@ class Simulated:
         yield f"shot {count_of(shot.shot, 'image')}{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
         for one in self.corrupted:
             yield f"corrupted {one.made} of them{kept_before(one.kept)}: {one.source_dir}"
-        yield f"next: toolkit eval {shot.source_dir.parent}"
+        yield f"next: toolkit eval {quote(shot.source_dir.parent)}"
 
 
 def simulate_captures(

@@ -8,6 +8,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.core.text import quote
 from toolkit.core.workspace import open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.experiments.challenge import JUDGES, EntryConfig
@@ -28,7 +29,7 @@ def init(
         show_json({"folder": str(made.folder), "objects": list(made.objects), "networks": len(made.record.networks)})
         return
     say(f"{made.folder}: {len(made.objects)} boosters, trained on {len(made.record.networks)} networks")
-    say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {made.folder}")
+    say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {quote(made.folder)}")
 
 
 def check(
@@ -48,7 +49,7 @@ def check(
         for fault in faults:
             warn(fault)
         found = f"{len(faults)} fault{'s' if len(faults) > 1 else ''}" if faults else "no fault"
-        say(f"{entry}: {found}" if faults else f"{entry}: {found}; next: toolkit challenge run {entry}")
+        say(f"{entry}: {found}" if faults else f"{entry}: {found}; next: toolkit challenge run {quote(entry)}")
     if faults:
         raise typer.Exit(1)
 
@@ -94,7 +95,7 @@ def run(
         points = format_points(score.rank_gain) + (f" (95 % {interval})" if interval else "")
         say(f"gain on networks that it never saw, mean of {len(CONDITIONS)} conditions: {points} points")
     say(f"score: {read.folder / SCORE}; page: {page / 'index.html'}")
-    say(f"next: toolkit challenge board {entry} OTHERS… --out FOLDER")
+    say(f"next: toolkit challenge board {quote(entry)} OTHERS… --out FOLDER")
 
 
 def board(

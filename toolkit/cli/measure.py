@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.text import is_file_name
+from toolkit.core.text import is_file_name, quote
 from toolkit.core.workspace import open_workspace
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def calibrate(
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
     from toolkit.photos.calibrate import calibrate_folder, write_pictures
     from toolkit.photos.lens import write_lenses
-    from toolkit.rig.board_file import read_board, with_board
+    from toolkit.rig.board_file import board_file, read_board, swap_sides, with_board
 
     space = open_workspace(workspace)
     if find_board:
@@ -52,8 +52,17 @@ def calibrate(
         return
     if square_mm is not None:
         raise FieldError("goes with {find_board}", {"square_mm": square_mm})
-    printed = read_board(with_board(space, board))
+    space = with_board(space, board)
+    printed = read_board(space)
     run = calibrate_folder(photos, printed)
+    if not run.lenses and (turned := swap_sides(printed)) is not None:
+        other = calibrate_folder(photos, turned)
+        if other.lenses:
+            run = other
+            remark(
+                f"the photos show {turned.describe()}; {board_file(space)} has columns and rows the other way round: "
+                "exchange them there"
+            )
     _list_refused(run)
     records = [record for result in run.lenses if (record := result.record()) is not None]
     if not records:
@@ -107,16 +116,19 @@ def _find_board(photos: Path, space: "Space", square_mm: float | None, as_json: 
         say(found.describe())
         square_mm = typer.prompt(f"{found.length_name}, in mm", type=float, err=True)
     if square_mm is None:
-        raise ToolkitError(
-            f"{found.describe()}; measure {found.length_name} and add --square-mm MM to the same command"
-        )
+        if as_json:
+            show_json({"file": None, "photos": found.photos, "of": found.of, "board": found.describe()})
+            return
+        say(found.describe())
+        say(f"next: measure {found.length_name}, then toolkit calibrate {quote(photos)} --find-board --square-mm MM")
+        return
     spec = found.measured(square_mm)
     file = write_spec(boards_dir(space) / f"{found.name}.toml", spec)
     if as_json:
         show_json({"file": str(file), "photos": found.photos, "of": found.of, **spec.model_dump(exclude_none=True)})
         return
     say(found.describe())
-    say(f"wrote {file}; next: toolkit calibrate {photos} --board {found.name}")
+    say(f"wrote {file}; next: toolkit calibrate {quote(photos)} --board {found.name}")
 
 
 def _describe(result: "LensResult") -> str:
@@ -267,4 +279,4 @@ def _report_profile(run: "ProfileRun", file: Path, expected_mm: float | None) ->
         f"against the profile, on parts it was not fitted to, {profile.held_out}"
     )
     name = "NAME" if expected_mm is None else profile.patch
-    say(f"next: toolkit train-patch --class {name} --data rig --print-profile {file}")
+    say(f"next: toolkit train-patch --class {name} --data rig --print-profile {quote(file)}")

@@ -79,7 +79,7 @@ Variants = Annotated[
     typer.Option(
         "--variant",
         metavar="NAME",
-        help="unpatched, patched, textured, wrapped; controls of the patch: wrong-patch, random-patch, grey-patch, "
+        help="unpatched, patched, wrapped, textured; controls of the patch: wrong-patch, random-patch, grey-patch, "
         "patch-alone; of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
     ),
 ]

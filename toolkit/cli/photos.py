@@ -13,7 +13,7 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
 from toolkit.photos import ImportSettings, RetextureConfig
@@ -110,7 +110,7 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
     if report is not None:
         _report_check(report, result.source_dir)
     if any(row.there for row in result.coverage):
-        say(f"next: toolkit eval {result.source_dir.parent}")
+        say(f"next: toolkit eval {quote(result.source_dir.parent)}")
 
 
 def _shorten(poses: Sequence[int]) -> str:
@@ -138,7 +138,7 @@ def check(
         show_json(report.to_json())
     else:
         _report_check(report, space.source_dir(source))
-        say(f"next: toolkit eval {space.captures_dir}")
+        say(f"next: toolkit eval {quote(space.captures_dir)}")
     if report.unreadable:
         raise typer.Exit(1)
 
@@ -209,7 +209,7 @@ def retexture(
         bare = f", {run.bare} bare ones {'paired' if run.paired else 'not paired'} with them" if run.bare else ""
         made = f"retextured {count_of(len(run.photos), 'photograph')}{bare}"
         say(f"{made}: {run.folder / run.object}: {', '.join(run.variants)}")
-        say(f"next: toolkit eval {run.folder}")
+        say(f"next: toolkit eval {quote(run.folder)}")
     if run.skipped:
         raise typer.Exit(1)
 
@@ -347,4 +347,4 @@ def show_summary(session: "Session") -> None:
     if done < len(shots):
         say("run the same command again to go on")
     if done:
-        say(f"next: toolkit eval {session.workspace.captures_dir}")
+        say(f"next: toolkit eval {quote(session.workspace.captures_dir)}")

@@ -133,6 +133,4 @@ def _report_wrap(printed: "PrintedWrap", as_json: bool) -> None:
         say(f"{', '.join(map(shorten, printed.cut_files))}: the outlines alone")
     tiled = any(one.tiles != (1, 1) for one in printed.placed)
     join = ["join the tiles as each map shows"] if tiled else []
-    say(
-        f"next: {', '.join([AT_TRUE_SIZE, *join, 'cut along the magenta line and stick the pieces on as page 1 says'])}"
-    )
+    say(f"next: {', '.join([AT_TRUE_SIZE, *join, 'cut along the line and stick the pieces on as page 1 says'])}")

@@ -8,7 +8,7 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_result, warn
-from toolkit.core.errors import FieldError
+from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import open_workspace
 
 MESHES = "An object's mesh"
@@ -161,11 +161,13 @@ def report(
 def export(
     names: RunNames = None,
     to: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="parquet|csv|fiftyone|coco", help="One table, or a folder: FiftyOne's, or of detectors COCO's."
+            metavar="parquet|csv|fiftyone|coco",
+            help="One table, or a folder: FiftyOne's, or of detectors COCO's. Default: parquet. With --object: glb, "
+            "obj or 3mf.",
         ),
-    ] = "parquet",
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -193,7 +195,7 @@ def export(
     variant: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="What is on the object: unpatched, textured, patched.", rich_help_panel=MESHES
+            metavar="NAME", help="What is on the object: unpatched, patched, wrapped, textured.", rich_help_panel=MESHES
         ),
     ] = "unpatched",
     workspace: options.Workspace = None,
@@ -206,12 +208,16 @@ def export(
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
         from toolkit.rig.variants import export_objects
 
-        chosen = [one for one, is_asked in formats.items() if is_asked] or ["glb"]
+        if to is not None and to not in formats:
+            raise one_of("format of a mesh", to, list(formats))
+        chosen = [one for one, is_asked in formats.items() if is_asked or to == one] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)
         return
     for one, is_asked in formats.items():
         if is_asked:
             raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{one}": True})
+    if to in formats:
+        raise FieldError("goes with {objects}: add that, or name a format of predictions", {"to": to})
     from toolkit.evaluation.export import export_predictions
 
-    show_result(export_predictions(open_workspace(workspace), names or (), to, out, captures), as_json)
+    show_result(export_predictions(open_workspace(workspace), names or (), to or "parquet", out, captures), as_json)

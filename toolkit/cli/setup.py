@@ -10,7 +10,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table
 from toolkit.core.files import write_bytes
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, quote
 from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.objects.spec import ObjectRequest, read_spec
 
@@ -35,7 +35,7 @@ def init(
         show_json({"workspace": str(space.root)})
         return
     say(f"made the workspace {space.root}")
-    say(f"next: cd {folder} && toolkit plan && toolkit capture-sim && toolkit eval captures/")
+    say(f"next: cd {quote(folder)} && toolkit plan && toolkit capture-sim && toolkit eval captures/")
 
 
 def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:

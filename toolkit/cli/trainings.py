@@ -22,6 +22,7 @@ from toolkit.cli.output import show_result, warn
 from toolkit.core.child import count_cores
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
+from toolkit.core.text import quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
@@ -255,8 +256,8 @@ def train_patches(
     with quietly(as_json):
         made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
     flags = {"--model": model, "--weights": weights}
-    typed = [f"{flag} {value}" for flag, value in flags.items() if value is not None]
-    words = " ".join(["toolkit corrupt-eval --data", data, *typed, *(f"--patches {name}" for name in made.sets)])
+    typed = [f"{flag} {quote(value)}" for flag, value in flags.items() if value is not None]
+    words = " ".join(["toolkit corrupt-eval --data", quote(data), *typed, *(f"--patches {name}" for name in made.sets)])
     show_result(made, as_json, [*made.lines(), f"next: {words}"])
 
 
@@ -291,7 +292,7 @@ def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Ite
     if names:
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
-        where = "FOLDER" if others or data is None else data
+        where = "FOLDER" if others or data is None else quote(data)
         why = ": FOLDER with other images than these were chosen from" if others else ""
         yield f"next: toolkit {command} --data {where} --patches {names[0]}{why}"
 
@@ -337,7 +338,7 @@ def _describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iter
     record = trained.record
     yield from trained.lines()
     yield from describe_held_out(record.held_out)
-    model = f"--model {record.name}" if out is None else f"--weights {trained.file}"
+    model = f"--model {record.name}" if out is None else f"--weights {quote(trained.file)}"
     yield (
         f"next: toolkit eval captures/ {model}, and for patches of its own "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"

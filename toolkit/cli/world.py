@@ -9,7 +9,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.text import count_of, kept_before
+from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import open_workspace
 from toolkit.worlds.conditions import ObjectInWorld, PreviewRequest
 
@@ -111,7 +111,7 @@ def preview(
         show_json({"folder": str(result.folder), "made": result.made, "kept": result.kept})
         return
     say(f"made {count_of(len(result.made), 'file')} of {name}{kept_before(len(result.kept))}: {result.folder}")
-    say(f"next: toolkit world export {world}, or look at map.png for places")
+    say(f"next: toolkit world export {quote(world)}, or look at map.png for places")
 
 
 @from_config(item=ObjectInWorld)

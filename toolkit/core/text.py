@@ -1,8 +1,11 @@
 """Text from anywhere: made fit to be shown, and what of it may be the name of a file or folder."""
 
 import json
+import os
 import re
+import shlex
 import unicodedata
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator
@@ -13,6 +16,14 @@ FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 LONGEST = 2000
 MOST_LABEL = 1000
 """Letters of a class; ImageNet's longest label has 131, with all its synonyms."""
+
+
+def quote(word: str | Path) -> str:
+    """A path or another word as it is typed in a command: in quotes if it holds blanks or what a shell reads."""
+    text = str(word)
+    if os.name == "nt":
+        return f'"{text}"' if re.search(r"[\s&()^]", text) else text
+    return shlex.quote(text)
 
 
 def is_file_name(name: str) -> bool:

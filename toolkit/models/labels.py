@@ -224,12 +224,23 @@ def read_labels_file(weights: Path) -> LabelsFile:
             return LabelsFile.model_validate(said.model_dump() | {"labels": read_names(text)})
         except ValidationError as error:
             raise ToolkitError(f"{text}: {explain_validation(error)}") from None
-    unread = next((one for suffix in UNREAD if (one := weights.with_suffix(suffix)).is_file()), None)
+    beside = (weights.with_suffix(suffix) for suffix in UNREAD)
+    unread = next((one for one in beside if one.is_file() and _holds_names(one)), None)
     if said.labels is None and unread is not None:
         raise ToolkitError(
             f"{unread} is not read: put the names of the classes of {weights.name}, one a line, into {text.name}"
         )
     return said
+
+
+def _holds_names(file: Path) -> bool:
+    """Whether a file of another program looks like names of classes, not like settings or a log of the training."""
+    with file.open("rb") as stream:
+        text = stream.read(1 << 16).decode("utf-8", "replace")
+    if file.suffix in (".yaml", ".yml"):
+        return re.search(r"^(names|labels|classes|class_names) *:", text, re.MULTILINE) is not None
+    rows = [line.split(",") for line in text.split()[:5]]
+    return file.suffix != ".csv" or all(len(row) == 2 and row[0].isdecimal() for row in rows[1:] or rows)
 
 
 def read_names(text: Path) -> list[str]:

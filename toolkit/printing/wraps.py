@@ -15,7 +15,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.net import TAB_MM
 from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
 from toolkit.printing import PrintSettings, WrapSettings
-from toolkit.printing.canvas import BOLD, INK, SOFT, Pdf, Point, measure_text_mm
+from toolkit.printing.canvas import BOLD, INK, SOFT, WHITE, Pdf, Point, measure_text_mm
 from toolkit.printing.document import HASH_DIGITS
 from toolkit.printing.marks import (
     PatchLabel,
@@ -39,6 +39,7 @@ from toolkit.printing.page import (
 )
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
+from toolkit.printing.wrap_words import NUMBER_HIGH_MM, PlaceFinder, box_about, place_numbers, smooth_outline
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -48,18 +49,21 @@ CUT = "CutContour"
 CUT_CMYK = (0.0, 1.0, 0.0, 0.0)
 CUT_LINE_MM = 0.25 / 72 * 25.4
 """A quarter of a point, as those machines' manuals ask."""
-ROOM_MM = 5.4
-"""Paper round a piece's box: bleed, and letters outside it."""
+ROOM_MM = 7.0
+"""Paper round a piece's box: bleed, and its number outside it."""
 LEAST_ROOM_MM = 2.2
 """Of a piece that nearly fills the page."""
-APART_MM = 0.5
-"""Paper between pieces on a page is at least twice this, beyond their bleeds."""
-LETTER_MM, NUMBER_MM = 1.9, 3.0
+LETTER_MM, NUMBER_MM = 1.9, 5.6
+HALO_MM, HAND_LINE_MM = 1.0, 0.35
+"""Of the line for scissors: white under black, so that it shows on any picture."""
+FOLD_HALO_MM = 0.5
 MOUNTAIN, VALLEY = (1.2, 0.9), (2.4, 0.8, 0.3, 0.8)
 """Dashes and gaps of folds, mm: dashed where paper is folded back, dash and dot where it is folded towards you."""
 TICK_MM = 1.2
-CUT_OUT = "Cut along the fine magenta line. Numbers say the order, letters which edges meet, arrows which way is up."
-FOLD_IT = "Cut along the magenta line. Dashed: fold back; dash and dot: fold towards you. Glue tab A under edge A."
+SAY_MARKS = "Page 1 lists the order. Equal letters meet, arrows show which way is up."
+CUT_BY_HAND = f"Cut along the black line in the white one. {SAY_MARKS}"
+CUT_BY_MACHINE = f"The fine magenta line is CutContour, the machine's path. {SAY_MARKS}"
+FOLD_IT = "Dashed: fold back; dash and dot: fold towards you. Glue tab A under edge A."
 ASSEMBLE = "Stick the pieces on in this order, each to the letters of those that are there. Cut them out one by one."
 LEVEL = 0.35
 """A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
@@ -106,6 +110,7 @@ class PrintedWrap:
         order: the pieces' numbers as they are stuck on.
         roll_mm: width of the roll that pieces are on, None for sheets.
         cut_files: outlines for a machine.
+        is_trained: whether the pieces show a trained picture, not the object's own paint.
     """
 
     file: str
@@ -119,6 +124,7 @@ class PrintedWrap:
     order: tuple[int, ...]
     roll_mm: float | None = None
     cut_files: tuple[str, ...] = ()
+    is_trained: bool = True
 
     def as_json(self) -> dict[str, Any]:
         """All fields."""
@@ -132,7 +138,8 @@ class PrintedWrap:
         width, height = self.sizes_mm[-1]
         paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
         pages = f"{self.pages} page{'s' if self.pages > 1 else ''}, the first how to stick them on"
-        return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}"
+        untrained = "" if self.is_trained else "; not trained, it shows the object's own paint"
+        return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}{untrained}"
 
 
 @dataclass(frozen=True)
@@ -146,15 +153,25 @@ class _Label:
 
 @dataclass(frozen=True)
 class _Sheet:
-    """A piece as pages show it: its outline, how much paper it needs round it, its words, and which way is up."""
+    """A piece as pages show it.
+
+    Attributes:
+        record: of the wrap.
+        outline: what is cut out, with glue tabs.
+        room_mm: paper beside and above its box.
+        letters: at its seams.
+        way, way_deg: the word at its arrow, and the arrow's angle on the piece.
+        solid: the piece with its bleed and its letters, on which nothing else may lie.
+        footprint: `solid`, and room for its number.
+    """
 
     record: PieceRecord
     outline: "Polygon"
     room_mm: tuple[float, float]
     letters: tuple[_Label, ...]
-    number: Point | None
     way: str
     way_deg: float
+    solid: "Polygon"
     footprint: "Polygon"
 
     @property
@@ -171,7 +188,8 @@ def print_wrap(
     """Print a wrap's pieces at true size, and write their outlines where a machine cuts them.
 
     The first page shows the object from six sides with its pieces numbered, the order to stick them on, and the strip
-    of known colours. Each piece has 1.5 mm of bleed. Cut lines are of the spot colour `CutContour`, on a layer of that
+    of known colours. Each piece has 1.5 mm of bleed. The cut line for scissors is black in white, and leaves out teeth
+    that they cannot follow; for a machine it is the exact outline in the spot colour `CutContour`, on a layer of that
     name. The same wrap gives the same bytes.
 
     Args:
@@ -201,7 +219,8 @@ def print_wrap(
     check_wrap(wrap, item)
     folder = out or workspace.print_dir
     pdf_file = folder if folder.suffix.lower() == ".pdf" else folder / f"{name}-wrap.pdf"
-    printed, content, sheets = build_wrap_pdf(wrap, item, settings, wanted.roll_mm)
+    by_machine = wanted.cut is not None or wanted.roll_mm is not None
+    printed, content, sheets = build_wrap_pdf(wrap, item, settings, wanted.roll_mm, by_machine)
     write_bytes(pdf_file, content)
     cut_files = []
     for page, sheet in _list_cuts(printed, sheets) if wanted.cut else ():
@@ -218,7 +237,7 @@ def _refuse_sizes(settings: PrintSettings) -> None:
 
 
 def build_wrap_pdf(
-    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None = None
+    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None = None, by_machine: bool = False
 ) -> tuple[PrintedWrap, bytes, "dict[int, Polygon]"]:
     """The pages of a wrap.
 
@@ -227,11 +246,12 @@ def build_wrap_pdf(
         item: the object that it is for.
         settings: paper and orientation.
         roll_mm: width of a roll for the pieces; the first page stays on `settings.paper`.
+        by_machine: whether a machine cuts them, along the exact outline.
 
     Returns:
         What was printed (without files), the PDF, and the outlines by number.
     """
-    layout = _lay_out(wrap, item, settings, roll_mm)
+    layout = _lay_out(wrap, item, settings, roll_mm, by_machine)
     label, keywords = _describe_wrap(wrap, item)
     first = turn_frames(settings.paper, "portrait" if settings.orientation == "auto" else settings.orientation)[0]
     pdf = Pdf(first.paper, f"{wrap.record.object} wrap, {len(wrap.pieces)} pieces", label.size, keywords)
@@ -252,6 +272,7 @@ def build_wrap_pdf(
         orientation=layout.frame.paper.orientation,
         sizes_mm=tuple((paper.width_mm, paper.height_mm) for paper in papers),
         placed=tuple(sorted(placed, key=lambda one: one.number)), order=tuple(order), roll_mm=roll_mm,
+        is_trained=wrap.record.booster is not None,
     )  # fmt: skip
     return printed, pdf.finish(), {one.record.number: one.outline for one in layout.sheets}
 
@@ -261,7 +282,9 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
     record = wrap.record
     pictures = sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
     label = PatchLabel(
-        f"{record.class_name or record.object} wrap" + ("" if record.name == record.object else f" ({record.name})"),
+        f"{record.class_name or record.object} wrap"
+        + ("" if record.name == record.object else f" ({record.name})")
+        + ("" if record.booster is not None else ", NOT TRAINED"),
         f"{len(record.pieces)} pieces for {record.object}, {max(item.mesh.size_mm):.1f} mm long   (texels of "
         f"{record.texel_mm:g} mm, {record.material})",
         f"map sha256 {record.map_sha256[:HASH_DIGITS]}   ·   pictures {pictures[:HASH_DIGITS]}   ·   "
@@ -275,13 +298,22 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
 
 def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
     """The pages with several pieces each."""
+    import shapely
+
     paper = layout.frame.paper
     for number, (nested, strip) in enumerate(layout.pages, start=2):
+        sheets = [layout.sheets[one.index] for one in nested]
+        places = [
+            PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
+            for one, sheet in zip(nested, sheets, strict=True)
+        ]
+        solids = [shapely.transform(sheet.solid, here.to_page) for sheet, here in zip(sheets, places, strict=True)]
+        widths = [_number_width(sheet.record.number, sheet.way) for sheet in sheets]
+        others = [] if strip is None else [_as_box(strip.area)]
+        numbers = place_numbers(_as_box(layout.frame.content), solids, widths, others)
         with pdf.page(paper):
-            for one in nested:
-                sheet = layout.sheets[one.index]
-                here = PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
-                _draw_piece(pdf, wrap, one.index, sheet, here)
+            for one, sheet, here, at in zip(nested, sheets, places, numbers, strict=True):
+                _draw_piece(pdf, wrap, one.index, sheet, here, at, layout.by_machine)
                 yield here
             if strip is not None:
                 draw_strip(pdf, strip)
@@ -294,7 +326,7 @@ def _draw_tiled(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> I
     number = 1 + len(layout.pages)
     for index, plan in layout.tiled:
         yield PlacedPiece(index + 1, number + 1, 0.0, 0.0, tiles=plan.tiles)
-        drawing = _describe_tiled(pdf, wrap, index, layout.sheets[index], label)
+        drawing = _describe_tiled(pdf, wrap, index, layout, label)
         for page in plan.pages:
             number += 1
             with pdf.page(plan.frame.paper):
@@ -313,12 +345,14 @@ class _Layout:
         pages: what is nested on each of them, and where its colour strip is.
         tiled: index of each piece that is larger than a page, and its pages.
         sheets: all pieces with their words.
+        by_machine: whether a machine cuts them.
     """
 
     frame: PageFrame
     pages: _Pages
     tiled: list[tuple[int, PagePlan]]
     sheets: list[_Sheet]
+    by_machine: bool
 
     @property
     def total(self) -> int:
@@ -328,10 +362,13 @@ class _Layout:
     @property
     def advice(self) -> str:
         """What stands on pages with pieces."""
-        return FOLD_IT if any(sheet.record.tabs for sheet in self.sheets) else CUT_OUT
+        cut = CUT_BY_MACHINE if self.by_machine else CUT_BY_HAND
+        return f"{cut} {FOLD_IT}" if any(sheet.record.tabs for sheet in self.sheets) else cut
 
 
-def _lay_out(wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None) -> _Layout:
+def _lay_out(
+    wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None, by_machine: bool
+) -> _Layout:
     """Of upright and level pages those that are fewer."""
     if roll_mm is not None:
         # as long as a PDF page can be; what is not used is cut off below
@@ -340,7 +377,7 @@ def _lay_out(wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: fl
         frames = turn_frames(settings.paper, settings.orientation)
     found = []
     for frame in frames:
-        sheets = [_describe_piece(wrap, item, index, frame.content) for index in range(len(wrap.pieces))]
+        sheets = [_describe_piece(wrap, item, index, frame.content, by_machine) for index in range(len(wrap.pieces))]
         whole = [index for index, sheet in enumerate(sheets) if fits(sheet.footprint, frame.content)]
         tiled = [
             (index, plan_sheet(frame.paper, frame.paper.orientation, *sheet.size_mm))
@@ -352,7 +389,7 @@ def _lay_out(wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: fl
         else:
             frame, pages = _cut_roll(frame, shapes)
         named = [([replace(one, index=whole[one.index]) for one in nested], strip) for nested, strip in pages]
-        found.append(_Layout(frame, named, tiled, sheets))
+        found.append(_Layout(frame, named, tiled, sheets, by_machine))
     return min(found, key=lambda one: one.total)
 
 
@@ -377,33 +414,44 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
     return PageFrame(paper), [(nested, None if number else strip) for number, nested in enumerate(down)]
 
 
-def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
+def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect, by_machine: bool) -> _Sheet:
     """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
     way, way_deg = _find_way(wrap, item, index)
+    outline = _join_tabs(wrap, index)
+    outline = outline if by_machine else smooth_outline(outline)
     # tabs reach beyond the outline, and words have to stand off them
     tabs_mm = TAB_MM if wrap.record.pieces[index].tabs else 0.0
     most, least = ROOM_MM + tabs_mm, LEAST_ROOM_MM + tabs_mm
     rooms = ((most, most), (least, most), (most, least), (least, least))
-    sheets = [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[:1]]
+    sheets = [_write_round(wrap.record.pieces[index], outline, room_mm, way, way_deg) for room_mm in rooms[:1]]
     if not fits(sheets[0].footprint, room):
-        sheets += [_write_round(wrap, index, room_mm, way, way_deg) for room_mm in rooms[1:]]
+        sheets += [_write_round(wrap.record.pieces[index], outline, room_mm, way, way_deg) for room_mm in rooms[1:]]
     return next((sheet for sheet in sheets if fits(sheet.footprint, room)), sheets[0])
 
 
-def _write_round(wrap: Wrap, index: int, room_mm: tuple[float, float], way: str, way_deg: float) -> _Sheet:
+def _write_round(
+    record: PieceRecord, outline: "Polygon", room_mm: tuple[float, float], way: str, way_deg: float
+) -> _Sheet:
     """A piece with the words that find paper within `room_mm` beside and above it."""
-    record, outline = wrap.record.pieces[index], _join_tabs(wrap, index)
-    finder = _PlaceFinder(record, outline, room_mm)
-    number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
+    finder = PlaceFinder((record.width_mm, record.height_mm), outline, room_mm)
     letters = []
     for seam in record.seams:
         text = seam.letter if seam.piece == record.number else f"{seam.letter}→{seam.piece}"
-        at = finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM))
+        at = finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM), LETTER_MM)
         if at is not None:
             letters.append(_Label(text, at, seam.middle_mm))
+    solid = finder.footprint()
+    # where on the page the number goes is decided when all pieces lie there: room for it is kept here
+    finder.anywhere(_number_width(record.number, way), NUMBER_HIGH_MM)
     return _Sheet(
-        record, outline, room_mm, tuple(letters), number, way=way, way_deg=way_deg, footprint=finder.footprint()
+        record, outline, room_mm, tuple(letters), way=way, way_deg=way_deg, solid=solid, footprint=finder.footprint()
     )
+
+
+def _as_box(area: Rect) -> "Polygon":
+    import shapely
+
+    return shapely.box(area.x, area.y, area.right, area.top)
 
 
 def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
@@ -420,68 +468,7 @@ def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
 
 
 def _number_width(number: int, way: str) -> float:
-    return measure_text_mm(str(number), BOLD, NUMBER_MM) + 5.2 + measure_text_mm(way, BOLD, LETTER_MM)
-
-
-class _PlaceFinder:
-    """Finds paper for words round a piece: off its bleed, off other words, and on its own part of the page."""
-
-    def __init__(self, record: PieceRecord, outline: "Polygon", room_mm: tuple[float, float]) -> None:
-        import shapely
-
-        self._size, self._room = np.array([record.width_mm, record.height_mm]), np.array(room_mm)
-        self._bleed = outline.buffer(BLEED_MM + 0.2, quad_segs=4).simplify(0.1)
-        shapely.prepare(self._bleed)
-        self._words: list[Polygon] = []
-
-    def footprint(self) -> "Polygon":
-        """What nothing else may lie on: the piece with its bleed and a little paper, its words, and between them."""
-        import shapely
-
-        whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
-        # words that stand off the piece stay with it
-        # out and in again: gaps narrower than twice the distance are closed
-        return whole.buffer(APART_MM).buffer(-APART_MM)
-
-    def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
-        """The first of places (k, 2) about which a box is free, which then is taken."""
-        import shapely
-
-        half = np.array([width / 2 + 0.2, height / 2 + 0.1])
-        low, high = places - half, places + half
-        spare = self._room - 0.2
-        inside = ((low >= -spare) & (high <= self._size + spare)).all(axis=1)
-        places, low, high = places[inside], low[inside], high[inside]
-        boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
-        free = ~shapely.intersects(self._bleed, boxes)
-        for word in self._words:
-            free &= ~shapely.intersects(word, boxes)
-        if not free.any():
-            return None
-        first = int(free.argmax())
-        self._words.append(boxes[first])
-        return float(places[first, 0]), float(places[first, 1])
-
-    def beside(self, point: Point, width: float, height: float = LETTER_MM) -> Point | None:
-        """The middle of free paper nearest to a point of the edge; None where there is none."""
-        away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
-        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
-        places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
-        # nearest first; stable, so that of equally near places the first angle wins
-        order = np.argsort(away.reshape(-1), kind="stable")
-        return self._take_first(places[order], width, height)
-
-    def anywhere(self, width: float, height: float) -> Point | None:
-        """The middle of the free paper nearest to the piece, those above and left first; None where there is none."""
-        import shapely
-
-        (left, low), (right, high) = -self._room, self._size + self._room
-        x, y = np.meshgrid(np.arange(left + width / 2 + 0.4, right, 1.0), np.arange(low + height / 2 + 0.3, high, 1.0))
-        places = np.stack([x, y], axis=-1).reshape(-1, 2)
-        away = shapely.distance(self._bleed, shapely.points(places))
-        # the small weights only break ties between places that are equally near
-        order = np.argsort(away + 0.02 * (high - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
-        return self._take_first(places[order], width, height)
+    return measure_text_mm(str(number), BOLD, NUMBER_MM) + 5.6 + measure_text_mm(way, BOLD, LETTER_MM)
 
 
 def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
@@ -522,14 +509,16 @@ def _rings(outline: "Polygon") -> list[np.ndarray]:
     return [np.asarray(ring.coords) for ring in (outline.exterior, *outline.interiors)]
 
 
-def _draw_piece(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece) -> None:
-    _draw_leaders(pdf, sheet, here)  # first: where one crosses the piece, the picture hides it
+def _draw_piece(
+    pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece, number_at: Point | None, by_machine: bool
+) -> None:
+    _draw_leaders(pdf, sheet, here, number_at)  # first: where one crosses the piece, the picture hides it
     with pdf.moved(here.x_mm, here.y_mm, 90 * here.quarters if here.quarters else None):
-        _draw_flat(pdf, wrap, index, sheet)
-    _draw_words(pdf, sheet, here)
+        _draw_flat(pdf, wrap, index, sheet, by_machine)
+    _draw_words(pdf, sheet, here, number_at)
 
 
-def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
+def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool) -> None:
     """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
     record, texel_mm = sheet.record, wrap.record.texel_mm
     picture, edge_px = _picture_to_bleed(wrap, index)
@@ -542,16 +531,33 @@ def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet) -> None:
     for seam in record.seams:
         for end in (seam.from_mm, seam.to_mm):
             _draw_tick(pdf, end, bleed)
+    _draw_folds(pdf, record, by_machine)
+    rings = [ring[:-1].tolist() for ring in _rings(sheet.outline)]
+    if by_machine:
+        with pdf.layer(CUT):
+            pdf.spot_ink(CUT, CUT_CMYK, CUT_LINE_MM)
+            for ring in rings:
+                pdf.shape(ring, fill=False)
+        return
+    for colour, width_mm in ((WHITE, HALO_MM), (INK, HAND_LINE_MM)):
+        pdf.ink(colour, width_mm)
+        for ring in rings:
+            pdf.shape(ring, fill=False)
+
+
+def _draw_folds(pdf: Pdf, record: PieceRecord, by_machine: bool) -> None:
+    kinds = (([*_list_mountains(record)], MOUNTAIN), (record.valleys_mm, VALLEY))
+    if not by_machine:
+        pdf.ink(WHITE, FOLD_HALO_MM)
+        for folds, _ in kinds:
+            for start, end in folds:
+                pdf.line(*start, *end)
     pdf.ink(INK, 0.12)
-    for folds, dashes in (([*_list_mountains(record)], MOUNTAIN), (record.valleys_mm, VALLEY)):
+    for folds, dashes in kinds:
         pdf.setDash(dashes)
         for start, end in folds:
             pdf.line(*start, *end)
     pdf.setDash()
-    with pdf.layer(CUT):
-        pdf.spot_ink(CUT, CUT_CMYK, CUT_LINE_MM)
-        for ring in _rings(sheet.outline):
-            pdf.shape(ring[:-1].tolist(), fill=False)
 
 
 def _list_mountains(record: PieceRecord) -> Iterator[tuple[Point, Point]]:
@@ -597,54 +603,67 @@ def _draw_tick(pdf: Pdf, end: Point, bleed: "Polygon") -> None:
         pdf.line(near.x, near.y, x, y)
 
 
-def _draw_leaders(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
-    """Fine lines from letters that found no paper near their edge."""
+def _draw_leaders(pdf: Pdf, sheet: _Sheet, here: PlacedPiece, number_at: Point | None) -> None:
+    """Fine lines from words that found no paper near what they are about."""
+    import shapely
+
     pdf.ink(SOFT, 0.1)
-    for label in sheet.letters:
-        start, end = here.to_page(np.array([label.at, label.about]))
+    ends = [here.to_page(np.array([label.at, label.about])) for label in sheet.letters]
+    if number_at is not None:
+        row = box_about(number_at, _number_width(sheet.record.number, sheet.way))
+        ends.append(shapely.get_coordinates(shapely.shortest_line(row, shapely.transform(sheet.outline, here.to_page))))
+    for start, end in ends:
         if np.hypot(*(end - start)) > BLEED_MM + 3.5:
             pdf.line(*start.tolist(), *end.tolist())
 
 
-def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
-    """Letters at seams, and the piece's number with the arrow up."""
+def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece, number_at: Point | None) -> None:
+    """Letters at seams, and the piece's number with the arrow up; on the piece itself if no paper is left for it."""
     for label in sheet.letters:
         x, y = here.to_page(np.array(label.at)).tolist()
         pdf.write(label.text, x, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=12, font=BOLD, align="centre")
-    if sheet.number is None:
+    angle_deg = sheet.way_deg + 90 * here.quarters
+    if number_at is not None:
+        _draw_number(pdf, *number_at, sheet, angle_deg)
         return
-    x, y = here.to_page(np.array(sheet.number)).tolist()
-    _draw_number(pdf, x, y, sheet, sheet.way_deg + 90 * here.quarters, upright=here.quarters % 2 == 1)
-
-
-def _draw_number(pdf: Pdf, x: float, y: float, sheet: _Sheet, angle_deg: float, upright: bool) -> None:
-    """Number, arrow and word in a row about a point; upright where its room was found on a turned piece."""
+    inside = sheet.outline.representative_point()
+    x, y = here.to_page(np.array([inside.x, inside.y])).tolist()
     width = _number_width(sheet.record.number, sheet.way)
-    with pdf.moved(x, y, 90 if upright else None):
-        left = -width / 2
-        taken = pdf.write(
-            str(sheet.record.number), left, -0.36 * NUMBER_MM, NUMBER_MM, room_mm=width, font=BOLD, colour=INK
-        )
-        # the arrow has the page's angle, not the turned row's
-        with pdf.moved(left + taken + 2.3, 0, angle_deg - (90 if upright else 0)):
-            pdf.ink(INK, 0.25)
-            pdf.arrow((-1.4, 0), (1.4, 0), 1.3)
-        pdf.write(sheet.way, left + taken + 4.4, -0.36 * LETTER_MM, LETTER_MM, room_mm=width, font=BOLD)
+    pdf.ink(WHITE)
+    pdf.rect(x - width / 2 - 0.4, y - NUMBER_HIGH_MM / 2 - 0.4, width + 0.8, NUMBER_HIGH_MM + 0.8, stroke=0, fill=1)
+    _draw_number(pdf, x, y, sheet, angle_deg)
 
 
-def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: PatchLabel) -> SheetDrawing:
+def _draw_number(pdf: Pdf, x: float, y: float, sheet: _Sheet, angle_deg: float) -> None:
+    """Number, arrow and word in a row about a point, upright on the page."""
+    width = _number_width(sheet.record.number, sheet.way)
+    left = x - width / 2
+    number = str(sheet.record.number)
+    taken = pdf.write(number, left, y - 0.36 * NUMBER_MM, NUMBER_MM, room_mm=width, font=BOLD, colour=INK)
+    with pdf.moved(left + taken + 2.5, y, angle_deg):
+        pdf.ink(INK, 0.3)
+        pdf.arrow((-1.7, 0), (1.7, 0), 1.5)
+    pdf.write(sheet.way, left + taken + 4.9, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=width, font=BOLD)
+
+
+def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, layout: _Layout, label: PatchLabel) -> SheetDrawing:
     """A piece that is larger than a page, for the tiles that it is joined from."""
+    sheet = layout.sheets[index]
+    (right, top), record = sheet.room_mm, sheet.record
+    room = _as_box(Rect(-right, -top, record.width_mm + 2 * right, record.height_mm + 2 * top))
+    (at,) = place_numbers(room, [sheet.solid], [_number_width(record.number, sheet.way)])
 
     def draw(x: float, y: float) -> None:
-        here = PlacedPiece(sheet.record.number, 0, x + sheet.room_mm[0], y + sheet.room_mm[1])
-        _draw_piece(pdf, wrap, index, sheet, here)
+        here = PlacedPiece(record.number, 0, x + right, y + top)
+        number_at = None if at is None else (at[0] + here.x_mm, at[1] + here.y_mm)
+        _draw_piece(pdf, wrap, index, sheet, here, number_at, layout.by_machine)
         pdf.grey(0)
 
     def note(area: Rect, tile: str) -> None:
-        words = f"piece {sheet.record.number} {tile}".strip()
+        words = f"piece {record.number} {tile}".strip()
         pdf.text(words, area.x + area.width / 2, area.y - 8.6, 2.4, room_mm=area.width, align="centre")
 
-    return SheetDrawing(label, CUT_OUT, draw, note)
+    return SheetDrawing(label, layout.advice, draw, note)
 
 
 LINE_MM = 4.4

@@ -266,6 +266,17 @@ def with_board(workspace: Workspace, board: str | Path | None) -> Workspace:
     return found
 
 
+def swap_sides(board: Board) -> Board | None:
+    """The board with as many columns as it has rows, and the other way round; None if it has no others to swap."""
+    columns, rows = getattr(board, "columns", None), getattr(board, "rows", None)
+    if not isinstance(columns, int) or not isinstance(rows, int) or columns == rows:
+        return None
+    try:
+        return replace(board, columns=rows, rows=columns)  # type: ignore[type-var]
+    except ToolkitError:  # such a board cannot be
+        return None
+
+
 def write_board(workspace: Workspace, board: Board) -> Path:
     """Write `rig/board.json`, for `read_board`; returns the file."""
     kind = "board" if isinstance(board, CharucoBoard) else "ring"

@@ -130,7 +130,7 @@ class ObjectInWorld(Config):
         None, description="Put this object into the world, at its real size."
     )
     variant: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
-        None, description="What is on the object: unpatched, patched, textured, or a control."
+        None, description="What is on the object: unpatched, patched, wrapped, textured, or a control."
     )
     place: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
         None, description="Place where it stands, by its name on the map. Default: drawn by the seed."

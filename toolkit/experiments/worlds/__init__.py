@@ -83,7 +83,8 @@ class WorldEvalConfig(Config):
     variants: Annotated[tuple[str, ...], AfterValidator(check_variants), Flag("--variant", metavar="NAME")] = Field(
         ("unpatched", "textured"),
         min_length=1,
-        description="unpatched, patched, textured, or a control such as grey-texture or absent; may be repeated.",
+        description="unpatched, patched, wrapped, textured, or a control such as grey-texture or absent; may be "
+        "repeated.",
     )
     weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (CLEAR,),
