@@ -183,6 +183,7 @@ def test_a_walk_is_that_of_os_walk(tmp_path):
         (tmp_path / path).touch()
     (tmp_path / "a" / "up").symlink_to(tmp_path)
     (tmp_path / "gone").symlink_to("nowhere")
+    (tmp_path / "loop").symlink_to("loop")
     expected = {folder: (sorted(folders), sorted(names)) for folder, folders, names in os.walk(tmp_path)}
     assert {str(one): (folders, names) for one, folders, names in walk_folders(tmp_path)} == expected
     said = []

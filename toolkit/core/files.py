@@ -253,13 +253,20 @@ def walk_folders(
         here = waiting.pop()
         try:
             with os.scandir(here) as found:
-                kinds = {one.name: one.is_dir() for one in found}
+                kinds = {one.name: _is_folder(one) for one in found}
         except OSError as error:
             on_error(error)
             continue
         folders = sorted(name for name, is_folder in kinds.items() if is_folder)
         yield here, folders, sorted(name for name, is_folder in kinds.items() if not is_folder)
         waiting += [here / name for name in reversed(folders) if not (here / name).is_symlink()]
+
+
+def _is_folder(entry: "os.DirEntry[str]") -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # links in a circle
+        return False
 
 
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
