@@ -17,6 +17,7 @@ from toolkit.core.files import (
     real_path,
     sha256_bytes,
     sha256_file,
+    walk_folders,
     write_bytes,
     write_json,
 )
@@ -174,3 +175,16 @@ def test_what_is_found_in_place_of_a_number_is_said_as_far_as_a_line_holds(lengt
     with pytest.raises(ToolkitError) as raised:
         read_json(file, Sheet)
     assert f", found {found}: correct the file" in str(raised.value)
+
+
+def test_a_walk_is_that_of_os_walk(tmp_path):
+    for path in ("b/c/x", "b/y", "a/z", ".h/x"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).touch()
+    (tmp_path / "a" / "up").symlink_to(tmp_path)
+    (tmp_path / "gone").symlink_to("nowhere")
+    (tmp_path / "loop").symlink_to("loop")
+    expected = {folder: (sorted(folders), sorted(names)) for folder, folders, names in os.walk(tmp_path)}
+    assert {str(one): (folders, names) for one, folders, names in walk_folders(tmp_path)} == expected
+    said = []
+    assert not list(walk_folders(tmp_path / "none", said.append)) and len(said) == 1

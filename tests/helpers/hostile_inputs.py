@@ -1,6 +1,8 @@
 """Bad input of every kind, drawn by hypothesis: values, names, documents, and files that were damaged."""
 
 import copy
+import csv
+import io
 import json
 import os
 import struct
@@ -152,6 +154,40 @@ def damaged(draw: st.DrawFn, content: bytes) -> bytes:
             packed = struct.pack(order + kind, number)
             content = content[:at] + packed + content[at + len(packed) :]
     return content
+
+
+FORMULAS = ("+1", "-1 -2", "=1+1", "@SUM(1)", "\t=1", "\r=1", "'=1", "=cmd|' /C calc'!A0")
+LONG = ("x" * 2000, "x" * 200_000, "9" * 5000, "0" * 5000 + "1", "a,b" * 10_000, '"' * 3001)
+cells = names | numbers.map(lambda one: str(one)[:400]) | st.sampled_from(FORMULAS) | st.sampled_from(LONG)
+
+
+@st.composite
+def tables(draw: st.DrawFn, content: bytes) -> bytes:
+    """A CSV file of which cells, heads, columns or lines were changed, or which is none any more."""
+    rows = list(csv.reader(io.StringIO(content.decode("utf-8-sig"))))
+    for _ in range(draw(st.integers(1, 3))):
+        at, column = draw(st.integers(0, len(rows) - 1)), draw(st.integers(0, max(len(rows[0]) - 1, 0)))
+        how = draw(st.sampled_from(("cell", "cell", "cell", "column", "head", "cut", "more", "repeat", "lines")))
+        if how in ("cell", "head"):
+            row = rows[at if how == "cell" else 0]
+            row[column : column + 1] = [draw(cells)]
+        elif how == "column":  # the same in all lines
+            cell = draw(cells)
+            for row in rows[1:]:
+                row[column : column + 1] = [cell]
+        elif how == "cut":
+            del rows[at][column:]
+        elif how == "more":
+            rows[at] += draw(st.lists(cells, max_size=3))
+        elif how == "repeat":
+            rows += [list(rows[at]) for _ in range(draw(st.sampled_from((1, 2000))))]
+        else:
+            rows = [rows[0], *draw(st.permutations(rows[1:8]))]
+    text = io.StringIO()
+    csv.writer(text, delimiter=draw(st.sampled_from(",,,,;\t"))).writerows(rows)
+    encoding = draw(st.sampled_from(("utf-8", "utf-8", "utf-8", "utf-8-sig", "utf-16")))
+    made = text.getvalue().encode(encoding, "surrogatepass")
+    return draw(damaged(made)) if draw(st.integers(0, 7)) == 0 else made
 
 
 def put_in_place(file: Path, kind: str) -> None:

@@ -33,6 +33,19 @@ def encode(kind: str, seed: int = 0, **options) -> bytes:
     return buffer.getvalue()
 
 
+LABELS = ["crate", "box"]
+EVAL = ("eval", "captures/real", "--model", "python:hostile_space:tell_crates", "--run", "run")
+
+
+def put_result(space: Path, evaluated: dict[str, bytes], name: str = "old") -> Path:
+    """Write the files of a result to eval/NAME."""
+    folder = space / "eval" / name
+    folder.mkdir(parents=True)
+    for file, content in evaluated.items():
+        (folder / file).write_bytes(content)
+    return folder
+
+
 def tell_crates():
     """A classifier of two labels, named `python:hostile_space:tell_crates`."""
     import torch
@@ -42,7 +55,7 @@ def tell_crates():
             means = batch.mean((1, 2, 3))
             return torch.stack([means, 1 - means], 1)
 
-    return Brightness(), {"size": 32, "labels": ["crate", "box"]}
+    return Brightness(), {"size": 32, "labels": LABELS}
 
 
 def furnish(space: Workspace) -> None:

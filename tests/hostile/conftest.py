@@ -47,3 +47,13 @@ def sandbox(template, tmp_path_factory):
     (root / "a" / "b").mkdir(parents=True)
     (root / "a" / "precious.txt").write_text("mine")
     return Sandbox(root, template)
+
+
+@pytest.fixture(scope="session")
+def evaluated(sandbox):
+    """The files of a result, by name, for commands that read them."""
+    from hostile_space import EVAL
+
+    space = sandbox.renew()
+    assert sandbox.run(*EVAL) == 0, sandbox.err
+    return {file.name: file.read_bytes() for file in (space / "eval" / "run").iterdir() if file.is_file()}

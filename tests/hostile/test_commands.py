@@ -1,6 +1,7 @@
 """Every command with bad words and in bad workspaces: lines and an exit code; nothing outside changes."""
 
 import os
+import subprocess
 from functools import lru_cache
 
 import pytest
@@ -152,6 +153,35 @@ def test_a_bad_file_in_the_workspace_is_a_line(sandbox, name, data):
         put_in_place(file, data.draw(st.sampled_from(OTHER_KINDS)))
     count("workspaces")
     sandbox.run(*data.draw(st.sampled_from(READING)))
+
+
+DEEP = (
+    ("import", "deep", "--object", "crate", "--variant", "patched", "--match", "name", "--no-ask"),
+    ("calibrate", "deep"), ("corrupt", "deep", "out", "--corrupt", "fog:1"), ("eval", "deep", "--model", "mine"),
+    ("coco", "deep"),
+    ("print-profile", "deep", "--class", "crate"), ("train-classifier", "--data", "deep", "--name", "new"), ("runs",),
+    ("report", "--all"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", DEEP, ids=" ".join)
+def test_folders_in_folders_in_folders_are_walked(sandbox, words):
+    """Python's own walk calls itself for each level, and ends at a thousand."""
+    for place in (sandbox.renew() / "deep", sandbox.space_dir / "eval"):
+        place.mkdir(exist_ok=True)
+        top = os.open(place, os.O_RDONLY)
+        for _ in range(1800):  # a path is no longer than 4096 bytes: from level to level
+            os.mkdir("d", dir_fd=top)
+            below = os.open("d", os.O_RDONLY, dir_fd=top)
+            os.close(top)
+            top = below
+        os.close(top)
+    count("deep folders")
+    try:
+        sandbox.run(*words)
+    finally:
+        for place in (sandbox.space_dir / "deep", sandbox.space_dir / "eval"):
+            subprocess.run(["rm", "-r", place], check=True)  # `rmtree` is no walk without end either
 
 
 SAID = {

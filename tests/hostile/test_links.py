@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from hostile_checks import count
+from hostile_space import EVAL, put_result
 from test_commands import IMPORT
 
-EVAL = ("eval", "captures/real", "--model", "python:hostile_space:tell_crates", "--run", "run")
 WRITERS = {
     "plan": ("plan", "--object", "crate", "--preview"),
     "shot list": ("plan", "--shot-list", "--object", "crate"),
@@ -33,20 +33,10 @@ def look(space: Path) -> dict[str, tuple[int, int]]:
     return {path.relative_to(space).as_posix(): (path.lstat().st_size, path.lstat().st_mtime_ns) for path in files}
 
 
-@pytest.fixture(scope="module")
-def evaluated(sandbox):
-    """The results of a run, for commands that read them."""
-    space = sandbox.renew()
-    assert sandbox.run(*EVAL) == 0, sandbox.err
-    return {file.name: file.read_bytes() for file in (space / "eval" / "run").iterdir() if file.is_file()}
-
-
 def make_space(sandbox, evaluated) -> Path:
     space = sandbox.renew()
     shutil.copy(space / "rig/objects/crate.obj", space / "crate.obj")
-    (space / "eval" / "old").mkdir(parents=True)
-    for name, content in evaluated.items():
-        (space / "eval" / "old" / name).write_bytes(content)
+    put_result(space, evaluated)
     return space
 
 

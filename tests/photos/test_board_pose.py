@@ -8,7 +8,7 @@ from board_photos import photograph
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink, solve_pose
+from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink, shrink, solve_pose
 from toolkit.photos.lens import lens_from_focal
 from toolkit.photos.locate import locate_by_board
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
@@ -256,3 +256,9 @@ def test_dictionaries_of_real_boards_are_named(shared):
         files = sorted((shared / "photos" / folder).glob("*.jpg"))[::7]
         found = [find_dictionary(cv2.imread(str(file))) for file in files]
         assert found.count(name) >= 0.9 * len(found), (folder, found)
+
+
+@pytest.mark.parametrize("shape", [(20_000, 1), (1, 20_000), (3, 9000)])
+def test_a_picture_of_one_line_is_searched(shape):
+    found = shrink(np.zeros(shape, np.uint8), 1000)
+    assert max(found.shape) == 1000 and min(found.shape) == 1

@@ -1,8 +1,10 @@
 """The command line: parse, call one function, print."""
 
+import logging
 import os
 import sys
 import traceback
+import warnings
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
@@ -31,6 +33,8 @@ def main() -> None:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
     typed = [word for word in sys.argv[1:] if word != DEBUG]
+    if not _is_debugging():
+        _quiet_libraries()
     try:
         with _join_processes(typed):
             code = app(typed, standalone_mode=False) or 0
@@ -40,6 +44,16 @@ def main() -> None:
     if code == INTERRUPTED:
         typer.echo("stopped: what is finished is kept; run the same command again to go on", err=True)
     sys.exit(code)
+
+
+def _is_debugging() -> bool:
+    return DEBUG in sys.argv[1:] or bool(os.environ.get("TOOLKIT_DEBUG"))
+
+
+def _quiet_libraries() -> None:
+    """Keep what libraries log and warn of to themselves: trimesh logs a traceback for each file that it cannot read."""
+    logging.lastResort = logging.NullHandler()  # in place of the one that prints what no handler takes
+    warnings.filterwarnings("ignore", module=r"(?!toolkit\b)")
 
 
 def _open_closed_streams() -> None:
@@ -75,10 +89,9 @@ def _end(error: BaseException, typed: list[str]) -> int:
     if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help
         typer.echo(error, err=True)
         return BAD_INPUT
-    is_asked = DEBUG in sys.argv[1:] or bool(os.environ.get("TOOLKIT_DEBUG"))
     lines, code = explain_end(error, typed)
     with suppress(OSError):
-        if is_asked:
+        if _is_debugging():
             traceback.print_exception(error)
         from toolkit.core.console import errors
 

@@ -9,6 +9,7 @@ from typing import Any, get_args
 from typer.models import ArgumentInfo, OptionInfo
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import walk_folders
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.rig.variants import VARIANTS
 
@@ -53,8 +54,8 @@ def _list_worlds(space: Workspace) -> list[str]:
 
 
 def _list_runs(space: Workspace) -> list[str]:
-    files = space.eval_dir.rglob("summary.json")
-    return sorted(file.parent.relative_to(space.eval_dir).as_posix() for file in files)
+    found = (folder for folder, _, names in walk_folders(space.eval_dir) if "summary.json" in names)
+    return sorted(folder.relative_to(space.eval_dir).as_posix() for folder in found)
 
 
 def _list_models(space: Workspace) -> list[str]:

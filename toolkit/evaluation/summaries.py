@@ -11,7 +11,7 @@ from rich.table import Table
 
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import explain_validation, load_json
+from toolkit.core.files import explain_validation, load_json, walk_folders
 from toolkit.core.statistics import Interval
 from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent
 from toolkit.core.workspace import Workspace
@@ -334,7 +334,7 @@ class Run:
 def find_runs(workspace: Workspace) -> tuple[list[Run], list[tuple[str, str]]]:
     """Every run below the workspace's `eval/`, by name, and (path, reason) of each that cannot be read."""
     runs, refused = [], []
-    for name in _list_names(workspace.eval_dir):
+    for name in list_run_names(workspace.eval_dir):
         try:
             runs.append(open_run(workspace, name))
         except ToolkitError as error:
@@ -353,7 +353,7 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
     if not folder.is_dir():
         folder = Path(name)
     if not folder.is_dir():
-        known = _list_names(workspace.eval_dir)
+        known = list_run_names(workspace.eval_dir)
         if not known:
             raise ToolkitError(f"{workspace.eval_dir} holds no run: make one with 'toolkit eval'")
         raise one_of("run", str(name), known)
@@ -364,9 +364,10 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
     return read_run(folder, shown)
 
 
-def _list_names(eval_dir: Path) -> list[str]:
-    found = sorted(file.parent for file in eval_dir.rglob(SUMMARY) if file.is_file())
-    return [folder.relative_to(eval_dir).as_posix() for folder in found if folder != eval_dir]
+def list_run_names(eval_dir: Path) -> list[str]:
+    """Names of all runs below a folder: the folders that hold a summary."""
+    found = sorted(folder for folder, _, names in walk_folders(eval_dir) if SUMMARY in names and folder != eval_dir)
+    return [folder.relative_to(eval_dir).as_posix() for folder in found if (folder / SUMMARY).is_file()]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import open_plain, real_path
+from toolkit.core.files import open_plain, real_path, walk_folders
 from toolkit.imaging.colour import adobe_to_srgb
 
 IMAGE_SUFFIXES = frozenset(
@@ -412,15 +412,14 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []
     others: list[str] = []
-    for folder, folders, names in os.walk(root, onerror=_raise_unreadable):
-        here = Path(folder)
+    for here, folders, names in walk_folders(root, _raise_unreadable):
         parts = here.relative_to(root).parts
-        for name in sorted(folders):
+        for name in folders:
             if not _is_passed_over(name) and (here / name).is_symlink():
                 refused.append((show_path((*parts, name)), "a linked folder: copy its images here instead"))
-        # in place, as `os.walk` asks: it goes on with what is left in the list
-        folders[:] = sorted(name for name in folders if not _is_passed_over(name))
-        for name in sorted(names):
+        # in place: the walk goes on with what is left in the list
+        folders[:] = [name for name in folders if not _is_passed_over(name)]
+        for name in names:
             if _is_passed_over(name) or name in BY_DESIGN:
                 continue
             path = here / name

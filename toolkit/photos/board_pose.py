@@ -207,9 +207,14 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def shrink(grey: np.ndarray, side_px: int) -> np.ndarray:
-    """(h, w) uint8 whose longer side is so many pixels at most."""
+    """(h, w) uint8 whose longer side is so many pixels at most, and whose shorter one is never none."""
     share = side_px / max(grey.shape)
-    return grey if share >= 1 else cv2.resize(grey, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+    if share >= 1:
+        return grey
+    if min(grey.shape) * share < 1:  # a line
+        size = (1, side_px) if grey.shape[0] > grey.shape[1] else (side_px, 1)
+        return cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return cv2.resize(grey, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
 
 
 class _MarkerFinder:

@@ -354,12 +354,17 @@ def read_judged(folder: Path) -> Judged:
 
 
 def _read_outcomes(file: Path) -> list[JudgedPicture]:
-    rows = csv.DictReader(io.StringIO(read_bytes(file, MOST_OUTCOMES_BYTES).decode("utf-8", "replace")))
-    cells = [{name: value or None if name == "delta_e" else value for name, value in row.items()} for row in rows]
+    text = read_bytes(file, MOST_OUTCOMES_BYTES).decode("utf-8", "replace")
     try:
-        return TypeAdapter(list[JudgedPicture]).validate_python(cells)
-    except ValidationError as error:
-        raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): run the entry again") from None
+        rows = csv.DictReader(io.StringIO(text, newline=""))
+        cells = [{name: value or None if name == "delta_e" else value for name, value in row.items()} for row in rows]
+        outcomes = TypeAdapter(list[JudgedPicture]).validate_python(cells)
+    except (csv.Error, ValidationError) as error:
+        why = explain_validation(error) if isinstance(error, ValidationError) else error
+        raise ToolkitError(f"{file} is damaged ({why}): run the entry again") from None
+    if not outcomes:
+        raise ToolkitError(f"{file} holds no answer: run the entry again")
+    return outcomes
 
 
 def read_picture(judged: Judged, name: str) -> np.ndarray:
