@@ -24,6 +24,7 @@ from toolkit.printing.marks import (
     draw_page,
     draw_strip,
     reserve_strip,
+    strip_area,
 )
 from toolkit.printing.nesting import CutSheet, Nested, fits, nest, write_dxf, write_svg
 from toolkit.printing.page import (
@@ -309,7 +310,7 @@ def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> 
         ]
         solids = [shapely.transform(sheet.solid, here.to_page) for sheet, here in zip(sheets, places, strict=True)]
         widths = [_number_width(sheet.record.number, sheet.way) for sheet in sheets]
-        others = [] if strip is None else [_as_box(strip.area)]
+        others = [] if strip is None else [_as_box(strip_area(strip))]
         numbers = place_numbers(_as_box(layout.frame.content), solids, widths, others)
         with pdf.page(paper):
             for one, sheet, here, at in zip(nested, sheets, places, numbers, strict=True):
