@@ -195,6 +195,6 @@ def test_swin_of_timm_has_maps_of_rows_and_columns(wrap):
     timm = pytest.importorskip("timm")
     torch.manual_seed(0)
     how = {"embed_dim": 24, "depths": (1, 1), "num_heads": (2, 4)}
-    classifier = seeing(wrap(timm.create_model("swin_tiny_patch4_window7_224", num_classes=5, **how)), 224)
+    classifier = seeing(wrap(timm.create_model("swin_tiny_patch4_window7_224", num_classes=4, **how)), 224)
     maps = compute_gradcam(classifier, find_feature_map(classifier), torch.rand(1, 3, 224, 224), [2])
     assert maps.shape == (1, 28, 28)

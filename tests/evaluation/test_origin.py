@@ -166,23 +166,23 @@ def test_a_small_patch_makes_another_picture():
 
 
 def test_a_result_is_made_again_and_compared(workspace, put, colour_classifier):
-    root = shoot(workspace, put)
+    shoot(workspace, put)
     done = evaluate(workspace, colour_classifier)
     found = verify_run(workspace, done.run_dir.name, colour_classifier)
     assert found.is_same and found.n == 16 and found.other_digits == 0
     assert found.describe().endswith("the same result, 16 of 16 answers")
-    # an answer edited in the table, and a picture that was replaced
-    table = done.run_dir / "predictions.csv"
-    rows = table.read_text().splitlines()
-    at = next(k for k, row in enumerate(rows) if "unpatched/pose_03" in row)
-    cells = rows[at].split(",")
-    rows[at] = ",".join([*cells[:7], "0", "racer", "0.900000", "0.9", "1", "1", "1", *cells[14:]])
-    table.write_text("\n".join(rows) + "\n")
+    # other light in both halves leaves pictures and answers; then a picture is replaced
+    shoot(workspace, put, light="dim")
+    assert verify_run(workspace, done.run_dir.name, colour_classifier).is_same
     put("sim/racer/patched/pose_04.png", "warplane")
     found = verify_run(workspace, done.run_dir.name, colour_classifier)
-    assert [path for path, _ in found.differing] == ["sim/racer/patched/pose_04.png", "sim/racer/unpatched/pose_03.png"]
-    assert set(found.parts) >= {"groups", "pairs"} and not found.is_same
-    assert root.is_dir()
+    assert found.differing == (("sim/racer/patched/pose_04.png", "in the table, and does not count now"),)
+    assert set(found.parts) >= {"images", "groups", "pairs"} and not found.is_same
+    # an answer edited in the table
+    table = done.run_dir / "predictions.csv"
+    table.write_text(table.read_text().replace("eggnog,", "racer,", 1))
+    with pytest.raises(ToolkitError, match=r"predictions.csv was changed after summary.json was counted"):
+        verify_run(workspace, done.run_dir.name, colour_classifier)
 
 
 def test_a_result_is_not_verified_by_another_network(workspace, put, colour_classifier):
@@ -195,9 +195,10 @@ def test_a_result_is_not_verified_by_another_network(workspace, put, colour_clas
         verify_run(workspace, done.run_dir.name, other)
 
 
-def test_what_cannot_be_verified_says_why(workspace, put, colour_classifier):
+def test_what_cannot_be_verified_says_why(workspace, put, colour_classifier, as_older):
     shoot(workspace, put)
     done = evaluate(workspace, colour_classifier)
+    as_older(done.run_dir)
     summary = json.loads((done.run_dir / "summary.json").read_text())
     del summary["asked"]
     (done.run_dir / "summary.json").write_text(json.dumps(summary))

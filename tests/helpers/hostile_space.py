@@ -93,7 +93,7 @@ def furnish(space: Workspace) -> None:
         for variant in ("unpatched", "patched"):
             for pose in plan.objects["crate"]:
                 path = f"crate/{variant}/pose_{pose.id:02d}.jpg"
-                content = encode("JPEG", pose.id)
+                content = encode("JPEG", pose.id + 10 * (variant == "patched"))
                 (folder / path).parent.mkdir(parents=True, exist_ok=True)
                 (folder / path).write_bytes(content)
                 made = (

@@ -11,7 +11,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_text
+from toolkit.core.files import delete_file, write_text
 from toolkit.core.records import Record, RecordLog
 
 Result = TypeVar("Result")
@@ -262,7 +262,7 @@ class _FailureLog:
 
     def clear(self) -> None:
         """Remove what an earlier run left."""
-        self._file.unlink(missing_ok=True)
+        delete_file(self._file)
 
     def note(self, outcome: Outcome[Any]) -> str:
         """Log the traceback of a unit that failed, if it has one; returns the reason with the file's name."""

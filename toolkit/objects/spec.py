@@ -16,7 +16,6 @@ from pydantic import (
 )
 
 from toolkit.core.config import Config, Expect, Flag
-from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.text import FileName, LabelOrIndex, is_file_name
@@ -221,6 +220,8 @@ def names_with_mesh(workspace: Workspace) -> list[str]:
         ToolkitError: a spec is broken.
     """
     meshes = {name: read_spec(file).mesh for name, file in sorted(workspace.object_specs().items())}
+    from toolkit.core.console import notice  # brings rich, which help does without
+
     if bare := [name for name, mesh in meshes.items() if not mesh]:
         notice(f"note: left out, known from photographs alone: {', '.join(bare)} (no mesh in the spec)")
     return [name for name, mesh in meshes.items() if mesh]

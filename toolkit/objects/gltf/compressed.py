@@ -1,6 +1,5 @@
 """What packages of the extra `gltf` unpack: Draco's meshes and Basis Universal's pictures."""
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -13,23 +12,23 @@ DRACO, BASISU = "KHR_draco_mesh_compression", "KHR_texture_basisu"
 KTX_START = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
-def require(document: Document, package: str, name: str, way_out: str) -> Any:
-    """A package of the extra, or a `ToolkitError` that names the extension, the extra and the way without it."""
-    try:
-        return import_module(package)
-    except ImportError:
-        raise ToolkitError(
-            f"{document.path}: {name} needs {package}, which is not installed: pip install '.[gltf]' in the kit's "
-            f"folder, or {way_out}"
-        ) from None
+def lacks(document: Document, package: str, name: str, way_out: str) -> ToolkitError:
+    """The error for a package of the extra that is missing: names the extension, the extra and the way without it."""
+    return ToolkitError(
+        f"{document.path}: {name} needs {package}, which is not installed: pip install '.[gltf]' in the kit's folder, "
+        f"or {way_out}"
+    )
 
 
 def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Attributes by name, (n, k) each, and (m, 3) faces of a primitive that Draco compressed."""
-    library = require(document, "DracoPy", DRACO, "export the mesh without Draco compression")
+    try:
+        import DracoPy
+    except ImportError:
+        raise lacks(document, "DracoPy", DRACO, "export the mesh without Draco compression") from None
     content = document.view(draco.get("bufferView")).tobytes()
     try:
-        mesh = library.decode(content)
+        mesh = DracoPy.decode(content)
         found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
         attributes = {name: found[number] for name, number in draco["attributes"].items()}
         faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
@@ -40,12 +39,16 @@ def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, n
 
 def decode_ktx(document: Document, content: bytes, name: str) -> bytes:
     """A KTX2 picture of Basis Universal as PNG."""
-    library = require(document, "alktx2", BASISU, "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)")
+    try:
+        import alktx2
+    except ImportError:
+        way_out = "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)"
+        raise lacks(document, "alktx2", BASISU, way_out) from None
     width, height = (int.from_bytes(content[at : at + 4], "little") for at in (20, 24))
     if not content.startswith(KTX_START) or not 0 < width * height <= MAX_MEGAPIXELS * 1e6:
         raise ToolkitError(f"{document.path}: {name} is no {BASISU} picture, or far too large: save it as PNG")
     try:
-        png, _ = library.decode_ktx2_to_bytes(content, format="png")
+        png, _ = alktx2.decode_ktx2_to_bytes(content, format="png")
     except Exception as error:
         raise ToolkitError(
             f"{document.path}: {name} cannot be read ({BASISU}: {' '.join(str(error).split())[:80]}): save it as PNG"

@@ -12,7 +12,7 @@ from typing import Any
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import inside, real_path
+from toolkit.core.files import delete_file, inside, real_path
 from toolkit.core.records import hold_folder
 from toolkit.core.text import is_folder_name
 from toolkit.core.workspace import Workspace
@@ -297,7 +297,7 @@ def _import_pairs(
     moved = [record for record in moved if find_original(record) in stored]
     # what moves is in hand: a run that is stopped here imports it afresh
     for record in moved:
-        inside(index.source_dir, record.path).unlink(missing_ok=True)
+        delete_file(inside(index.source_dir, record.path))
         index.records.pop(record.path, None)
     drop_records(index.source_dir, {record.path for record in moved})
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)

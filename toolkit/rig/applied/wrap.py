@@ -11,7 +11,6 @@ from toolkit.objects.mesh import Mesh
 from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
 from toolkit.rig import Misfit
 from toolkit.rig.applied.base import AppliedBooster, BoosterKind
-from toolkit.rig.wrap_plan import take_best
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 
@@ -57,6 +56,8 @@ class WrapBooster(AppliedBooster):
 
     def covering(self, item: TableObject, share: float) -> "WrapBooster":
         """Return the wrap with its best pieces alone, up to so large a share of what cameras see."""
+        from toolkit.rig.wrap_plan import take_best  # brings the renderer, which most commands do without
+
         return replace(self, wrap=take_best(self.wrap, item, share), coverage=share)
 
     def _describe_misfit(self) -> dict[str, Any]:
