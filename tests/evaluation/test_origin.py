@@ -190,8 +190,8 @@ def test_a_result_is_not_verified_by_another_network(workspace, put, colour_clas
 
     shoot(workspace, put)
     done = evaluate(workspace, colour_classifier)
-    other = replace(colour_classifier, weights=replace(colour_classifier.weights, sha256="cd" * 32))
-    with pytest.raises(ToolkitError, match=r"judged by colours with sha256 abab.*name the network"):
+    other = replace(colour_classifier, preprocessing=replace(colour_classifier.preprocessing, crop_px=27))
+    with pytest.raises(ToolkitError, match=r"judged by colours with network_id .*name the network"):
         verify_run(workspace, done.run_dir.name, other)
 
 

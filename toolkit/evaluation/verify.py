@@ -14,7 +14,7 @@ from toolkit.evaluation.evaluate import ASKED, judge_captures
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.results import summarise
-from toolkit.evaluation.summaries import SUMMARY, Run, open_run
+from toolkit.evaluation.summaries import SUMMARY, Run, begin_summary, open_run
 from toolkit.models.network import Classifier
 
 ANSWERS = ("true_index", "top1_index", "correct_top1", "correct_top5", "status")
@@ -103,12 +103,14 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
     """
     run, summary, asked = read_asked(workspace, name)
     model = summary["model"]
-    for field, found in (("sha256", classifier.weights.sha256), ("preprocessing", classifier.preprocessing.describe())):
-        if model.get(field) != found:
-            raise ToolkitError(
-                f"{run.name}: judged by {model.get('name')} with {field} {model.get(field)}, and {classifier.name} "
-                f"here has {found}: name the network that judged with --model or --weights"
-            )
+    here = begin_summary("eval", classifier)["model"]
+    # weights that were saved again are the same network; older summaries know their file alone
+    field = "network_id" if model.get("network_id") else "sha256"
+    if model.get(field) != here[field]:
+        raise ToolkitError(
+            f"{run.name}: judged by {model.get('name')} with {field} {model.get(field)}, and {classifier.name} here "
+            f"has {here[field]}: name the network that judged with --model or --weights"
+        )
     captures_dir = workspace.root / asked.captures
     config = EvalConfig(**{key: getattr(asked, key) for key in ASKED}, saliency=False)
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
