@@ -149,9 +149,12 @@ def test_a_patch_beside_a_knob_stays_on_top(space, tmp_path):
     asked = "../tin.stl --class crate --length-mm 200 --size-mm 40 --up z --front x --json"
     made = json.loads(call(*asked.split()).stdout)
     (mount,) = load_object(space.object_spec("tin")).spec.mounts
-    right, up = mount.offset_mm
-    assert mount.at == "top" and max(abs(right), abs(up)) > 30
-    assert f"in the middle of its top: it goes {right:g} mm to the right of it and {up:g} mm up, 40 mm" in made["moved"]
+    forward, left = mount.offset_mm
+    assert mount.at == "top" and max(abs(forward), abs(left)) > 30
+    # offsets on the top are forward and left, as `PatchMount` has them
+    along = f"{abs(forward):g} mm {'forward' if forward > 0 else 'back'}"
+    aside = f"{abs(left):g} mm to the {'left' if left > 0 else 'right'}"
+    assert f"in the middle of its top: it goes {along} and {aside}, 40 mm" in made["moved"]
     assert "--sheets" not in made["moved"], "from above every camera sees it"
 
 
