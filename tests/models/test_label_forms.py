@@ -222,6 +222,14 @@ def test_names_in_another_file_are_refused_where_there_are_no_others(weights, na
 
 
 def test_other_files_beside_weights_are_no_labels(weights):
-    for name in ("config.json", "readme.txt", "mine.log", "other.pth", "notes_labels.md", "mine-labels.pth"):
+    for name in (
+        "mine.json",
+        "config.json",
+        "readme.txt",
+        "mine.log",
+        "other.pth",
+        "notes_labels.md",
+        "mine-labels.pth",
+    ):
         (weights.parent / name).write_text("{}")
     assert load_classifier("squeezenet1_1", weights, "cpu").labels == ["class 0", "class 1", "class 2"]

@@ -289,7 +289,8 @@ OTHER_NAMES = re.compile(
 
 def _refuse_unused(weights: Path) -> None:
     """A `ToolkitError` for a file of labels in the folder of a network whose classes have no names otherwise."""
-    for file in sorted(weights.parent.iterdir()) if weights.parent.is_dir() else ():
+    read = {weights.with_suffix(suffix) for suffix in DESCRIPTIONS}
+    for file in sorted(set(weights.parent.iterdir()) - read) if weights.parent.is_dir() else ():
         own = re.match(rf"{re.escape(weights.stem)}({re.escape(weights.suffix)})?[._-]?", file.name)
         rest = file.name[own.end() :] if own else file.name
         if not (OTHER_NAMES.fullmatch(rest) or (own and rest in ("txt", "json", "toml", "pbtxt"))):
