@@ -208,8 +208,10 @@ def test_a_uri_that_leaves_the_folder_is_refused(tmp_path, uri, what):
 
 
 def test_large_polygons_and_many_levels_are_read(tmp_path):
-    (tmp_path / "ring.obj").write_text(write_ring(50_000, ".obj"))
-    assert len(read(tmp_path / "ring.obj").faces) == 49_998
+    (tmp_path / "ring.obj").write_text(write_ring(4_000, ".obj"))
+    assert len(read(tmp_path / "ring.obj").faces) == 3_998
+    (tmp_path / "ring.obj").write_text(write_ring(300_000, ".obj"))
+    assert read(tmp_path / "ring.obj") is None  # its slivers would slow each ray down
     (tmp_path / "tower.glb").write_bytes(make_glb(**place_nodes(5000, "within")))
     assert len(read(tmp_path / "tower.glb").faces) == 5001
 

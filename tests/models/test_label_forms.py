@@ -177,3 +177,59 @@ def test_a_label_of_very_many_letters_is_a_line(tmp_path, state, where):
     with pytest.raises(ToolkitError, match=r"mine\..*'labels\.1': expected a class of at most 1000 letters") as said:
         load(tmp_path / "mine.pth")
     assert len(str(said.value)) < 400
+
+
+@pytest.fixture
+def weights(tmp_path):
+    torch.save(torchvision.models.squeezenet1_1(num_classes=3).state_dict(), tmp_path / "mine.pth")
+    return tmp_path / "mine.pth"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{0: 'bracket',\n 1: 'bolt',\n 2: 'washer'}\n",
+        '["bracket", "bolt", "washer"]',
+        "['bracket',\n'bolt',\n'washer']",
+    ],
+)
+def test_a_list_that_was_printed_is_read(weights, text):
+    weights.with_suffix(".txt").write_text(text)
+    assert load_classifier("squeezenet1_1", weights, "cpu").labels == NAMES
+
+
+def test_a_printed_list_that_is_none_is_one_line(weights):
+    weights.with_suffix(".txt").write_text("{0: 'bracket', 1: print('x')}")
+    with pytest.raises(ToolkitError, match=r"mine\.txt: expected the name of a class on each line"):
+        load_classifier("squeezenet1_1", weights, "cpu")
+
+
+def test_a_byte_order_mark_before_json_is_passed_over(weights):
+    weights.with_suffix(".json").write_bytes(b"\xef\xbb\xbf" + json.dumps(NAMES).encode())
+    assert load_classifier("squeezenet1_1", weights, "cpu").labels == NAMES
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["labels.txt", "classes.txt", "class_names.json", "mine.pth.txt", "mine_labels.txt", "mine.pbtxt", "mine.csv"],
+)
+def test_names_in_another_file_are_refused_where_there_are_no_others(weights, name):
+    (weights.parent / name).write_text("id,name\n0,big bracket\n1,bolt\n2,washer\n")
+    with pytest.raises(ToolkitError, match=rf"{name} is not read.*mine\.txt"):
+        load_classifier("squeezenet1_1", weights, "cpu")
+    weights.with_suffix(".json").write_text(json.dumps(NAMES))
+    assert load_classifier("squeezenet1_1", weights, "cpu").labels == NAMES
+
+
+def test_other_files_beside_weights_are_no_labels(weights):
+    for name in (
+        "mine.json",
+        "config.json",
+        "readme.txt",
+        "mine.log",
+        "other.pth",
+        "notes_labels.md",
+        "mine-labels.pth",
+    ):
+        (weights.parent / name).write_text("{}")
+    assert load_classifier("squeezenet1_1", weights, "cpu").labels == ["class 0", "class 1", "class 2"]

@@ -23,7 +23,7 @@ def save(state, file, prefix, **more):
     "prefix",
     [
         "_orig_mod.", "module.", "model.", "net.", "module._orig_mod.", "_orig_mod.module.", "model._orig_mod.",
-        "model.net.", "student.backbone.",
+        "model.net.", "student.backbone.", "_fsdp_wrapped_module.", "model._forward_module.",
     ],
 )  # fmt: skip
 def test_any_prefix_that_all_names_share_is_read(tmp_path, state, prefix):
@@ -62,3 +62,35 @@ def test_timm_networks_are_read_likewise(tmp_path):
     state = timm.create_model("resnet10t", num_classes=4).state_dict()
     loaded = load_classifier("timm:resnet10t", save(state, tmp_path / "mine.pth", "model._orig_mod."), "cpu")
     assert len(loaded.labels) == 4 and torch.equal(loaded.module.state_dict()["fc.weight"], state["fc.weight"])
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda state: {"model_state_dict": state, "optimizer_state_dict": {"param_groups": []}, "epoch": 3},
+        lambda state: {"model_state": state, "iteration": 7}, lambda state: {"net": state, "acc": 90.5},
+        lambda state: {"state_dict_ema": state}, lambda state: {"ema": {"module": state, "updates": 5}},
+        lambda state: {"weights": state},
+        lambda state: {"state_dict": state, "state_dict_ema": {**state, "n": torch.ones(1)}},
+        lambda state: {f"module.{name}": value for name, value in state.items()} | {"n_averaged": torch.tensor(5)},
+        lambda state: {name.replace("features.", "features._fsdp_wrapped_module."): state[name] for name in state},
+        lambda state: {name.replace("fire.", "fire._checkpoint_wrapped_module."): state[name] for name in state},
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["mine.pth", "model_best.pth.tar", "pytorch_model.bin", "MINE.PT"])
+def test_a_state_dict_is_found_under_any_name(tmp_path, state, wrap, name):
+    torch.save(wrap(state), tmp_path / name)
+    loaded = load_classifier("squeezenet1_1", tmp_path / name, "cpu").module.state_dict()
+    assert all(torch.equal(loaded[name], value) for name, value in state.items())
+
+
+def test_the_state_dicts_that_are_left_out_are_noted(tmp_path, state, capsys):
+    torch.save({"model": state, "model_ema": state}, tmp_path / "mine.pth")
+    load_classifier("squeezenet1_1", tmp_path / "mine.pth", "cpu")
+    assert capsys.readouterr().err.strip().endswith("mine.pth: 'model' is read, 'model_ema' left out")
+
+
+def test_state_dicts_under_unusual_names_are_refused(tmp_path, state):
+    torch.save({"teacher": state, "student": state}, tmp_path / "mine.pth")
+    with pytest.raises(ToolkitError, match=r"mine\.pth holds 2 state dicts, 'teacher' and 'student'"):
+        load_classifier("squeezenet1_1", tmp_path / "mine.pth", "cpu")

@@ -75,3 +75,21 @@ def test_a_picture_of_specks_is_cut_as_finely_as_the_cap_allows(tmp_path, monkey
     specks = np.random.default_rng(0).random((SIDE, SIDE)).round()
     mesh = read_mesh(write_card(tmp_path, specks, alphaMode="MASK"))
     assert 0 < len(mesh.faces) < 8000 and 0.3 < measure(mesh) < 0.7
+
+
+def test_alpha_of_vertices_cuts_holes(tmp_path):
+    gltf = Gltf()
+    fading = np.array([[1, 1, 1, 1], [1, 1, 1, 0], [1, 1, 1, 0], [1, 1, 1, 1]], "<f4")
+    gltf.card(gltf.material(alphaMode="MASK"), uv=None, COLOR_0=fading)
+    mesh = read_mesh(gltf.write(tmp_path))
+    np.testing.assert_allclose(mesh.size_mm, [0.5, 1, 0], atol=1e-6)
+
+
+def test_alpha_of_vertices_multiplies_that_of_a_picture(tmp_path):
+    gltf = Gltf()
+    half = np.full((8, 8, 4), 255, np.uint8)
+    half[:, 4:, 3] = 0
+    fading = np.array([[1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 0], [1, 1, 1, 0]], "<f4")
+    gltf.card(gltf.material(alphaMode="MASK", **base_colour(gltf.picture(half))), COLOR_0=fading)
+    found = colours_at(read_mesh(gltf.write(tmp_path)), np.array([[0.3, 0.3], [0.3, 0.7], [0.7, 0.3], [0.7, 0.7]]))
+    assert np.isnan(found[:, 0]).tolist() == [False, True, True, True]

@@ -1,5 +1,7 @@
 """What of a glTF is not read is said, each once, from the file's own lists; what it requires is read or refused."""
 
+import struct
+
 import numpy as np
 import pytest
 from gltf_builder import CARD, CARD_FACES, CARD_UV, Gltf, base_colour
@@ -139,11 +141,17 @@ def test_a_texture_by_an_extension_of_next_year_is_one_line(tmp_path):
         read_mesh(gltf.write(tmp_path))
 
 
-def test_alpha_of_vertices_is_noted_where_there_are_holes(tmp_path, capsys):
+def test_a_binary_file_of_the_first_version_is_named(tmp_path):
+    (tmp_path / "old.glb").write_bytes(b"glTF" + struct.pack("<IIII", 1, 24, 4, 0) + b"{}  ")
+    with pytest.raises(ToolkitError, match=r"old\.glb: glTF 1\.0, expected 2\.0"):
+        read_mesh(tmp_path / "old.glb")
+
+
+def test_colours_that_are_no_numbers_are_refused(tmp_path):
     gltf = Gltf()
-    gltf.card(gltf.material(alphaMode="MASK"), COLOR_0=np.full((4, 4), 0.9, "<f4"))
-    (note,) = notes(tmp_path, gltf, capsys)
-    assert note.startswith("the alpha of COLOR_0 is left out")
+    gltf.card(uv=None, COLOR_0=np.full((4, 3), np.nan, "<f4"))
+    with pytest.raises(ToolkitError, match="COLOR_0 has colours that are NaN"):
+        read_mesh(gltf.write(tmp_path))
 
 
 def test_a_file_of_the_first_version_is_named(tmp_path):

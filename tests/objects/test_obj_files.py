@@ -235,3 +235,52 @@ def test_a_spider_with_windows_paths_wears_its_pictures(shared):
     assert len(find_named_files(file)) == 6
     for material in read_mesh(file).materials:
         assert material.texture.shape[0] > 100
+
+
+@pytest.mark.parametrize("usemtl", ["", "usemtl SKIN\n"])
+def test_the_only_material_is_taken_without_its_name_or_in_another_case(folder, usemtl):
+    obj = write(folder, "map_Kd tex.png", SQUARE.replace("usemtl skin\n", usemtl))
+    assert colour(read_mesh(obj)) == RED
+
+
+@pytest.mark.parametrize("mtllib", ["mtllib skin.mtl", ""])
+def test_a_material_that_is_not_there_is_noted(folder, capsys, mtllib):
+    obj = write(folder, "map_Kd tex.png", SQUARE.replace("usemtl skin", "usemtl other"), mtllib=mtllib)
+    assert colour(read_mesh(obj)) == PLAIN_COLOUR
+    assert "left out: usemtl other (no such material)" in capsys.readouterr().err
+
+
+def test_a_note_comes_once_in_a_process(folder, capsys):
+    obj = write(folder, "map_Kd tex.png", SQUARE.replace("usemtl skin", "usemtl other"))
+    for _ in range(3):
+        read_mesh(obj)
+    assert capsys.readouterr().err.count("note:") == 1
+
+
+def test_comments_behind_statements_are_no_part_of_names(folder):
+    Image.new("RGB", (4, 4), RED).save(folder / "t#1.png")
+    obj = write(
+        folder, "Kd 1 1 1 # white\nmap_Kd t#1.png # the picture", SQUARE.replace("skin", "skin # mine"),
+        mtllib="mtllib skin.mtl # colours",
+    )  # fmt: skip
+    assert colour(read_mesh(obj)) == RED
+    assert [file.name for file in find_named_files(obj)] == ["skin.mtl", "t#1.png"]
+
+
+def test_a_foreign_path_is_followed_as_far_as_its_folders_lie_here(folder):
+    (folder / "textures").mkdir()
+    (folder / "tex.png").rename(folder / "textures" / "tex.png")
+    obj = write(folder, "map_Kd C:\\art\\mug\\textures\\tex.png")
+    assert colour(read_mesh(obj)) == RED
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("l 1 2\n", "points and lines"), ("#MRGB ffc81e14ffc81e14\n", "ZBrush's colours"),
+        ("vt nan 0\nf 1/5 2/2 3/3\n", "tex.png (a part has no texture coordinates)"),
+    ],
+)  # fmt: skip
+def test_what_else_is_left_out_is_noted(folder, capsys, more, words):
+    read_mesh(write(folder, "map_Kd tex.png", SQUARE + more))
+    assert words in capsys.readouterr().err

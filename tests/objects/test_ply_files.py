@@ -1,5 +1,7 @@
 """Stanford PLY as other programs write it: pictures, texture coordinates of corners, colours, elements."""
 
+import struct
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -98,14 +100,10 @@ def test_names_are_found_as_in_an_obj(folder):
     assert [file.name for file in find_named_files(ply)] == ["red.png"]
 
 
-@pytest.mark.parametrize(
-    ("content", "words"), [(b"", "a texture that is empty"), (b"hello", "not an image"), (None, "is not there")]
-)
-def test_an_empty_broken_or_missing_picture_is_one_line_with_its_file(folder, content, words):
+@pytest.mark.parametrize(("content", "words"), [(b"", "a texture that is empty"), (b"hello", "not an image")])
+def test_an_empty_or_broken_picture_is_one_line_with_its_file(folder, content, words):
     ply = write(folder, (f"4 0 1 2 3 8 {UV}",), WEDGES, comments=BOTH[:1])
-    (folder / "red.png").unlink()
-    if content is not None:
-        (folder / "red.png").write_bytes(content)
+    (folder / "red.png").write_bytes(content)
     with pytest.raises(ToolkitError, match=words) as caught:
         read_mesh(ply)
     assert "red.png" in str(caught.value) and "\n" not in str(caught.value)
@@ -128,3 +126,59 @@ def test_the_reports_inputs(shared):
     ]
     assert means == [[128, 128, 64], [255, 255, 255]]
     assert face_colours(read_mesh(reports / "none.ply"))[0] == PLAIN_COLOUR
+
+
+def test_a_missing_picture_is_noted_as_in_an_obj(folder, capsys):
+    ply = write(folder, (f"4 0 1 2 3 8 {UV}",), WEDGES, comments=BOTH[:1])
+    (folder / "red.png").unlink()
+    assert face_colours(read_mesh(ply)) == [PLAIN_COLOUR] * 2
+    assert capsys.readouterr().err.endswith("left out: red.png (not there)\n")
+    with pytest.raises(ToolkitError, match=r"names files that are not there: red\.png"):
+        find_named_files(ply)
+
+
+TRIANGLE = "0 0 0{0}\n1 0 0{0}\n1 1 0{0}\n3 0 1 2\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "written"),
+    [
+        ("uchar", RED),
+        ("int", RED),
+        ("float", RED),
+        ("double", [c / 255 for c in RED]),
+        ("ushort", [257 * c for c in RED]),
+    ],
+)
+def test_colours_are_read_however_they_are_counted(tmp_path, kind, written):
+    colour = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
+    head = "".join(f"property float {axis}\n" for axis in "xyz") + colour
+    (tmp_path / "a.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{head}element face 1\nproperty list uchar int vertex_indices\n"
+        f"end_header\n{TRIANGLE.format(''.join(f' {number}' for number in written))}"
+    )
+    assert face_colours(read_mesh(tmp_path / "a.ply")) == [RED]
+
+
+def test_colours_below_a_picture_are_noted(folder, capsys):
+    rows = "".join(f"{place} 1 2 3 0.5 0.5\n" for place in ("0 0 0", "1 0 0", "1 1 0"))
+    names = ("float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "float s", "float t")
+    head = "".join(f"property {name}\n" for name in names)
+    (folder / "a.ply").write_text(
+        f"ply\nformat ascii 1.0\ncomment TextureFile red.png\nelement vertex 3\n{head}element face 1\n"
+        f"property list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n"
+    )
+    assert face_colours(read_mesh(folder / "a.ply")) == [RED]
+    assert "left out: colours below a picture" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_binary_file_is_read_with_any_ends_of_lines(tmp_path, end):
+    names = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = (
+        f"ply\nformat binary_big_endian 1.0\nelement vertex 3\n{names}element face 1\n"
+        "property list uchar uint vertex_index\nend_header\n"
+    )
+    body = struct.pack(">9fB3I", 0, 0, 0, 1, 0, 0, 1, 1, 0, 3, 0, 1, 2)
+    (tmp_path / "a.ply").write_bytes(head.replace("\n", end).encode() + body)
+    np.testing.assert_allclose(read_mesh(tmp_path / "a.ply").size_mm, [1, 1, 0])

@@ -59,6 +59,16 @@ def notice(line: str) -> None:
         errors.print(line, markup=False, soft_wrap=True)
 
 
+_noticed: set[str] = set()
+
+
+def notice_once(line: str) -> None:
+    """`notice`, but the same line only once in a process: a command reads some files several times."""
+    if not _is_quiet and line not in _noticed:
+        _noticed.add(line)
+        notice(line)
+
+
 def list_skipped(skipped: Iterable[tuple[str, str]]) -> None:
     """Say on stderr which files could not be used, and why."""
     for path, reason in skipped:

@@ -75,17 +75,26 @@ def explain_read_error(path: Path, error: OSError | ValueError) -> ToolkitError:
     return ToolkitError(f"cannot read {path}: {READ_TROUBLE.get(code or 0, getattr(error, 'strerror', None) or error)}")
 
 
+POINTER = b"version https://git-lfs.github.com/"
+
+
 def open_plain(path: Path) -> BinaryIO:
     """Open a file to read; a pipe or a device, which may wait or go on for ever, is refused before it is read.
 
     Raises:
-        OSError: it is not there, not a plain file, or may not be read.
+        OSError: it is not there, not a plain file, may not be read, or is Git LFS's stand-in for a large one.
     """
     # opened first and looked at then: between a look and an opening it could be changed
     number = os.open(path, os.O_RDONLY | NO_WAITING)
     kind = os.fstat(number).st_mode
     if stat.S_ISREG(kind):
-        return os.fdopen(number, "rb")
+        file = os.fdopen(number, "rb")
+        if file.peek(len(POINTER)).startswith(POINTER):
+            file.close()
+            raise OSError(
+                errno.EINVAL, "it is a Git LFS pointer, not the file: run 'git lfs pull' where it lies", str(path)
+            )
+        return file
     os.close(number)
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, "it is a folder, expected a file", str(path))
@@ -415,7 +424,7 @@ def read_toml(path: Path, model: type[Model]) -> Model:
 
 def _read_text(path: Path, most_bytes: int) -> str:
     try:
-        return read_bytes(path, most_bytes).decode("utf-8")
+        return read_bytes(path, most_bytes).decode("utf-8-sig")  # Windows' editors put a mark before it
     except UnicodeDecodeError as error:
         raise ToolkitError(f"cannot read {path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
 

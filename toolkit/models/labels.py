@@ -1,5 +1,6 @@
 """What the outputs of a network are called, and which class a folder of images is of."""
 
+import ast
 import re
 import unicodedata
 from collections.abc import Mapping
@@ -239,7 +240,7 @@ def _holds_names(file: Path) -> bool:
         text = stream.read(1 << 16).decode("utf-8", "replace")
     if file.suffix in (".yaml", ".yml"):
         return re.search(r"^(names|labels|classes|class_names) *:", text, re.MULTILINE) is not None
-    rows = [line.split(",") for line in text.split()[:5]]
+    rows = [line.split(",") for line in text.splitlines()[:5]]
     return file.suffix != ".csv" or all(len(row) == 2 and row[0].isdecimal() for row in rows[1:] or rows)
 
 
@@ -256,6 +257,8 @@ def read_names(text: Path) -> list[str]:
     lines = [line for line in lines if line]
     if not lines:
         raise ToolkitError(f"{text} is empty: expected the name of a class on each line, or delete the file")
+    if lines[0][0] in "[{":
+        return _read_literal(text, "\n".join(lines))
     by_index = {int(one[1]): one for line in lines if (one := re.fullmatch(r"(\d+) *([:,;\t ]) *(.+)", line))}
     keys = _in_order(by_index, {key: key for key in by_index}) if len(by_index) == len(lines) else None
     # "1 cent" is a name: a space alone is taken for a separator only where the numbers begin at 0
@@ -265,13 +268,49 @@ def read_names(text: Path) -> list[str]:
     return [one[1] for one in wnids if one] if all(wnids) else lines
 
 
+def _read_literal(file: Path, text: str) -> list[str]:
+    """Names that somebody printed from Python or as JSON: a list, or indices with their names."""
+    try:
+        found = find_labels(ast.literal_eval(text))
+    except (ValueError, SyntaxError, RecursionError, MemoryError, TypeError):
+        found = None
+    if found is None:
+        raise ToolkitError(f"{file}: expected the name of a class on each line, or one list of all: correct it")
+    return found
+
+
+OTHER_NAMES = re.compile(
+    r"(imagenet_?)?(labels?|class(es|_?names|_?index|_?labels)?|names|categories|id2label|config|label_?map)"
+    r"\.(txt|json|csv|tsv|ya?ml|names|pbtxt)",
+    re.IGNORECASE,
+)
+"""What labels of a network are called in other places than beside its file under its name."""
+
+
+def _refuse_unused(weights: Path) -> None:
+    """A `ToolkitError` for a file of labels in the folder of a network whose classes have no names otherwise."""
+    read = {weights.with_suffix(suffix) for suffix in DESCRIPTIONS}
+    for file in sorted(set(weights.parent.iterdir()) - read) if weights.parent.is_dir() else ():
+        own = re.match(rf"{re.escape(weights.stem)}({re.escape(weights.suffix)})?[._-]?", file.name)
+        rest = file.name[own.end() :] if own else file.name
+        if not (OTHER_NAMES.fullmatch(rest) or (own and rest in ("txt", "json", "toml", "pbtxt"))):
+            continue
+        if rest.lower() == "config.json" and "id2label" not in file.read_text("utf-8", "replace")[:MOST_TEXT_BYTES]:
+            continue
+        raise ToolkitError(
+            f"{file} is not read, and the classes of {weights.name} have no names: call it {weights.stem}.txt (a name "
+            f"on each line) or {weights.stem}.json, or move it away"
+        )
+
+
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:
     """Labels of a network's outputs: the user's file, else ImageNet's for 1000 outputs, else plain numbers.
 
     Of 1001 outputs the first is a background, as in TensorFlow's networks for ImageNet.
 
     Raises:
-        ToolkitError: the user's file has another number of labels than the network has outputs.
+        ToolkitError: the user's file has another number of labels than the network has outputs, or labels lie in a
+            file that is not read.
     """
     if own is not None:
         if len(own) != num_classes:
@@ -286,6 +325,8 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
     # TensorFlow's networks have a class 0 for "none of these"
     if len(published) == 1000 and num_classes == 1001:
         return ["background", *published]
+    if weights.suffix != CODE:
+        _refuse_unused(weights)
     return _number_classes(num_classes)
 
 

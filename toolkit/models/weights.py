@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 from pydantic import ValidationError
 
 from toolkit.core.child import is_memory_full, limit_memory
-from toolkit.core.console import is_quiet
+from toolkit.core.console import is_quiet, notice_once
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import explain_validation, sha256_file
 from toolkit.models.architectures import published_weights
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
+NAMED_SUFFIXES = (*SUFFIXES, ".tar", ".bin")
+"""Of files that are named: `model_best.pth.tar` and `pytorch_model.bin` are such files too."""
 DOWNLOAD_TIMEOUT_S = 15.0
 
 
@@ -115,10 +117,10 @@ def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
 def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":
     """Parameters by name, and what a checkpoint says beside them: labels, normalisation; nothing in it is executed.
 
-    Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
-    DataParallel adds or the `_orig_mod.` of torch.compile, are unwrapped; for other names see `unwrap_names`. Of a
-    checkpoint of MadryLab's robustness library, as those of robust-models-transfer are, the classifier alone is taken,
-    and the mean and deviation that it was trained with.
+    Checkpoints that hold the state dict under a name are unwrapped, see `_take_state`. So are names with the `module.`
+    that DataParallel adds, or with what torch.compile and FSDP add; for other names see `unwrap_names`. Of a
+    checkpoint of MadryLab's robustness library, as those of robust-models-transfer are, the classifier alone is
+    taken, with the mean and deviation that it was trained with.
 
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
@@ -126,10 +128,8 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     # labels are looked for before the parameters are taken out: checkpoints hold them side by side
     state = _load(file.path)
     labels = find_labels(state)
-    for key in ("state_dict", "model"):
-        if isinstance(state, dict) and isinstance(state.get(key), dict):
-            state = state[key]
-    if not isinstance(state, dict) or not state or not all(_is_parameter(*item) for item in state.items()):
+    state = _take_state(state, file.path)
+    if state is None:
         raise ToolkitError(
             f"{file.path} holds no state dict of plain real numbers by name: save one with "
             "torch.save(model.state_dict(), FILE)"
@@ -144,6 +144,40 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
         return network, LabelsFile(labels=labels, **normalisation)
     except ValidationError as error:
         raise ToolkitError(f"{file.path}: beside the weights: {explain_validation(error)}") from None
+
+
+WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "network", "net", "module")
+"""What training programs call the network in a checkpoint, the usual ones first; means over training count last."""
+
+
+def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None":
+    """The state dict in what a checkpoint holds, None where there is none.
+
+    It is the whole, or one of `WRAPPERS`, or the only one that is there under another name, such as an EMA. A note
+    names those that are left out.
+
+    Raises:
+        ToolkitError: there are several, none of them under a usual name.
+    """
+    if not isinstance(content, dict) or not content:
+        return None
+    if all(_is_parameter(*item) for item in content.items()):
+        return content
+    found = {str(key): state for key, value in content.items() if (state := _take_state(value, path)) is not None}
+    usual = [key for key in WRAPPERS if key in found]
+    if not found:
+        return None
+    if not usual and len(found) > 1:
+        named = " and ".join(f"'{key[:60]}'" for key in list(found)[:4])
+        raise ToolkitError(
+            f"{path} holds {len(found)} state dicts, {named}: save the one that is meant with "
+            "torch.save(checkpoint[NAME], FILE)"
+        )
+    taken = usual[0] if usual else next(iter(found))
+    others = [f"'{key[:60]}'" for key in found if key != taken]
+    if others:
+        notice_once(f"note: {path}: '{taken}' is read, {', '.join(others[:4])} left out")
+    return found[taken]
 
 
 NORMALISERS = ("normalizer.", "attacker.normalize.")
@@ -195,11 +229,19 @@ def _is_parameter(name: object, value: object) -> bool:
     return is_plain and not value.is_complex()
 
 
-def _modern_name(name: str) -> str:
+def _modern_name(name: str) -> str | None:
+    if name == "n_averaged":
+        return None  # AveragedModel's counter
     # torchvision's published DenseNets still have the names of torch 0.3, which its own loader renames like this
     old = re.match(r"^(.*denselayer\d+\.(?:norm|conv))\.([12]\..+)$", name)
-    # torch.compile wraps a network, or parts of it
-    return (old[1] + old[2] if old else name).replace("_orig_mod.", "").removeprefix("module.")
+    plain = old[1] + old[2] if old else name
+    for wrapper in WRAPPED_PARTS:
+        plain = plain.replace(wrapper, "")
+    return plain.removeprefix("module.")
+
+
+WRAPPED_PARTS = ("_orig_mod.", "_fsdp_wrapped_module.", "_checkpoint_wrapped_module.", "_forward_module.")
+"""What torch.compile, FSDP, activation checkpointing and Lightning put before the names of a network or its parts."""
 
 
 def unwrap_names(
@@ -252,7 +294,7 @@ def _load(path: Path) -> object:
     if program:
         raise FieldError(f"{path} is {program}: expected a network's weights: where you made it, {SAVE_STATE}", {})
     try:
-        if path.suffix == ".safetensors":
+        if path.suffix.lower() == ".safetensors":
             return load_file(path)
         if _is_bomb(path):
             why = "its parts are compressed, as torch saves none"
@@ -338,7 +380,7 @@ def check_named(path: Path) -> Path:
     """The weights that were named, if they are a file of a kind that can be read; else a `ToolkitError`."""
     if not path.is_file():
         raise FieldError("no such file", {"weights": path})
-    if path.suffix in SUFFIXES:
+    if path.suffix.lower() in NAMED_SUFFIXES:
         return path
     kinds, program = ", ".join(SUFFIXES), find_program(path)
     if not program:

@@ -11,10 +11,9 @@ import numpy as np
 from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import inside
-from toolkit.imaging.read import open_textures
+from toolkit.core.files import explain_read_error, inside
 from toolkit.objects.gltf.read import read_gltf
-from toolkit.objects.limits import check_faces, check_parts
+from toolkit.objects.limits import check_faces
 from toolkit.objects.mesh import (
     Material,
     Mesh,
@@ -29,9 +28,11 @@ from toolkit.objects.mesh import (
     unpack_mesh,
 )
 from toolkit.objects.obj_file import read_obj
+from toolkit.objects.off_file import read_off
 from toolkit.objects.paint import Piece, paint_faces
 from toolkit.objects.ply_file import read_ply
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
+from toolkit.objects.stl_file import read_stl
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -154,12 +155,14 @@ def _read_pieces(path: Path) -> list[Piece]:
     pieces: list[Piece] = []
     count = 0
     try:
-        for piece in READERS.get(path.suffix.lower(), _read_scene)(path):
+        for piece in READERS[path.suffix.lower()](path):
             count += len(piece.faces)
             check_faces(path, count)
             pieces.append(piece)
     except ToolkitError:
         raise
+    except OSError as error:
+        raise explain_read_error(path, error) from None
     except Exception as error:  # trimesh's readers raise whatever their format makes them
         if is_memory_full(error):
             raise
@@ -170,34 +173,14 @@ def _read_pieces(path: Path) -> list[Piece]:
     return pieces
 
 
-def _read_scene(path: Path) -> Iterator[Piece]:
-    """The parts of a file that trimesh reads as it is."""
-    import trimesh
-
-    with open_textures(str(path)):  # trimesh opens them itself
-        scene = trimesh.load_scene(path, process=False)
-    check_parts(path, len(scene.graph.nodes_geometry))
-    for node in scene.graph.nodes_geometry:
-        T_scene_piece, name = scene.graph[node]
-        piece = scene.geometry[name]
-        if not isinstance(piece, trimesh.Trimesh) or not len(piece.faces):
-            continue
-        vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
-        if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
-            vertices = trimesh.transform_points(vertices, T_scene_piece)
-            # a mirror turns triangles inside out
-            faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
-        yield Piece(vertices, faces, piece.visual)
-
-
 def _read_gltf(path: Path) -> Iterator[Piece]:
     return (Piece(part.vertices, part.faces, (part.corner_uv, part.material)) for part in read_gltf(path))
 
 
 READERS: dict[str, Callable[[Path], Iterator[Piece]]] = {
-    ".obj": read_obj, ".ply": read_ply, **dict.fromkeys(GLTF_SUFFIXES, _read_gltf),
+    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".off": read_off, **dict.fromkeys(GLTF_SUFFIXES, _read_gltf),
 }  # fmt: skip
-"""Formats with a reader of their own."""
+"""How each format is read."""
 
 
 def _move_home(pieces: list[Piece], source: str) -> list[Piece]:

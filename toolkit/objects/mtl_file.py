@@ -65,10 +65,15 @@ class ObjMaterial:
 
 
 def decode_text(content: bytes) -> str:
-    r"""The text of an OBJ or MTL in any usual encoding, with `\n` at the ends of lines and continued lines joined."""
+    r"""The text of an OBJ or MTL in any usual encoding, with `\n` at the ends of lines and continued lines joined.
+
+    Comments behind statements are gone; those that fill a line stay.
+    """
     text = _decode(content).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
     # a comment may end in a backslash: it is no continuation
-    return re.sub(r"^( *[^#\s].*)\\ *\n", r"\1 ", text, flags=re.MULTILINE) if "\\" in text else text
+    text = re.sub(r"^( *[^#\s].*)\\ *\n", r"\1 ", text, flags=re.MULTILINE) if "\\" in text else text
+    # names may hold a # of their own, as in `skin#2`
+    return re.sub(r"^( *[^#\s].*?) +#(?: .*)?$", r"\1", text, flags=re.MULTILINE) if " #" in text else text
 
 
 def _decode(content: bytes) -> str:

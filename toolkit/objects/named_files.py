@@ -6,12 +6,16 @@ from pathlib import Path
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside
 
+MOST_TAILS = 8
+"""So many last parts of a path are looked for; folders beside meshes are not nested deeper."""
+
 
 def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None:
     r"""The file in `root` or below that a mesh means by `name`; None if there is none.
 
-    The path is tried as written, then with `\` as `/`, then its last part alone: exporters write the absolute paths of
-    their own machine. If no file has that exact name, letter case is ignored where only one file matches.
+    The path is tried as written, then with `\` as `/`, then without its first part, its first two and so on: exporters
+    write the absolute paths of their own machine. If no file has that exact name, letter case is ignored where only
+    one file matches.
 
     Args:
         root: the mesh's folder; nothing outside it is found.
@@ -22,7 +26,9 @@ def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None
         ToolkitError: the path leaves `root`, and no file in `root` has its last part as its name.
     """
     slashed = name.replace("\\", "/")
-    forms = dict.fromkeys((name, slashed, slashed.rsplit("/", 1)[-1]))
+    parts = [part for part in slashed.split("/") if part not in ("", ".", "..")]
+    tails = ("/".join(parts[start:]) for start in range(max(0, len(parts) - MOST_TAILS), len(parts)))
+    forms = dict.fromkeys((name, slashed, *tails))
     places = [(folder, form) for folder in dict.fromkeys((beside or root, root)) for form in forms if form]
     left: ToolkitError | None = None
     for folder, form in places:

@@ -9,22 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.core.console import notice
+from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.imaging.read import read_texture
+from toolkit.objects.limits import check_corners
 from toolkit.objects.mesh import Material
 from toolkit.objects.mtl_file import ObjMaterial, PictureMap, decode_text, find_libraries, read_library
 from toolkit.objects.named_files import find_named
 from toolkit.objects.paint import Paint, Piece, plain_paint
+from toolkit.objects.polygons import is_fan, triangulate, triangulate_polygon
 
 MOST_OBJ_MATERIALS = 4_000
 """trimesh looks for a name for each among all before it."""
 CLAMPED_TILES = 4
 """A clamped picture is drawn out to so many times its size on each side; further out it has the same colour."""
 MOST_NOTES = 8
-FREE_FORM = re.compile(r"^ *(surf|curv2?|cstype|call|csh) ", re.MULTILINE)
+NOT_READ = {
+    "free-form curves and surfaces": re.compile(r"^ *(surf|curv2?|cstype|call|csh) ", re.MULTILINE),
+    "points and lines": re.compile(r"^ *[pl] ", re.MULTILINE),
+    "ZBrush's colours (#MRGB)": re.compile(r"^#MRGB ", re.MULTILINE),
+}
 MIXED_FACE = re.compile(r"^ *f [^\n]*(?: |/)-", re.MULTILINE)
 
 
@@ -36,7 +42,6 @@ def read_obj(path: Path) -> Iterator[Piece]:
         Exception: whatever trimesh makes of text that is no OBJ.
     """
     from trimesh.exchange.obj import load_obj
-    from trimesh.geometry import triangulate_quads
 
     text, materials = _read_text(path)
     names = "".join(f"newmtl {name}\n" for name in materials)
@@ -45,8 +50,10 @@ def read_obj(path: Path) -> Iterator[Piece]:
     painter = _Painter(path, materials)
     for part in made.get("geometry", {}).values() if "geometry" in made else ():
         vertices = np.asarray(part["vertices"], np.float64)
-        faces = np.asarray(triangulate_quads(part["faces"]), np.int64)
-        if len(faces):
+        corners = np.asarray(part["faces"], np.int64)  # all triangles, or all quadrilaterals
+        if len(corners):
+            counts = np.full(len(corners), corners.shape[1])
+            faces = corners.reshape(-1)[triangulate(vertices, corners.reshape(-1), counts)]
             yield Piece(vertices, faces, painter.paint(part, vertices))
     painter.say_left_out()
 
@@ -80,9 +87,7 @@ def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
     for library in libraries:
         materials |= read_library(library)
     left_out = [f"{name} (not there)" for name in missing]
-    if FREE_FORM.search(text):
-        left_out.append("free-form curves and surfaces")
-    say_left_out(path, left_out)
+    left_out += [name for name, pattern in NOT_READ.items() if pattern.search(text)]
 
     text = re.sub(r"^ *mtllib .*$", "", text, flags=re.MULTILINE)
     if "#" in text:
@@ -95,15 +100,34 @@ def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
         )
     if any("  " in name for name in used):
         text = re.sub(r"^usemtl .*$", lambda line: " ".join(line[0].split()), text, flags=re.MULTILINE)
-    return _plain_faces(text), materials
+    used = {" ".join(name.split()) for name in used}
+    if not used and len(materials) == 1:
+        text = f"usemtl {next(iter(materials))}\n{text}"  # as MeshLab and Blender take it
+    elif not used and materials:
+        left_out.append(f"{len(materials)} materials (no usemtl names them)")
+    left_out += [f"usemtl {name} (no such material)" for name in _find_materials(materials, used)]
+    say_left_out(path, left_out)
+    return _split_faces(path, _plain_faces(text)), materials
+
+
+def _find_materials(materials: dict[str, ObjMaterial], used: set[str]) -> list[str]:
+    """The names that are used and not there; those that differ from one material in letter case alone are added."""
+    missing = []
+    for name in sorted(used - set(materials)):
+        alike = [one for known, one in materials.items() if known.casefold() == name.casefold()]
+        if len(alike) == 1:
+            materials[name] = alike[0]
+        else:
+            missing.append(name)
+    return missing
 
 
 def say_left_out(path: Path, features: list[str]) -> None:
-    """One note on stderr with the features of a file that are not used; nothing if there are none."""
+    """One note on stderr, once in a process, with the features of a file that are not used; none if there are none."""
     features = list(dict.fromkeys(features))
     if features:
         more = f" and {len(features) - MOST_NOTES} more" if len(features) > MOST_NOTES else ""
-        notice(f"note: {path}: left out: {', '.join(features[:MOST_NOTES])}{more}")
+        notice_once(f"note: {path}: left out: {', '.join(features[:MOST_NOTES])}{more}")
 
 
 def _plain_faces(text: str) -> str:
@@ -128,6 +152,29 @@ def _plain_faces(text: str) -> str:
             corners = (_plain_corner(corner, counts, dummy if has_uv else 0) for corner in line.split()[1:])
             lines[number] = " ".join(("f", *corners))
     return "\n".join([*lines, "vt 0 0"] if has_uv else lines)
+
+
+def _split_faces(path: Path, text: str) -> str:
+    """Polygons that are no fan become triangles, unless all faces are triangles or all are quadrilaterals.
+
+    trimesh makes fans of all others.
+    """
+    if not re.search(r"^f(?: +\S+){4}", text, re.MULTILINE):
+        return text
+    lines = text.split("\n")
+    faces = {number: line.split()[1:] for number, line in enumerate(lines) if line.startswith("f ")}
+    counts = {len(corners) for corners in faces.values()}
+    check_corners(path, max(counts))
+    if counts == {4}:
+        return text
+    vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], np.float64)
+    for number, corners in faces.items():
+        if len(corners) > 3:
+            places = vertices[[int(corner.partition("/")[0]) - 1 for corner in corners]]
+            if not is_fan(places[None])[0]:
+                triangles = np.array(corners)[triangulate_polygon(places)]
+                lines[number] = "\n".join(f"f {' '.join(triangle)}" for triangle in triangles)
+    return "\n".join(lines)
 
 
 def _form(corner: str) -> tuple[bool, ...]:
@@ -173,6 +220,8 @@ class _Painter:
         if uv is not None and (uv.shape != (len(vertices), 2) or not np.isfinite(uv).all()):
             uv = None
         picture = self._read_picture(material) if material is not None and uv is not None else None
+        if material is not None and material.picture is not None and uv is None:
+            self.left_out.append(f"{material.picture.name} (a part has no texture coordinates)")
         if material is not None:
             self.left_out += material.left_out
         if colours is not None and len(colours) == len(vertices):

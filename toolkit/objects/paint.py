@@ -41,6 +41,17 @@ class Piece:
     visual: "Visuals | Paint | None"
 
 
+def to_codes(colours: np.ndarray) -> np.ndarray:
+    """(n, 3) uint8 of colours as programs write them: 0 to 255, fractions up to 1, or 16 bits."""
+    values = colours.astype(np.float64)
+    most = np.nan_to_num(values).max(initial=0)
+    if colours.dtype.kind == "f" and most <= 1:
+        values = values * 255
+    elif colours.dtype.kind != "f" and most > 255:
+        values = values / 257
+    return np.round(np.nan_to_num(values).clip(0, 255)).astype(np.uint8)
+
+
 def plain_paint(uv: np.ndarray | None, count: int) -> Paint:
     """Plain grey for `count` vertices, on their own texture coordinates (n, 2) if they have some."""
     if uv is None:

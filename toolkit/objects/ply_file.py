@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 from toolkit.imaging.read import read_texture
+from toolkit.objects.limits import check_corners
 from toolkit.objects.mesh import Material
 from toolkit.objects.named_files import find_named
 from toolkit.objects.obj_file import say_left_out
-from toolkit.objects.paint import Paint, Piece, plain_paint
+from toolkit.objects.paint import Paint, Piece, plain_paint, to_codes
+from toolkit.objects.polygons import triangulate
 
 if TYPE_CHECKING:
     from toolkit.objects.paint import Visuals
@@ -40,7 +41,7 @@ def read_ply(path: Path) -> Iterator[Piece]:
     A `TextureFile` comment names a picture; the faces' `texnumber` counts these comments from 0.
 
     Raises:
-        ToolkitError: a picture is missing or does not decode; names the file.
+        ToolkitError: a picture does not decode; names the file.
         Exception: whatever trimesh makes of bytes that are no PLY.
     """
     from trimesh.exchange.ply import load_ply
@@ -48,20 +49,24 @@ def read_ply(path: Path) -> Iterator[Piece]:
     with open_plain(path) as file:
         content = file.read()
     header, names = _read_header(content)
-    pictures = [_find_picture(path, name) for name in names]
-    plain = io.BytesIO(header + content[len(content.partition(END)[0]) :] if header else content)
+    pictures = [find_named(path.parent, name) for name in names]
+    missing = [name for name, file in zip(names, pictures, strict=True) if file is None]
+    say_left_out(path, [f"{name} (not there)" for name in missing])
+    plain = io.BytesIO(header + _read_body(content) if header else content)
     made = load_ply(plain, fix_texture=False, skip_materials=True)
     del content
     raw = made["metadata"]["_ply_raw"]
     say_left_out(path, [f"element {name}" for name in raw if name not in KNOWN_ELEMENTS])
     if "data" not in raw.get("vertex", {}) or "data" not in raw.get("polygon", {}):
         return
-    surface = _read_surface(raw)
-    if surface.uv is not None and pictures:
+    surface = _read_surface(path, raw)
+    if surface.uv is not None and any(pictures):
+        if _read_colours(raw, "vertex") is not None or _read_colours(raw, "polygon") is not None:
+            say_left_out(path, ["colours below a picture"])
         yield from _split_by_picture(path, surface, surface.uv, pictures)
         return
-    if pictures:
-        say_left_out(path, [f"{one.name} (the file has no texture coordinates)" for one in pictures])
+    if any(pictures):
+        say_left_out(path, [f"{one.name} (the file has no texture coordinates)" for one in pictures if one])
     yield Piece(surface.vertices, surface.corner_vertex[surface.triangles], _paint_plain(raw, surface))
 
 
@@ -84,6 +89,14 @@ class _Surface:
     corner_face: np.ndarray
     uv: np.ndarray | None
     picture: np.ndarray | None
+
+
+def _read_body(content: bytes) -> bytes:
+    r"""All behind the header, which may end in `\r`, from `end_header` on."""
+    head, end, body = content.partition(END)
+    if head[:4] == b"ply\r" and head[4:5] != b"\n":
+        body = b"\n" + body[1:]
+    return end + body
 
 
 def list_ply_names(path: Path) -> tuple[list[Path], list[str]]:
@@ -118,13 +131,6 @@ def _read_header(content: bytes) -> tuple[bytes, list[str]]:
     return "".join(f"{line}\n" for line in lines).encode(), names
 
 
-def _find_picture(path: Path, name: str) -> Path:
-    file = find_named(path.parent, name)
-    if file is None:
-        raise ToolkitError(f"{path} names a picture that is not there: {name}: put it into {path.parent}")
-    return file
-
-
 def _column(data: Any, *names: str) -> np.ndarray | None:
     """The first of these properties that an element has; lists lie in the second field of a binary file's."""
     known = (data if isinstance(data, dict) else getattr(data, "dtype", np.dtype(float)).names) or ()
@@ -135,22 +141,20 @@ def _column(data: Any, *names: str) -> np.ndarray | None:
     return None
 
 
-def _read_surface(raw: dict[str, Any]) -> _Surface:
-    from trimesh.geometry import triangulate_quads
-
+def _read_surface(path: Path, raw: dict[str, Any]) -> _Surface:
     face, vertex, count = raw["polygon"]["data"], raw["vertex"]["data"], raw["polygon"]["length"]
     polygons = _column(face, "vertex_indices", "vertex_index")
     if polygons is None:
         raise ValueError("faces without vertices")
     corner_vertex = _flatten(polygons).astype(np.int64)
-    ids = np.arange(len(corner_vertex))
     is_mixed = polygons.dtype == object
-    counts = np.array([len(polygon) for polygon in polygons]) if is_mixed else np.full(count, len(ids) // count)
-    corners: Any = np.split(ids, np.cumsum(counts)[:-1]) if is_mixed else ids.reshape(count, -1)
+    each = len(corner_vertex) // max(count, 1)
+    counts = np.array([len(polygon) for polygon in polygons]) if is_mixed else np.full(count, each)
+    check_corners(path, int(counts.max(initial=0)))
     picture = _column(face, "texnumber")
     vertices = np.column_stack([np.ravel(vertex[axis]) for axis in "xyz"]).astype(np.float64)
     return _Surface(
-        vertices, triangulate_quads(corners), corner_vertex, np.repeat(np.arange(count), counts),
+        vertices, triangulate(vertices, corner_vertex, counts), corner_vertex, np.repeat(np.arange(count), counts),
         _read_uv(face, vertex, corner_vertex), None if picture is None else np.ravel(picture).astype(np.int64),
     )  # fmt: skip
 
@@ -175,20 +179,22 @@ def _read_uv(face: Any, vertex: Any, corner_vertex: np.ndarray) -> np.ndarray | 
     return None
 
 
-def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: list[Path]) -> Iterator[Piece]:
+def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: list[Path | None]) -> Iterator[Piece]:
     """One part for each picture; faces of a number that is no picture's are plain grey."""
     numbers = np.zeros(len(surface.triangles), np.int64)
     if surface.picture is not None and len(pictures) > 1:
         numbers = surface.picture[surface.corner_face[surface.triangles[:, 0]]]
     elif len(pictures) > 1:
-        say_left_out(path, [f"{one.name} (no face has a texnumber)" for one in pictures[1:]])
-    numbers = np.where((numbers >= 0) & (numbers < len(pictures)), numbers, -1)
+        say_left_out(path, [f"{one.name} (no face has a texnumber)" for one in pictures[1:] if one])
+    there = [number for number, picture in enumerate(pictures) if picture is not None]
+    numbers = np.where(np.isin(numbers, there), numbers, -1)
     for number in np.unique(numbers):
         corners = surface.triangles[numbers == number].reshape(-1)
         paint = plain_paint(uv[corners], len(corners))
-        if number >= 0:
+        picture = pictures[number] if number >= 0 else None
+        if picture is not None:
             roughness = (2 / 3) ** 0.25  # as of an OBJ whose material says nothing of it
-            paint = uv[corners], Material("material", read_texture(pictures[number]), roughness)
+            paint = uv[corners], Material("material", read_texture(picture), roughness)
         yield Piece(surface.vertices[surface.corner_vertex[corners]], np.arange(len(corners)).reshape(-1, 3), paint)
 
 
@@ -196,16 +202,21 @@ def _paint_plain(raw: dict[str, Any], surface: _Surface) -> "Visuals | Paint":
     """Colours of the vertices, or of the faces; else plain grey."""
     from trimesh.visual import ColorVisuals
 
-    for element in ("vertex", "polygon"):
-        columns = [_column(raw[element]["data"], name) for name in ("red", "green", "blue")]
-        if any(column is None for column in columns):
-            continue
-        colours = np.column_stack([np.ravel(column) for column in columns if column is not None])
-        if element == "vertex":
-            return ColorVisuals(vertex_colors=colours)
+    colours = _read_colours(raw, "vertex")
+    if colours is not None:
+        return ColorVisuals(vertex_colors=colours)
+    colours = _read_colours(raw, "polygon")
+    if colours is not None:
         return ColorVisuals(face_colors=colours[surface.corner_face[surface.triangles[:, 0]]])
     uv = None
     if surface.uv is not None:
         uv = np.zeros((len(surface.vertices), 2), np.float32)
         uv[surface.corner_vertex] = surface.uv
     return plain_paint(uv, len(surface.vertices))
+
+
+def _read_colours(raw: dict[str, Any], element: str) -> np.ndarray | None:
+    """(n, 3) uint8 colours of an element; None if it has none."""
+    columns = [_column(raw[element]["data"], name) for name in ("red", "green", "blue")]
+    found = [np.ravel(column) for column in columns if column is not None]
+    return to_codes(np.column_stack(found)) if len(found) == 3 else None

@@ -16,12 +16,13 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_read_error, inside, open_plain
 from toolkit.objects.gltf.meshopt import decode_view
+from toolkit.objects.named_files import find_named
 
 MOST_TEXT_BYTES = 512 << 20
 MOST_VIEWED_BYTES = 1 << 30
 """Parts of a buffer are copied, and may overlap."""
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
-MAGIC = b"glTF"
+MAGIC, GLB_1 = b"glTF", b"\1\0\0\0"
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
@@ -99,7 +100,8 @@ class Document:
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")
             try:
-                return base64.b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
+                # some exporters leave out the signs that fill up the last group of four
+                return base64.b64decode(f"{body}===") if head.endswith(";base64") else unquote_to_bytes(body)
             except binascii.Error:
                 raise DamagedGltf("a data URI is no base64") from None
         file = inside(self.path.parent, name_of_uri(self.path.parent, uri))
@@ -111,12 +113,18 @@ class Document:
 
 
 def name_of_uri(folder: Path, uri: str) -> str:
-    """The path that a URI means: decoded, or as it stands where a careless exporter did not encode it."""
+    """The path that a URI means: decoded, or as it stands where a careless exporter did not encode it.
+
+    A path of another machine means its last parts, as `find_named` has it.
+    """
     decoded = unquote(uri)
     for name in (decoded, uri, decoded.replace("\\", "/")):
         with suppress(OSError, ValueError):
             if (folder / name).is_file():
                 return name
+    with suppress(ToolkitError, OSError, ValueError):
+        if (found := find_named(folder, decoded)) is not None:
+            return str(found.relative_to(folder))
     return decoded
 
 
@@ -146,6 +154,8 @@ def read_document(path: Path) -> Document:
             content = head + (file.read() if is_binary else file.read(MOST_TEXT_BYTES))
     except OSError as error:
         raise explain_read_error(path, error) from None
+    if is_binary and content[4:8] == GLB_1:
+        _refuse_version(path, "1.0")
     text, binary = _split(content) if is_binary else (content, b"")
     if len(text) > MOST_TEXT_BYTES:
         raise ToolkitError(f"{path}: over {MOST_TEXT_BYTES >> 20} MB of text: export it as .glb")
@@ -158,8 +168,14 @@ def read_document(path: Path) -> Document:
     asset = tree.get("asset")
     version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
     if not version.startswith("2"):
-        raise ToolkitError(f"{path}: glTF {version[:20]}, expected 2.0: open it in Blender and export it again")
+        _refuse_version(path, version[:20])
     return Document(path, tree, np.frombuffer(binary, np.uint8))
+
+
+def _refuse_version(path: Path, version: str) -> NoReturn:
+    raise ToolkitError(
+        f"{path}: glTF {version}, expected 2.0: convert it (npx gltf-pipeline -i OLD -o NEW.glb), or export it again"
+    )
 
 
 def _split(content: bytes) -> tuple[bytes, memoryview | bytes]:

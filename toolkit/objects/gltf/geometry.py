@@ -24,7 +24,7 @@ class Primitive:
         faces: (m, 3) int64, counter-clockwise seen from outside.
         uv: number of a set -> (n, 2), v down.
         colours: (n, 3) linear light; None where there are none.
-        is_clear: whether some of them have an alpha below 1.
+        alpha: (n,) of the colours; None where all are 1.
         material: its number, None where there is none.
     """
 
@@ -32,7 +32,7 @@ class Primitive:
     faces: np.ndarray
     uv: dict[int, np.ndarray]
     colours: np.ndarray | None
-    is_clear: bool
+    alpha: np.ndarray | None
     material: Any
 
 
@@ -58,15 +58,26 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     vertices, is_mirrored = _place(position.astype(np.float64), placed, attributes)
     if faces.size and (faces.min() < 0 or faces.max() >= count):
         raise DamagedGltf(f"a face names vertex {faces.max()}, the mesh has {count}")
-    colours = attributes.get("COLOR_0")
+    colours, alpha = _read_colours(attributes)
     return Primitive(
         vertices,
         faces[:, ::-1] if is_mirrored else faces,
         {int(name[9:]): uv[:, :2] for name, uv in attributes.items() if name[:9] == "TEXCOORD_" and name[9:].isdigit()},
-        None if colours is None else normalise(colours)[:, :3],
-        colours is not None and bool((normalise(colours)[:, 3:] < 1).any()),
+        colours,
+        alpha,
         primitive.get("material"),
     )
+
+
+def _read_colours(attributes: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """(n, 3) linear light of the vertices and their (n,) alpha; None where there are none, or where all are 1."""
+    if "COLOR_0" not in attributes:
+        return None, None
+    colours = normalise(attributes["COLOR_0"])
+    if not np.isfinite(colours).all():
+        raise DamagedGltf("COLOR_0 has colours that are NaN or infinite")
+    alpha = colours[:, 3].clip(0, 1) if colours.shape[1] > 3 else None
+    return colours[:, :3], None if alpha is None or (alpha == 1).all() else alpha
 
 
 def is_read(name: str) -> bool:

@@ -9,14 +9,26 @@ MOST_PIECES = 300_000
 MOST_LEVELS = 14
 
 
-def cut_holes(corner_uv: np.ndarray, alpha: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of triangles where a repeating picture's alpha reaches the cutoff.
+def cut_corners(alpha: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
+    """What is left of triangles where the alpha of their corners (m, 3), blended between them, reaches the cutoff.
+
+    Returns:
+        As `cut_holes`.
+    """
+    return _cut(np.arange(len(alpha)), np.tile(np.eye(3), (len(alpha), 1, 1)), alpha - cutoff)
+
+
+def cut_holes(
+    corner_uv: np.ndarray, alpha: np.ndarray, corner_alpha: np.ndarray, cutoff: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is left of triangles where a repeating picture's alpha, times that of their corners, reaches the cutoff.
 
     Triangles that hold both kinds of texels are split in four until they are as small as half a texel, and cut there.
 
     Args:
         corner_uv: (m, 3, 2) look-ups of the corners, v down.
         alpha: (h, w) in [0, 1].
+        corner_alpha: (m, 3) in [0, 1], of the colours of the corners.
         cutoff: least alpha that is solid.
 
     Returns:
@@ -37,14 +49,17 @@ def cut_holes(corner_uv: np.ndarray, alpha: np.ndarray, cutoff: float) -> tuple[
     for level in range(MOST_LEVELS + 1):
         corners = weights @ texels[owner]
         solid = _share_solid(corners, counts)
-        mixed = (solid > 0) & (solid < 1)
-        kept.append((owner[solid == 1], weights[solid == 1]))
+        clear = (weights @ corner_alpha[owner][:, :, None])[:, :, 0]
+        # where corners are clear, fewer texels are solid than were counted
+        whole = (solid == 1) & (clear.min(axis=1) == 1)
+        mixed = (solid > 0) & (clear.max(axis=1) >= cutoff) & ~whole
+        kept.append((owner[whole], weights[whole]))
         done += len(kept[-1][0])
-        owner, weights, corners = owner[mixed], weights[mixed], corners[mixed]
+        owner, weights, corners, clear = owner[mixed], weights[mixed], corners[mixed], clear[mixed]
         small = np.ptp(corners, axis=1).max(axis=1) <= 0.5
         if level == MOST_LEVELS or done + 4 * len(owner) > MOST_PIECES:
             small[:] = True
-        kept.append(_cut(owner[small], weights[small], _blend(alpha, corners[small]) - cutoff))
+        kept.append(_cut(owner[small], weights[small], _blend(alpha, corners[small]) * clear[small] - cutoff))
         owner, weights = _split(owner[~small], weights[~small])
         if not len(owner):
             break

@@ -10,7 +10,7 @@ from toolkit.imaging.colour import linear_to_srgb
 from toolkit.objects.bake import bake_faces
 from toolkit.objects.gltf.document import Document, extension, name_of_uri, read_document
 from toolkit.objects.gltf.geometry import Primitive
-from toolkit.objects.gltf.holes import cut_holes
+from toolkit.objects.gltf.holes import cut_corners, cut_holes
 from toolkit.objects.gltf.pictures import Picture, Pictures, lay_out, look_up, picture_sources, texture_coordinates
 from toolkit.objects.mesh import Material, cross_products
 from toolkit.objects.paint import BLENDED, COLOURS, PLAIN_COLOUR, paint_colours, plain_material, solid_texture
@@ -114,17 +114,17 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         return Part(vertices, faces, *_paint_corners(colours, vertices, faces, (ROUGHNESS, METALLIC)))
     look = read_look(document.row("materials", primitive.material))
     gloss = _measure_gloss(pictures, look, primitive)
-    if look.cutoff is not None and primitive.is_clear:
-        document.notes.append(f"the alpha of COLOR_0 is left out where '{look.name}' has holes")
     uv = "" if look.picture is None else texture_coordinates(look.picture, primitive.uv)
     factor = np.ones(4) if look.colour is None else look.colour
+    corner_alpha = np.ones(faces.shape) if primitive.alpha is None else primitive.alpha[faces].astype(np.float64)
     if look.picture is None or isinstance(uv, str):
         if uv:
             document.notes.append(f"the picture of '{look.name}' is left out: {uv}")
-        if look.cutoff is not None and factor[3] < look.cutoff:
-            faces = faces[:0]
+        if look.cutoff is not None and (corner_alpha * factor[3] < look.cutoff).any():
+            left = cut_corners(corner_alpha * factor[3], look.cutoff)
+            vertices, faces, _, colours = _cut(vertices, faces, np.zeros((*faces.shape, 2)), colours, *left)
         if colours is not None:
-            colours = colours[: len(faces)] * factor[:3].astype(np.float32)
+            colours = colours * factor[:3].astype(np.float32)
             return Part(vertices, faces, *_paint_corners(colours, vertices, faces, gloss))
         codes = _to_codes(factor[:3]).tolist() if look.colour is not None else PLAIN_COLOUR
         material = Material(look.name, solid_texture(tuple(codes)), *gloss)
@@ -139,7 +139,7 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         document.notes.append(f"the holes of '{look.name}' are left out: its picture is clamped far beyond its edges")
     if look.cutoff is not None and laid is not None:
         alpha = np.ones((1, 1)) if picture.alpha is None else picture.alpha / 255
-        owner, weights = cut_holes(corner_uv, alpha * factor[3], look.cutoff)
+        owner, weights = cut_holes(corner_uv, alpha * factor[3], corner_alpha, look.cutoff)
         if len(owner) != len(faces) or (owner != np.arange(len(faces))).any():
             vertices, faces, corner_uv, colours = _cut(vertices, faces, corner_uv, colours, owner, weights)
     if colours is not None and len(colours) and (colours == colours[:1, :1]).all():

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from toolkit.core.child import is_memory_full
-from toolkit.core.console import is_quiet, notice
+from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.gltf.announced import check_announced
 from toolkit.objects.gltf.document import DamagedGltf, Document, read_document, refuse, rows
@@ -13,8 +13,6 @@ from toolkit.objects.gltf.materials import Part, paint_primitive
 from toolkit.objects.gltf.pictures import Pictures
 from toolkit.objects.gltf.scene import place_meshes
 from toolkit.objects.limits import check_faces, check_parts
-
-_noted: set[str] = set()
 
 
 def read_gltf(path: Path) -> list[Part]:
@@ -39,10 +37,7 @@ def read_gltf(path: Path) -> list[Part]:
             raise
         refuse(path)
     for line in dict.fromkeys(leftovers + document.notes):
-        note = f"note: {path}: {line}"
-        if note not in _noted and not is_quiet():
-            _noted.add(note)
-            notice(note)
+        notice_once(f"note: {path}: {line}")
     return parts
 
 
