@@ -146,8 +146,12 @@ def test_what_the_table_does_not_list_and_copies_are_left_out(space, photos, tmp
         ([("a.jpg", "d", "b", "9" * 5000)], "file,object,variant,pose", "line 2: pose '999"),
         ([("a.jpg", "d", "b", "1", "x" * 5000)], "file,object,variant,pose,class", "line 2: class 'xxx"),
         ([("a.jpg", "d", "b", "\x1b[31m")], "file,object,variant,pose", "letters that can be shown"),
-        ([("a.jpg", "d", "b", "x" * 200_000)], "file,object,variant,pose", "line 1: field larger than"),
-        ([], "file,object,variant,pose," + "x" * 200_000, "line 0: field larger than"),
+        (
+            [("a.jpg", "d", "b", "x" * 200_000)],
+            "file,object,variant,pose",
+            "line 2: not a readable CSV table (field larger than",
+        ),
+        ([], "file,object,variant,pose," + "x" * 200_000, "line 1: not a readable CSV table (field larger than"),
     ],
 )
 def test_a_wrong_table_is_one_clear_line(space, photos, tmp_path, rows, heading, words):
