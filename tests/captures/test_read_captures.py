@@ -121,7 +121,7 @@ def test_one_photograph_under_several_names_counts_once(tmp_path):
     found = read_captures(tmp_path)
     assert [one.pose_id for one in found.captures if one.variant == "unpatched"] == [1]
     assert sum(one.variant == "patched" for one in found.captures) == 8
-    assert "the same photograph as real/mug/unpatched/1.jpg, which counts once" in found.notes[0]
+    assert "a copy of a photograph that counts once: real/mug/unpatched/1.jpg" in found.notes[0]
 
 
 def test_what_is_passed_over_and_what_is_told(folder):

@@ -74,15 +74,17 @@ def test_swapped_folders_do_not_turn_an_effect_round(source):
     assert {path.split("/")[0] for path in paths} == {"warplane"}
     assert len(found.faults) == 4
     assert dict(found.faults)["sim/racer/patched/pose_01.png"] == (
-        "by manifest.jsonl this picture is sim/racer/unpatched/pose_01.png: was a folder or file renamed, swapped or "
-        "copied?"
+        "manifest.jsonl lists this picture in another place: sim/racer/unpatched/pose_01.png. Was a folder or file "
+        "renamed, swapped or copied?"
     )
 
 
 def test_a_renamed_object_is_not_judged_as_another(source):
     shutil.rmtree(source / "warplane")
     (source / "racer").rename(source / "warplane")
-    with pytest.raises(ToolkitError, match=r"none of 4 images counts; .* this picture is sim/racer/"):
+    with pytest.raises(
+        ToolkitError, match=r"none of 4 images counts; .* lists this picture in another place: sim/racer/"
+    ):
         count(source)
 
 
@@ -105,6 +107,32 @@ def test_a_lost_picture_is_missed_only_where_it_was_looked_for(source):
     assert len(count(source)[0].faults) == 1
     assert count(source / "racer")[0].faults == []
     assert count(source, selection=Selection(objects=("racer",)))[0].faults == []
+
+
+def test_a_folder_that_was_deleted_is_told_and_is_no_fault(source):
+    shutil.rmtree(source / "racer/patched")
+    found, paths = count(source)
+    assert len(paths) == 6 and found.faults == []
+    assert "sim/racer/patched/pose_02.png: manifest.jsonl lists it, and its folder is gone" in found.notes[0]
+    # where only a part was asked for, nothing else is missed
+    assert count(source / "warplane")[0].notes == ()
+    assert count(source, selection=Selection(objects=("warplane",)))[0].notes == ()
+
+
+def test_images_set_aside_for_one_reason_are_one_kind(source):
+    (source / "racer").rename(source / "car")
+    found, _ = count(source)
+    assert {one.kind for one in found.set_aside} == {"manifest.jsonl lists this picture in another place"}
+    assert len(found.faults) == 4
+
+
+def test_photographs_with_an_unknown_booster_are_a_group_of_their_own(source):
+    line = read_manifest(source)["racer/patched/pose_02.png"]
+    append_record(source, line.model_copy(update={"booster_sha256": None, "made": {"how": "photograph"}}))
+    found, _ = count(source)
+    variants = {one.path_in_source: one.variant for one in found.captures}
+    assert variants["racer/patched/pose_02.png"] == "patched-unknown"
+    assert variants["racer/patched/pose_01.png"] == "patched" and variants["racer/unpatched/pose_01.png"] == "unpatched"
 
 
 def test_a_manifest_that_says_the_opposite_of_a_folder_is_refused(source):
@@ -134,7 +162,7 @@ def test_a_pose_shot_as_jpeg_and_png_counts_once_and_the_newest(source):
     found, paths = count(source)
     assert "racer/unpatched/pose_03.png" in paths and "racer/unpatched/pose_03.jpg" not in paths
     (note,) = found.notes
-    assert "shot again as sim/racer/unpatched/pose_03.png, which counts" in note and found.faults == []
+    assert "the same pose was shot again: sim/racer/unpatched/pose_03.png counts" in note and found.faults == []
 
 
 @pytest.mark.parametrize(
@@ -196,7 +224,7 @@ def test_a_corrupted_copy_of_an_earlier_picture_does_not_count(source):
     found = read_captures(source.parent)
     assert len(found.captures) == 15
     assert [one.path for one in found.set_aside] == ["sim-fog-3/racer/patched/pose_01.png"]
-    assert "made from an earlier picture than sim/racer/patched/pose_01.png" in found.set_aside[0].reason
+    assert "made from an earlier picture: sim/racer/patched/pose_01.png is another now" in found.set_aside[0].reason
 
 
 SETTINGS = ShootSettings(backdrop="white")

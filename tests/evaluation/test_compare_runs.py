@@ -12,6 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.compare import compare_runs, write_comparison
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.export import export_predictions
 from toolkit.evaluation.summaries import open_run
 
 
@@ -45,6 +46,16 @@ def test_images_are_paired_by_path_and_tested_exactly(two_runs):
                     ("racer", "all"): 8, ("all", "all"): 8}  # fmt: skip
     assert found.verdict == "after: 6 pairs became right and 1 wrong: not enough to tell"
     assert [pair.is_gained for pair in found.flips] == [True] * 6 + [False]
+
+
+def test_a_run_whose_pictures_were_replaced_says_so(two_runs):
+    (note,) = [one for one in compare(two_runs).notes if "judged other pictures" in one]
+    assert note.startswith("before judged other pictures than lie in ") and "Run 'toolkit eval' again" in note
+    exported = export_predictions(two_runs, ["before", "after"], "csv")
+    assert exported.replaced == (note,) and note in exported.warnings() and exported.as_json()["notes"] == [note]
+    # images that are gone were not replaced
+    shutil.rmtree(two_runs.captures_dir / "sim/racer/patched")
+    assert not [one for one in compare(two_runs).notes if "judged other pictures" in one]
 
 
 def test_turned_round_gained_is_lost(two_runs):

@@ -49,12 +49,12 @@ def test_a_result_states_what_it_rests_on(workspace, put, colour_classifier, cap
     assert rests["sources"][0]["boosters"] == [{"variant": "patched", "name": "racer", "sha256": "abababab"}]
     assert rests["sources"][0]["lights"] == ["studio"] and rests["sources"][0]["controls"] == []
     page = done.report_file.read_text()
-    assert "What this rests on" in page and "1 image set aside" in page and "was a folder or file renamed" in page
+    assert "What this rests on" in page and "1 image set aside" in page and "Was a folder or file renamed" in page
     from rich.console import Console
 
     print_tables(Console(width=120), done)
     said = capsys.readouterr().out
-    assert "images: 15 counted; 1 set aside: by manifest.jsonl this picture is sim/racer/patched/pose_02.png" in said
+    assert "images: 15 counted; 1 set aside: manifest.jsonl lists this picture in another place\n" in said
     assert "sim: 15 images, compared with manifest.jsonl; rendered by raycast, studio light; no controls" in said
 
 

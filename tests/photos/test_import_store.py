@@ -1,5 +1,6 @@
 """Importing takes no photograph twice, loses none, and says what it could not use."""
 
+import re
 import shutil
 
 import import_bench
@@ -11,6 +12,7 @@ from PIL import Image
 from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
+from toolkit.objects.spec import read_spec
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates import Gate
 from toolkit.photos.gates.check_photo import ExpectationBuilder
@@ -295,3 +297,34 @@ def test_a_board_that_gives_no_pose_is_not_called_unseen_by_the_gates(space, fol
     take(folder / "pose_2.jpg", 2)
     (record,) = run(space, folder).imported
     assert ExpectationBuilder(space).expect_record(record).no_pose == "no board is seen"
+
+
+# --- what it shows ---------------------------------------------------------------------------------------------------
+
+
+def test_a_photograph_keeps_the_class_and_the_sheet_that_it_was_imported_with(space, folder):
+    spec = space.object_spec("crate")
+    text = spec.read_text()
+    for seed in (1, 2):
+        take(folder / f"pose_{seed}.jpg", seed)
+    run(space, folder)
+    # the same PNG, printed at another size
+    spec.write_text(
+        re.sub(r"(?m)^size_mm.*$", "", text) + ("" if "[patch]" in text else "\n[patch]") + "\nsize_mm = 33\n"
+    )
+    for seed in (3, 4):
+        take(folder / f"pose_{seed}.jpg", seed)
+    run(space, folder)
+    lines = read_manifest(space.captures_dir / "real")
+    assert {one.made["class"] for one in lines.values()} == {str(read_spec(spec).class_name)}
+    assert len({one.booster_sha256 for one in lines.values()}) == 1
+    found = read_captures(space.captures_dir / "real").captures
+    assert len({one.variant for one in found}) == 2 and all(one.variant.startswith("patched-") for one in found)
+
+
+def test_names_that_contradict_the_order_are_told(space, folder):
+    for minute in range(4):
+        take(folder / f"pose_{4 - minute}.jpg", minute, minute)
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order"))
+    (note,) = [one for one in result.notes if "in their name" in one]
+    assert note.startswith("4 of 4 photographs have another pose in their name") and "pose_4.jpg: pose 1" in note

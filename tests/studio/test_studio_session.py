@@ -5,9 +5,14 @@ import pytest
 from toolkit.captures.manifest import read_manifest
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
+from toolkit.objects.load import load_object
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.gather import REPLACED
 from toolkit.photos.importing.import_photos import import_photos
+from toolkit.rig import Pattern
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import make_plan, write_plan
+from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 from toolkit.studio.session import open_session
 
 
@@ -37,6 +42,17 @@ def test_a_kept_photograph_is_what_an_import_makes_of_it(desk, photo, tmp_path, 
     assert mine.made.pop("original_name") != theirs.made.pop("original_name")
     assert mine == theirs and len(mine.made["pose_sha256"]) == 64
     assert len(list(desk.session.source_dir.glob("crate/*/transforms.json"))) == 1
+
+
+def test_a_photograph_of_an_older_plan_is_no_shot_of_this_one(desk, photo, reopen):
+    desk.send_and_keep(2, photo())
+    # the same numbers, and other places
+    item = load_object(desk.space.object_spec("crate"))
+    pattern = Pattern(name="ring", count=2, elevation_deg=(20, 20))
+    plan = make_plan([item], Camera.from_fov(96, 72), pattern)
+    write_plan(desk.space.plan_file, plan)
+    write_shots(desk.space.root / "rig/shots.json", list_shots(plan, order_shots(plan, ["crate"])))
+    assert reopen().statuses() == ["open"] * 4
 
 
 def test_the_import_knows_what_the_studio_kept(desk, photo, tmp_path):

@@ -124,7 +124,9 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     wanted = [replace(one, image_sha256=_hash_file(one)) for one in _select(captures, selection or Selection())]
     counted, aside = reconcile(_pair_by_stem(wanted), known, trust_files=trust_files)
     if not trust_files:
-        aside += find_missing(wanted, known)
+        # of a part of a source, other folders are not looked for
+        is_whole = len(prefix) < 2 and (selection or Selection()) == Selection()
+        aside += find_missing(wanted, known, is_whole=is_whole)
     if wanted and not counted:
         raise ToolkitError(f"{root}: none of {len(wanted)} images counts; {aside[0].path}: {aside[0].reason}")
     counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
@@ -257,7 +259,9 @@ def read_settings(made: dict[str, Any]) -> dict[str, Any]:
     """How an image was made, by the names of `toolkit.captures.capture.SETTINGS`, and the `booster`'s name."""
     found = {name: made[name] for name in (*SETTINGS, "booster") if name in made}
     if "renderer" not in made:  # a photograph's board and light are not the rig's
-        return {name: found[name] for name in ("class", "pose_sha256", "booster") if name in found}
+        # its class follows from the spec, unless a table states it
+        names = ("pose_sha256", "sheet_sha256", "booster", *(["class"] if "row" in made else []))
+        return {name: found[name] for name in names if name in found}
     # such as linen/studio/0-1810094345/board
     backdrop, light, _, *board = (*str(made.get("studio", "")).split("/"), "", "", "")[:4]
     named = {"backdrop": backdrop, "light": light, "board": board[0]} if light else {}
@@ -301,27 +305,32 @@ def _note_retextured(captures: list[Capture]) -> list[str]:
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:
-    seen: dict[tuple[str, str, str, int], list[Capture]] = {}
+    seen: dict[tuple[str, str, str], dict[int, list[Capture]]] = {}
     variants: dict[tuple[str, str], set[str]] = {}
     for capture in captures:
         variants.setdefault((capture.source, capture.object), set()).add(capture.variant)
         if capture.pose_id is not None:
-            seen.setdefault((capture.source, capture.object, capture.variant, capture.pose_id), []).append(capture)
-    return [
-        f"several images of pose {key[3]} in {key[0]}/{key[1]}/{key[2]}: {_some([one.path for one in group])}; "
-        "all count in the table, the first is paired"
-        for key, group in seen.items()
-        if len(group) > 1 and len(variants[key[:2]]) > 1  # with one variant nothing is paired
-    ]
+            group = capture.source, capture.object, capture.variant
+            seen.setdefault(group, {}).setdefault(capture.pose_id, []).append(capture)
+    notes = []
+    for key, poses in seen.items():
+        several = [(pose_id, group) for pose_id, group in poses.items() if len(group) > 1]
+        if several and len(variants[key[:2]]) > 1:  # with one variant nothing is paired
+            (pose_id, first), more = several[0], f" and {len(several) - 1} more poses" if len(several) > 1 else ""
+            notes.append(
+                f"several images of pose {pose_id}{more} in {'/'.join(key)}: {_some([one.path for one in first])}; "
+                "all count in the table, the first is paired"
+            )
+    return notes
 
 
 def _note_aside(aside: Sequence[SetAside]) -> list[str]:
-    """One note for each reason for which images were left out on purpose, or are copies."""
-    reasons: dict[str, list[str]] = {}
+    """One note for each kind of reason for which images were left out on purpose, or are copies."""
+    kinds: dict[str, list[SetAside]] = {}
     for one in aside:
         if not one.is_fault:
-            reasons.setdefault(one.reason, []).append(one.path)
-    return [f"{_some(paths)}: {reason}" for reason, paths in reasons.items()]
+            kinds.setdefault(one.kind, []).append(one)
+    return [f"{_some([one.path for one in group])}: {group[0].reason}" for group in kinds.values()]
 
 
 def _some(paths: Sequence[str], limit: int = 5) -> str:

@@ -25,13 +25,18 @@ class SetAside:
 
     Attributes:
         path: SOURCE/OBJECT/VARIANT/FILE.
-        reason: why, in words.
+        reason: why, in words; what is before a colon is the same for all images of one kind.
         is_fault: the folder contradicts itself there; False if the image was left out on purpose, or is a copy.
     """
 
     path: str
     reason: str
     is_fault: bool = True
+
+    @property
+    def kind(self) -> str:
+        """The reason without what is of this image alone."""
+        return self.reason.partition(": ")[0]
 
     def as_json(self) -> dict[str, str | bool]:
         """The fields of `summary.json`."""
@@ -99,22 +104,33 @@ def reconcile(
     return counted, [*aside, *doubles]
 
 
-def find_missing(captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]) -> list[SetAside]:
-    """Return the lines of manifests whose image is gone, in the folders that `captures` lie in.
+def find_missing(
+    captures: Sequence[Capture], manifests: Mapping[str, SourceManifest], *, is_whole: bool = True
+) -> list[SetAside]:
+    """Return the lines of manifests whose image is gone.
+
+    An image is missing where others of its folder are there. A folder that is gone as a whole may have been deleted on
+    purpose, which is no fault.
 
     Args:
         captures: all images that were found.
         manifests: by source.
+        is_whole: `captures` are all of their sources; else folders that are gone as a whole are not looked for.
     """
     found = {one.path for one in captures}
+    pictures = {one.image_sha256 for one in captures}
     folders = {one.path.rpartition("/")[0] for one in captures}
     missing = []
     for manifest in manifests.values():
         for path, record in manifest.records.items():
             shown = f"{manifest.source}/{path}"
-            if shown not in found and shown.rpartition("/")[0] in folders and LEFT_OUT not in record.made:
+            if shown in found or LEFT_OUT in record.made:
+                continue
+            if shown.rpartition("/")[0] in folders:
                 why = f"{MANIFEST} lists it, and the file is gone: bring it back, or delete its line"
                 missing.append(SetAside(shown, why))
+            elif is_whole and record.image_sha256 not in pictures and not (manifest.folder / path).parent.exists():
+                missing.append(SetAside(shown, f"{MANIFEST} lists it, and its folder is gone", is_fault=False))
     return missing
 
 
@@ -128,7 +144,8 @@ def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
     own = manifest.paths.get(sha256) if sha256 else None
     if own is not None:
         return (
-            f"by {MANIFEST} this picture is {manifest.source}/{own}: was a folder or file renamed, swapped or copied?"
+            f"{MANIFEST} lists this picture in another place: {manifest.source}/{own}. Was a folder or file renamed, "
+            "swapped or copied?"
         )
     if record is None:
         return f"{MANIFEST} does not list it: import it, or sort it into a source of its own"
@@ -144,7 +161,7 @@ def _find_exclusion(capture: Capture, manifest: SourceManifest) -> str | None:
         return str(record.made[LEFT_OUT])
     original = manifest.originals.get(str(record.made.get("of", "")).partition("/")[2])
     if original is not None and not _is_of(record, original):
-        return f"made from an earlier picture than {record.made['of']} is now: corrupt that source again"
+        return f"made from an earlier picture: {record.made['of']} is another now. Corrupt that source again"
     return None
 
 
@@ -192,6 +209,8 @@ def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
         group, name = (one.source, one.object, one.variant), one.variant
         if one.booster_sha256 and len(boosters[group]) > 1:
             name += f"-{one.booster_sha256[:SHORT]}"
+        elif one.booster_sha256 is None and one.refused is None and group in boosters:
+            name += "-unknown"  # no line states what is on it, though those of others do
         if one.booster_sha256 and len(sheets[group]) > 1:
             name += f"-{str(one.settings.get(SHEET, 'unknown'))[:SHORT]}"
         split.append(replace(one, variant=name))
@@ -211,10 +230,10 @@ def _drop_doubles(
             continue
         if one.is_by_plan and one.pose_id is not None:
             key: tuple[object, ...] = (one.source, one.object, one.variant, one.pose_id, one.T_world_camera)
-            why = "shot again as {}, which counts"
+            why = "the same pose was shot again: {} counts"
         elif not one.is_rendered:
             key = (one.source, one.object, one.variant, one.image_sha256 or one.path)
-            why = "the same photograph as {}, which counts once"
+            why = "a copy of a photograph that counts once: {}"
         else:
             continue
         kept = first.setdefault(key, one)

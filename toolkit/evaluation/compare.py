@@ -38,6 +38,7 @@ from toolkit.evaluation.metrics import (
     list_flips,
     rank_variant,
 )
+from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
@@ -196,7 +197,12 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     # images of one object share what makes it easy or hard
     objects = tuple(pair.first.capture.object for pair in pairs)
     rows = tuple(_count_rows(pairs))
-    notes = (*list_differences(first, second, pairs), *explain_pooling([row for row in rows if row.second != POOLED]))
+    replaced = [
+        line for run, own, folder in zip((first, second), said, folders, strict=True)
+        for line in explain_replaced(run, own, folder)
+    ]  # fmt: skip
+    pooling = explain_pooling([row for row in rows if row.second != POOLED])
+    notes = (*replaced, *list_differences(first, second, pairs), *pooling)
     return RunComparison(
         first, second, tuple(pairs), rows, (left[0], left[1]), cluster_of=objects, cluster_by="object", notes=notes
     )

@@ -13,6 +13,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.predict import Box, Detection, Prediction
 from toolkit.evaluation.predictions_csv import (
     COLUMNS,
@@ -47,6 +48,7 @@ class Exported:
         runs: names of the runs.
         left_out: answers to images that have no file of their own, or could not be read.
         skipped: (path, reason) of runs that could not be read.
+        replaced: a sentence on each run whose images are others now than those that it judged.
     """
 
     place: Path
@@ -55,11 +57,12 @@ class Exported:
     runs: tuple[str, ...]
     left_out: int
     skipped: Sequence[tuple[str, str]]
+    replaced: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
         about = {"file": str(self.place), "format": self.form, "count": self.count}
-        return about | {"runs": list(self.runs), "left_out": self.left_out}
+        return about | {"runs": list(self.runs), "left_out": self.left_out, "notes": [*self.replaced]}
 
     def lines(self) -> Iterator[str]:
         """What lies where, in a sentence."""
@@ -72,7 +75,8 @@ class Exported:
             yield f"{self.count} predictions of {runs}: {self.place}"
 
     def warnings(self) -> Iterator[str]:
-        """What is missing."""
+        """What is missing, or not as it was."""
+        yield from self.replaced
         if self.left_out:
             yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
 
@@ -114,7 +118,12 @@ def export_predictions(
     else:
         write = write_fiftyone if form == "fiftyone" else write_coco_results
         count, left_out = write(place, workspace, runs, captures_dir)
-    return Exported(place, form, count, tuple(run.name for run in runs), left_out, refused)
+    folders = [captures_dir or find_captures_dir(workspace, run) for run in runs]
+    replaced = [
+        line for run, folder in zip(runs, folders, strict=True)
+        for line in explain_replaced(run, read_predictions(run, folder), folder)
+    ]  # fmt: skip
+    return Exported(place, form, count, tuple(run.name for run in runs), left_out, refused, tuple(replaced))
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:

@@ -2,15 +2,20 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from toolkit.captures.capture import Capture
 from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
-from toolkit.core.files import sha256_bytes
+from toolkit.core.files import load_json, sha256_bytes
 from toolkit.core.text import count_of
 from toolkit.evaluation.metrics import count_no_pairs
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.predictions_csv import hash_images
+from toolkit.evaluation.run_files import SUMMARY
+from toolkit.evaluation.summaries import Run
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 from toolkit.rig.variants import CONTROLS
@@ -100,7 +105,7 @@ class Origin:
 
     def lines(self) -> list[tuple[str, str]]:
         """(heading, text) for people, one screen at most."""
-        reasons = Counter(one.reason.partition(":")[0] for one in self.set_aside).most_common(MOST_REASONS)
+        reasons = Counter(one.kind for one in self.set_aside).most_common(MOST_REASONS)
         aside = "".join(f"; {n} set aside: {reason}" for reason, n in reasons)
         trust = "; files were trusted over their manifest" if self.is_trusted else ""
         rows = [("images", f"{self.counted} counted{aside}{trust}")]
@@ -142,6 +147,31 @@ def find_origin(
 def hash_captures(captures: Iterable[Capture]) -> str:
     """Return one hash of all images: of their paths, and of the hashes of their files."""
     return sha256_bytes("".join(sorted(f"{one.image_sha256} {one.path}\n" for one in captures)).encode())
+
+
+def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: Path) -> list[str]:
+    """Return a sentence if the images of a run are others now than those that it judged.
+
+    Nothing is said if images are gone, or if an earlier version made the run.
+
+    Args:
+        run: from `open_run`.
+        predictions: from `read_predictions`.
+        captures_dir: where its images lie.
+    """
+    before = (load_json(run.folder / SUMMARY).get("rests_on") or {}).get("images_sha256")
+    if before is None:
+        return []
+    hashes = list(hash_images(predictions, captures_dir))
+    if any(sha256 is None and one.is_read for one, sha256 in zip(predictions, hashes, strict=True)):
+        return []
+    now = [replace(one.capture, image_sha256=sha256) for one, sha256 in zip(predictions, hashes, strict=True)]
+    if hash_captures(now) == before:
+        return []
+    return [
+        f"{run.name} judged other pictures than lie in {captures_dir} now: they were shot again, edited or replaced. "
+        "Run 'toolkit eval' again to judge these"
+    ]
 
 
 def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:

@@ -82,11 +82,11 @@ def _judge(first: Capture, second: Capture) -> list[SetAside]:
     """Return what does not count of two images that show the same picture."""
     one, other = (capture.path for capture in (first, second))
     if first.object != second.object:
-        why = "the same picture as {}, of another object: one of them lies in the wrong folder"
+        why = "the same picture as one of another object: {}. One of them lies in the wrong folder"
         return [SetAside(one, why.format(other)), SetAside(other, why.format(one))]
     if first.variant == second.variant:
-        return [SetAside(other, f"the same photograph as {one}, which counts once", is_fault=False)]
+        return [SetAside(other, f"a copy of a photograph that counts once: {one}", is_fault=False)]
     if UNPATCHED in (first.variant, second.variant):
-        why = "unpatched and boosted are the same picture ({}): one of them lies in the wrong folder"
+        why = "unpatched and boosted are the same picture: {}. One of them lies in the wrong folder"
         return [SetAside(one, why.format(other)), SetAside(other, why.format(one))]
     return []

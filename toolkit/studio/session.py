@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from threading import RLock
 from typing import Literal
@@ -13,7 +12,6 @@ from toolkit.core.files import delete_file, write_bytes
 from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, show_path
-from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import list_recorded
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import (
@@ -27,11 +25,10 @@ from toolkit.photos.importing.gather import (
     index_source,
 )
 from toolkit.photos.importing.match import Decision, name_pose
-from toolkit.photos.importing.store import store_photo
+from toolkit.photos.importing.store import read_subject, store_photo
 from toolkit.photos.photo import read_photo
-from toolkit.rig.plan import CapturePlan, Pose, read_plan
+from toolkit.rig.plan import CapturePlan, Pose, hash_pose, read_plan
 from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
-from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.studio.inspection import Inspection, Inspector
 from toolkit.studio.upload import HASH_DIGITS, Refused, UploadFolders, check_writable, hash_in_name, open_upload
 
@@ -172,10 +169,12 @@ class Session:
                 Candidate(photo, photo.name, ()), (step.object, step.variant), located=seen.located,
                 no_board=seen.no_board,
             )  # fmt: skip
+            # what is not known of its booster is recorded as such, and no reason to lose a shot
+            subject, _ = read_subject(self.workspace, step.object, step.variant)
             # stored before it is dropped: a kill in between leaves it in both, see `_look_up`
             store_photo(
                 self._index(), evidence, name_pose(Decision(key, "user", seen.match), self.plan),
-                self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
+                subject, lambda *_: seen.checked,
             )  # fmt: skip
             self.folders.drop_waiting(step)
             self.folders.set_skipped(step, False)
@@ -219,7 +218,9 @@ class Session:
         # a kill between the two steps of `keep` leaves what is kept waiting
         if waiting is not None and hash_in_name(waiting) != kept:
             return Shot(step, "waiting", path, retake)
-        if path:
+        # a photograph of another plan's pose is none of this shot; one without a plan, or by hand, is taken for it
+        pose_sha256 = record.made.get("pose_sha256") if record else None
+        if path and pose_sha256 in (None, hash_pose(self.plan.camera, self.find_pose(step))):
             return Shot(step, "done", path, retake)
         return Shot(step, "skipped" if self.folders.skip_mark(step).exists() else "open", None)
 
@@ -237,25 +238,10 @@ class Session:
             )
         return False
 
-    def _hash_booster(self, name: str, variant: str) -> str | None:
-        try:
-            return _hash_booster(self.workspace, name, variant)
-        except ToolkitError:
-            return None  # nothing is known of what is on the object: recorded as such, and no reason to lose a shot
-
 
 def _original(record: CaptureRecord) -> str | None:
     found = record.made.get("original_sha256")
     return found if isinstance(found, str) else None
-
-
-@lru_cache(maxsize=64)
-def _hash_booster(workspace: Workspace, name: str, variant: str) -> str | None:
-    # names of the user's own, which have no booster that is known
-    if variant not in VARIANTS:
-        return None
-    booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
-    return booster.sha256 if booster else None
 
 
 def open_session(

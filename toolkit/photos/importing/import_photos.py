@@ -17,7 +17,6 @@ from toolkit.core.records import hold_folder
 from toolkit.core.text import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
-from toolkit.objects.load import load_object
 from toolkit.photos import ImportSettings
 from toolkit.photos.gates import Check
 from toolkit.photos.importing.align import Clues, place_with_gaps
@@ -39,13 +38,13 @@ from toolkit.photos.importing.gather import (
 from toolkit.photos.importing.match import MatchRender, RenderMatcher, name_pose
 from toolkit.photos.importing.pairs import check_classes, describe_moves, match_pairs, read_pairs, settle_moves
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
-from toolkit.photos.importing.store import store_photo
+from toolkit.photos.importing.store import Subject, read_subject, store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.photos.photo import load_pixels
 from toolkit.rig import PAIR
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
-from toolkit.rig.variants import VARIANTS, find_booster
+from toolkit.rig.variants import VARIANTS
 
 
 def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
@@ -326,6 +325,16 @@ def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str
             f"{len(wrong)} of {len(ordered)} photographs look like another pose than their order says ({wrong[0]}): "
             "look at them, or match them by 'auto'"
         )
+    named = [
+        f"{one.candidate.label}: pose {one.ordered.pose_id} by its order"
+        for one in ordered
+        if one.ordered is not None and one.named not in (None, one.ordered.pose_id)
+    ]
+    if named:
+        notes.append(
+            f"{len(named)} of {len(ordered)} photographs have another pose in their name than their order says "
+            f"({named[0]}): match them by 'name', if the names are right"
+        )
     unseen = [one for one in ordered if not one.is_compared and one.located is None and one.named is None]
     if unseen:
         notes.append(
@@ -436,7 +445,7 @@ def _store_all(
     check: Check | None, notes: list[str],
 ) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
     """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
-    boosters: dict[tuple[str, str], str | None] = {}
+    subjects: dict[tuple[str, str], Subject] = {}
     records: dict[str, CaptureRecord] = {}
     broken: list[tuple[str, str]] = []
     copied = False
@@ -444,11 +453,13 @@ def _store_all(
         for evidence, decision in resolved:
             candidate, key = evidence.candidate, decision.key
             group = (key.object, key.variant)
-            if group not in boosters:
-                boosters[group] = _hash_booster(workspace, *group, notes)
+            if group not in subjects:
+                subjects[group], unknown = read_subject(workspace, *group)
+                if unknown:
+                    notes.append(f"{'/'.join(group)}: what is on the object is not recorded: {unknown}")
             try:
                 record, linked = store_photo(
-                    index, evidence, decision, boosters[group], check=check, link=settings.link
+                    index, evidence, decision, subjects[group], check=check, link=settings.link
                 )
             except UnreadableImage as error:
                 broken.append((candidate.label, error.reason))
@@ -463,16 +474,3 @@ def _store_all(
             "some photographs were copied, not linked: raw previews, frames of videos, or files of another disk"
         )
     return list(records.values()), broken
-
-
-def _hash_booster(workspace: Workspace, name: str, variant: str, notes: list[str]) -> str | None:
-    """SHA-256 of what is on the object, None where nothing is, or nothing is known of it."""
-    if variant == "unpatched":
-        return None
-    try:
-        if variant in VARIANTS:
-            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
-            return booster.sha256 if booster else None
-    except ToolkitError as error:
-        notes.append(f"{name}/{variant}: what is on the object is not recorded: {error}")
-    return None

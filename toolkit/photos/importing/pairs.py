@@ -180,8 +180,9 @@ def match_pairs(
     """
     earlier = list(index.current.values())
     numbers, placed = number_poses(rows, earlier), _find_photographs(rows, gathered)
-    # a table without a class goes on with the earlier one's
-    classes = {one.object: str(one.made["class"]) for one in earlier if one.made.get("class")}
+    # a table without a class goes on with the earlier one's, where no spec has it
+    others = [one for one in earlier if one.object not in known]
+    classes = {one.object: str(one.made["class"]) for one in others if one.made.get("class")}
     names = ({*known, *(row.object for row in rows)}, {*VARIANTS, *(row.variant for row in rows)})
     found = Matched([], [], {})
     for one in gathered.candidates:
@@ -239,7 +240,8 @@ def _find_photographs(rows: Sequence[PairRow], gathered: Gathered) -> dict[str, 
 def _is_placed(record: CaptureRecord, key: CaptureKey, row: PairRow) -> bool:
     """Whether an image lies where a row says, as what the row says."""
     same = (record.object, record.variant, record.pose_id) == (key.object, key.variant, key.pose_id)
-    return same and record.made.get("class", "") == row.class_name and record.made.get("pose", row.pose) == row.pose
+    is_class = row.class_name in ("", record.made.get("class", ""))
+    return same and is_class and record.made.get("pose", row.pose) == row.pose
 
 
 def _explain_unlisted(record: CaptureRecord | None, table: str) -> str:
@@ -279,7 +281,9 @@ def check_classes(workspace: Workspace, rows: Sequence[PairRow], index: SourceIn
                 "of them, or call the photographed object otherwise"
             )
         for record in index.current.values():
-            before = str(record.made.get("class", said)) if record.object == name else said
+            # other photographs keep the class that the spec had then
+            is_said = record.object == name and "row" in record.made
+            before = str(record.made.get("class", said)) if is_said else said
             if record.path not in listed and plain_name(said) != plain_name(before):
                 raise ToolkitError(
                     f"'{name}' has the class '{said}' in the table of pairs, and '{before}' in an earlier one "

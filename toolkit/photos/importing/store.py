@@ -1,26 +1,68 @@
 """Put a photograph into a capture folder."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit import __version__
+from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
-from toolkit.core.files import delete_file, link_file, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import delete_file, link_file, sha256_bytes, sha256_file, sha256_json, write_bytes
+from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import encode_image, show_path
+from toolkit.objects.load import load_object
+from toolkit.objects.spec import read_spec
 from toolkit.photos.gates import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
 from toolkit.photos.importing.match import Decision
 from toolkit.photos.photo import SUFFIXES, ExifFacts, Photo, load_pixels, read_preview, write_exif
+from toolkit.rig.variants import VARIANTS, find_booster, note_booster
 
 JPEG_QUALITY = 95
 HOW = {"dng": "preview of a raw photograph", "video": "frame of a video"}
 
 
+@dataclass(frozen=True)
+class Subject:
+    """What the workspace says, when a photograph is stored, of what it shows.
+
+    Attributes:
+        booster_sha256: of the PNG that is stuck on, None without one, or if it is not known.
+        made: class of the object, name of the booster, and hash of size and place of its sheet.
+    """
+
+    booster_sha256: str | None = None
+    made: dict[str, Any] = field(default_factory=dict, hash=False)
+
+
+def read_subject(workspace: Workspace, name: str, variant: str) -> tuple[Subject, str | None]:
+    """Return what the workspace says of an object in a variant, and why nothing is known of its booster, if so."""
+    specs = workspace.object_specs()
+    made: dict[str, Any] = {}
+    try:
+        if name in specs:
+            made["class"] = str(read_spec(specs[name]).class_name)
+        # of a variant with a name of the user's own the kit knows no booster
+        if variant == UNPATCHED or variant not in VARIANTS:
+            return Subject(None, made), None
+        item = load_object(workspace.object_spec(name))
+        booster = find_booster(workspace, item, variant)
+    except ToolkitError as error:
+        return Subject(None, made), str(error)
+    if booster is None:
+        return Subject(None, made), None
+    made |= note_booster(booster)
+    if place := booster.describe_place(item):
+        made["sheet_sha256"] = sha256_json(place)
+    return Subject(booster.sha256, made), None
+
+
 def store_photo(
-    index: SourceIndex, evidence: Evidence, decision: Decision, booster_sha256: str | None,
+    index: SourceIndex, evidence: Evidence, decision: Decision, subject: Subject,
     check: Check | None = None, link: bool = False,
 ) -> tuple[CaptureRecord, bool]:  # fmt: skip
     """Write one photograph and its record; an image that is there for the same pose is kept aside in `.replaced`.
@@ -32,7 +74,7 @@ def store_photo(
         index: of the source.
         evidence: the photograph, and how it is known what it shows.
         decision: what it shows.
-        booster_sha256: of the PNG that is stuck on, None without one.
+        subject: from `read_subject`.
         check: the gates.
         link: make a hard link where the file can stay as it is and lies on the same disk.
 
@@ -47,7 +89,7 @@ def store_photo(
     content = encode_photo(photo)
     name = f"pose_{key.pose_id:02d}{SUFFIXES[photo.kind]}"
     file = root / key.object / key.variant / name
-    record = _describe(evidence, decision, booster_sha256, sha256_bytes(content))
+    record = _describe(evidence, decision, subject, sha256_bytes(content))
     if check is not None:
         verdicts = check(photo, load_pixels(photo), record)
         advice = [f"{one.name}: {one.advice}" for one in verdicts if one.failed]
@@ -80,13 +122,14 @@ def encode_photo(photo: Photo) -> bytes:
     return encode_image(load_pixels(photo), "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
 
 
-def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None, image_sha256: str) -> CaptureRecord:
+def _describe(evidence: Evidence, decision: Decision, subject: Subject, image_sha256: str) -> CaptureRecord:
     photo, key, located, match = evidence.candidate.photo, decision.key, evidence.located, decision.match
     made: dict[str, Any] = {
         "with": f"toolkit {__version__}", "how": HOW.get(photo.kind, "photograph"), "camera": photo.camera,
         "taken": photo.taken.isoformat() if photo.taken else None, "focal_mm": photo.focal_mm,
         "focal_35mm_mm": photo.focal_35mm_mm, "original_name": show_path((photo.path.name,)),
         "original_sha256": photo.sha256, "matched_by": decision.matched_by,
+        **subject.made,
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
@@ -108,7 +151,7 @@ def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None
         path=f"{key.object}/{key.variant}/{name}", object=key.object, variant=key.variant,
         pose_id=key.pose_id, intrinsics=located.camera.intrinsics if located else None,
         T_world_camera=np.round(located.T_world_camera, 6).tolist() if located else None,
-        booster_sha256=booster_sha256, image_sha256=image_sha256, made=made,
+        booster_sha256=subject.booster_sha256, image_sha256=image_sha256, made=made,
     )  # fmt: skip
 
 
