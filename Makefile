@@ -7,17 +7,26 @@
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
 # make versions  note the versions that the tests ran with in scripts/tested-versions.txt; to have the same:
 #              pip install -c scripts/tested-versions.txt -e .
+# make test-versions  the quick tests on every Python from 3.10 to 3.14 that is installed here
 # make test-lowest  the tests with the lowest versions that pyproject.toml allows, in .venv-lowest; Python 3.10
 # make reference  write what the pages take from the code: commands, fields of files, names, packages
 # make site    the documentation as a site in ./site; it opens from disk
 # make docs    measure the results anew and draw the figures: about two hours
+# TORCH=cpu    with any of these, in a new checkout: a PyTorch without CUDA's libraries
+# UV=          pip installs the packages even if uv is on the path
 
-PYTHON ?= $(firstword $(foreach v,3.12 3.11 3.10,$(if $(shell python$(v) -c 'import venv, ensurepip' 2>/dev/null && echo yes),python$(v))) python3)
+# Older ones than 3.13 first: Open3D draws without Vulkan there.
+PYTHON ?= $(firstword $(foreach v,3.12 3.11 3.10 3.13 3.14,$(if $(shell python$(v) -c 'import venv, ensurepip' 2>/dev/null && echo yes),python$(v))) python3)
 BIN := .venv/bin
+UV ?= $(shell command -v uv 2>/dev/null)
+TORCH ?=
+export UV TORCH
+# $(call install,FOLDER) and what to install into that environment
+install = $(if $(UV),"$(UV)" pip install --quiet --python $(1)/bin/python,$(1)/bin/python -m pip install --quiet --progress-bar off)
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test test-all test-lowest versions fuzz validate bench lint docs docs-benchmark docs-training reference site setup clean
+.PHONY: demo test test-all test-lowest test-versions versions fuzz validate bench lint docs docs-benchmark docs-training reference site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -69,10 +78,14 @@ versions: setup .venv/.test
 	$(BIN)/python scripts/versions tested > scripts/tested-versions.txt
 
 test-lowest: setup .venv/.test
-	"$(PYTHON)" -m venv .venv-lowest
+	TORCH= scripts/make-venv "$(PYTHON)" .venv-lowest
 	$(BIN)/python scripts/versions lowest > .venv-lowest/versions.txt
-	.venv-lowest/bin/python -m pip install --quiet -c .venv-lowest/versions.txt -e ".[test]"
+	$(call install,.venv-lowest) -c .venv-lowest/versions.txt -e ".[test]"
 	.venv-lowest/bin/python -m pytest -n logical --maxprocesses 8 --dist worksteal -m "not slow" $(PYTEST_ARGS)
+
+test-versions:
+	@scripts/system-libraries
+	@scripts/test-versions $(PYTEST_ARGS)
 
 reference: setup
 	$(BIN)/python docs/scripts/reference.py
@@ -84,13 +97,18 @@ setup: .venv/.installed
 	@scripts/system-libraries
 
 .venv/.installed: pyproject.toml scripts/make-venv
-	scripts/make-venv "$(PYTHON)"
-	$(BIN)/python -m pip install --quiet --progress-bar off -e .
+	scripts/make-venv "$(PYTHON)" .venv
+	$(call install,.venv) -e .
+	touch $@
+
+.venv-3.%/.test: pyproject.toml scripts/make-venv
+	scripts/make-venv "$(PYTHON)" .venv-3.$*
+	$(call install,.venv-3.$*) -e ".[test]"
 	touch $@
 
 .venv/.test .venv/.lint .venv/.bench .venv/.site .venv/.validate: .venv/.%: .venv/.installed pyproject.toml
-	$(BIN)/python -m pip install --quiet -e ".[$*]"
+	$(call install,.venv) -e ".[$*]"
 	touch $@
 
 clean:
-	rm -rf .venv .venv-lowest demo site
+	rm -rf .venv .venv-lowest .venv-3.* demo site

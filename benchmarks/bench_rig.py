@@ -82,7 +82,7 @@ def open3d_defaults(width: int, height: int):
     """OffscreenRenderer as its documentation shows it: every setting at its default."""
     import open3d as o3d
 
-    from toolkit.rig.filament import go_surfaceless
+    from toolkit.rig.graphics import go_surfaceless
 
     go_surfaceless()
     rendering = o3d.visualization.rendering

@@ -58,7 +58,7 @@ def filament(glb: Path):
     """OffscreenRenderer as its documentation shows it, with the sun's shadow; every other setting at its default."""
     import open3d as o3d
 
-    from toolkit.rig.filament import go_surfaceless
+    from toolkit.rig.graphics import go_surfaceless
 
     go_surfaceless()
     rendering = o3d.visualization.rendering

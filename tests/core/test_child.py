@@ -123,11 +123,11 @@ def test_texture_coordinates(planted):
     assert planted() == ""
 
 
-def test_egl_is_asked_for(planted):
-    from toolkit.rig.filament import egl_trouble
+def test_graphics_are_tried(planted):
+    from toolkit.rig.graphics import graphics_trouble
 
-    egl_trouble.cache_clear()
-    egl_trouble()
+    graphics_trouble.cache_clear()
+    graphics_trouble()
     assert planted() == ""
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pages import DOCS, LANGUAGES, PAGES, ROOT, list_blocks, list_commands, list_mentions, read_page
 
-SHELL = {"cd", "export", "pip", "python", "."}
+SHELL = {"cd", "export", "pip", "python", ".", "uv", "docker"}
 """What the pages call beside `toolkit` and `make`."""
 Command = list[str]
 

@@ -10,15 +10,16 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.filament import FilamentRenderer, egl_trouble
+from toolkit.rig.filament import FilamentRenderer
+from toolkit.rig.graphics import EGL, VULKAN, graphics_trouble
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 
 
 @pytest.fixture(scope="module")
-def needs_egl():
-    if (trouble := egl_trouble()) is not None:
-        pytest.skip(f"needs EGL for the Filament renderer: {trouble}")
+def needs_graphics():
+    if (trouble := graphics_trouble()) is not None:
+        pytest.skip(f"the Filament renderer cannot start: {trouble}")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def knotted():
 
 
 @pytest.mark.slow
-def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
+def test_silhouettes_are_those_of_an_independent_rasteriser(needs_graphics, studio):
     """Pixels that change when the object is painted white instead of black are the object, whatever the light."""
     painted, camera = knotted(), Camera.from_fov(480, 360, 40)
     views = [orbit_pose(np.array([0, 0, 50.0]), azimuth, 35, 190) for azimuth in (20, 140, 265)]
@@ -70,7 +71,7 @@ def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
 
 
 @pytest.mark.slow
-def test_the_scene_is_built_once_for_all_its_poses(needs_egl, studio, make_box, monkeypatch, capfd):
+def test_the_scene_is_built_once_for_all_its_poses(needs_graphics, studio, make_box, monkeypatch, capfd):
     """And what Filament says while it is built does not mix with what a command prints."""
     built = []
     build = FilamentRenderer._build
@@ -85,7 +86,7 @@ def test_the_scene_is_built_once_for_all_its_poses(needs_egl, studio, make_box, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("light", ["studio", "side", "dim"])
-def test_exposure_and_the_rooms_light_are_the_scenes(needs_egl, make_box, light):
+def test_exposure_and_the_rooms_light_are_the_scenes(needs_graphics, make_box, light):
     """Matt and grey, so that the picture's brightness is that of the light alone."""
     box, camera = make_box(), Camera.from_fov(64, 48, 40)
     box = replace(box, materials=tuple(
@@ -121,14 +122,18 @@ print("sum", torchvision.models.resnet18().eval()(torch.zeros(1, 3, 32, 32)).sha
 
 
 @pytest.mark.slow
-def test_a_network_still_runs_in_the_process_that_has_rendered(needs_egl):
+def test_a_network_still_runs_in_the_process_that_has_rendered(needs_graphics):
     """Mesa's and torch's compilers are both LLVM: in the wrong order the second one ends the process."""
     done = subprocess.run([sys.executable, "-c", AFTERWARDS], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-500:]
     assert "sum 1000 (48, 64, 3)" in done.stdout
 
 
-def test_without_egl_it_says_what_to_install_instead_of_ending_the_process(monkeypatch, make_box, studio):
-    monkeypatch.setattr("toolkit.rig.filament.egl_trouble", lambda: "libEGL.so.1 is missing")
-    with pytest.raises(ToolkitError, match=r"libEGL.so.1 is missing: install libegl1 .*, or use the renderer raycast"):
+@pytest.mark.parametrize(("graphics", "package"), [(EGL, "libegl-mesa0"), (VULKAN, "mesa-vulkan-drivers")])
+def test_without_graphics_it_says_what_to_install(monkeypatch, make_box, studio, graphics, package):
+    """Instead of ending the process, as Filament does."""
+    monkeypatch.setattr("toolkit.rig.filament.find_graphics", lambda: graphics)
+    monkeypatch.setattr("toolkit.rig.filament.graphics_trouble", lambda: "a library is missing")
+    expected = rf"cannot start: a library is missing: install libegl1 .*{package}.*, or use the renderer raycast"
+    with pytest.raises(ToolkitError, match=expected):
         FilamentRenderer(make_box(), studio)

@@ -9,10 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from toolkit.rig.graphics import EGL, VULKAN
 from toolkit.training import machine
 
 CHECKS = {
-    "Python": machine._python, "packages": machine._packages, "Open3D": machine._open3d, "EGL": machine._egl,
+    "Python": machine._python, "packages": machine._packages, "Open3D": machine._open3d, "graphics": machine._graphics,
     "ResNet-18 weights": machine._weights,
 }  # fmt: skip
 
@@ -25,10 +26,10 @@ def test_this_machine_runs_the_tests_so_it_has_what_is_needed():
 
 
 def test_another_python_is_missing(monkeypatch):
-    for version in ((3, 9, 1), (3, 13, 0)):
+    for version in ((3, 9, 1), (3, 15, 0)):
         monkeypatch.setattr(sys, "version_info", version)
         check = machine._python()
-        assert check.state == "missing" and "3.10, 3.11 or 3.12" in check.fix
+        assert check.state == "missing" and "from 3.10 to 3.14" in check.fix
 
 
 def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch):
@@ -42,7 +43,8 @@ def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch)
     monkeypatch.setattr(machine, "version", version)
     check = machine._packages()
     assert check.state == "missing" and check.found == "2 not installed"
-    assert check.fix.startswith("pip install ") and "'open3d==0.19.0'" in check.fix and "'trimesh" in check.fix
+    open3d = "'open3d>=0.20'" if sys.version_info >= (3, 13) else "'open3d==0.19.0'"  # a wheel for this Python
+    assert check.fix.startswith("pip install ") and open3d in check.fix and "'trimesh" in check.fix
 
 
 def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
@@ -60,10 +62,15 @@ def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
     assert "-11" in machine._open3d().found
 
 
-def test_without_egl_only_filament_is_lost(monkeypatch):
-    monkeypatch.setattr("toolkit.rig.filament.egl_trouble", lambda: "libEGL.so.1 is missing")
-    check = machine._egl()
-    assert check.state == "note" and "libEGL.so.1 is missing" in check.found and "libegl1" in check.fix
+@pytest.mark.parametrize("graphics", [EGL, VULKAN], ids=lambda one: one.name)
+def test_without_graphics_only_filament_is_lost(monkeypatch, graphics):
+    monkeypatch.setattr(machine, "find_graphics", lambda: graphics)
+    monkeypatch.setattr(machine, "graphics_trouble", lambda: "a library is missing")
+    check = machine._graphics()
+    assert (check.name, check.state) == (graphics.name, "note") and "a library is missing" in check.found
+    assert check.fix.endswith(graphics.packages)
+    monkeypatch.setattr(machine, "graphics_trouble", lambda: None)
+    assert machine._graphics() == machine.Check(graphics.name, "ok", graphics.found)
 
 
 @pytest.mark.parametrize(("free_mb", "state"), [(20_000, "ok"), (499, "missing")])

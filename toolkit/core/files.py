@@ -485,6 +485,8 @@ def inside(root: Path, relative: str) -> Path:
     try:
         path = (root / relative).resolve()
         is_usable = all(len(os.fsencode(part)) <= MOST_NAME_BYTES for part in path.parts)
+        if any(place.is_symlink() for place in (path, *path.parents)):
+            raise OSError("links in a circle")  # Python 3.13 and later leave them unresolved without a word
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
         raise ToolkitError(f"path {relative!r} in {root} cannot be used: {error}") from None
     if not is_usable:

@@ -26,7 +26,10 @@ WORD = 63
 """Bits of a number that is sorted: a key, and behind it the row's own number."""
 PLACES = 1e6
 """Vertices closer than the mesh's extent over this are at one place."""
-UNUSED = {"open3d.ml": (), "open3d.visualization.draw_plotly": ("draw_plotly", "draw_plotly_server")}
+UNUSED = {
+    "open3d.ml": (),
+    "open3d.visualization.draw_plotly": ("draw_plotly", "draw_plotly_server", "get_plotly_fig"),
+}
 """Modules, with the names that others take from them: data sets to learn from, and a viewer for notebooks.
 
 They bring scikit-learn, pandas and Dash: two thirds of what the import takes of a core, and half of its memory.

@@ -292,7 +292,8 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
     """
     if find_spec("xatlas") is None:
         raise ToolkitError(
-            "this mesh needs new texture coordinates, which need xatlas: install it with 'pip install xatlas'"
+            "this mesh needs new texture coordinates, which need xatlas: install it with 'pip install xatlas' "
+            "(on Python 3.14 this needs a C++ compiler)"
         )
     given = io.BytesIO()
     np.savez(given, points=points, triangles=triangles, chart=chart, n=n)

@@ -1,9 +1,7 @@
-"""The second renderer: Open3D's Filament rasteriser through EGL, for comparison with the ray-cast one.
+"""The second renderer: Open3D's Filament rasteriser, for comparison with the ray-cast one.
 
 The scene is built once and only the camera moves. Post-processing is off, as it costs most of a frame on a software
 driver; the picture comes back in linear 8 bit, so that its dark parts are coarser than the ray-cast renderer's.
-
-EGL is asked for a display first, in another process: where it cannot start, Filament ends the one that asked.
 """
 
 import contextlib
@@ -12,62 +10,18 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, load_open3d
 from toolkit.rig.camera import Camera, orbit_direction
+from toolkit.rig.graphics import find_graphics, go_surfaceless, graphics_trouble
 from toolkit.rig.scene import Scene, illuminate
 
 if TYPE_CHECKING:
     from open3d.visualization.rendering import OffscreenRenderer
-
-
-EGL_PLATFORM_SURFACELESS_MESA = 0x31DD
-PACKAGES = "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libgomp1 libusb-1.0-0"
-
-
-@lru_cache(maxsize=1)
-def egl_trouble() -> str | None:
-    """None where an EGL display opens without a screen, else the reason in a few words.
-
-    Asked in a process of its own: a graphics driver that is loaded here would meet torch's libraries, and one that
-    fails may end the process that asked.
-    """
-    # in a process of its own: a driver that crashes takes only that one down
-    done = run_python("from toolkit.rig.filament import _probe; print(_probe())")
-    if done.returncode < 0:
-        return f"EGL's driver crashed (signal {-done.returncode})"
-    return done.stdout.decode("utf-8", "replace").strip() or None
-
-
-def go_surfaceless() -> None:
-    """Tell Open3D's EGL to do without a display; has no effect once a renderer exists."""
-    os.environ.setdefault("EGL_PLATFORM", "surfaceless")
-
-
-def _probe() -> str:
-    try:
-        egl = ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return "libEGL.so.1 is missing"
-    egl.eglGetProcAddress.restype = ctypes.c_void_p
-    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
-    address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
-    if not address:
-        return "EGL has no platform displays"
-    prototype = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)
-    display = prototype(address)(EGL_PLATFORM_SURFACELESS_MESA, None, None)
-    if not display:
-        return "EGL has no surfaceless display"
-    egl.eglInitialize.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
-    if not egl.eglInitialize(display, None, None):
-        return "EGL found no driver (is libgl1-mesa-dri installed?)"
-    return ""
 
 
 SUN_LUX, ROOM_LUX = 79_000, 27_000
@@ -85,9 +39,10 @@ class FilamentRenderer:
         with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
             import triton  # noqa: F401
         go_surfaceless()
-        if (trouble := egl_trouble()) is not None:
+        if (trouble := graphics_trouble()) is not None:
+            packages = find_graphics().packages
             raise ToolkitError(
-                f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use the renderer raycast"
+                f"the filament renderer cannot start: {trouble}: install {packages}, or use the renderer raycast"
             )
         self._mesh, self._studio = mesh, studio
         self._renderer: OffscreenRenderer | None = None
@@ -124,6 +79,7 @@ class FilamentRenderer:
         self._add_table(renderer)
         view, lights = renderer.scene.view, renderer.scene.scene
         view.set_post_processing(False)
+        view.set_sample_count(1)  # Open3D 0.20 takes four, and its silhouettes would grow by a third of a pixel
         view.set_shadowing(True, rendering.View.ShadowType.PCF)
         strength = max(key.irradiance)
         direction = -orbit_direction(key.azimuth_deg, key.elevation_deg)

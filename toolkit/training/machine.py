@@ -2,16 +2,17 @@
 
 import os
 import platform
-import re
 import shutil
 import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.filament import PACKAGES
+from toolkit.rig.graphics import find_graphics, graphics_trouble
 
 NEEDED_DISK_MB = 500
 APT = "sudo apt-get install -y --no-install-recommends"
@@ -41,14 +42,14 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         folder: where a workspace is or would be, for its free disk space; by default the current one.
     """
     where = Path.cwd() if folder is None else folder
-    return [_python(), _packages(), _open3d(), _renderer(), _egl(), _disk(where), _weights(), _bundled(), _gpu()]
+    return [_python(), _packages(), _open3d(), _renderer(), _graphics(), _disk(where), _weights(), _bundled(), _gpu()]
 
 
 def _python() -> Check:
     found = platform.python_version()
-    if (3, 10) <= sys.version_info[:2] <= (3, 12):
+    if (3, 10) <= sys.version_info[:2] <= (3, 14):
         return Check("Python", "ok", found)
-    return Check("Python", "missing", found, "make a virtual environment with Python 3.10, 3.11 or 3.12")
+    return Check("Python", "missing", found, "make a virtual environment with a Python from 3.10 to 3.14")
 
 
 def _packages() -> Check:
@@ -57,14 +58,13 @@ def _packages() -> Check:
     except PackageNotFoundError:
         return Check("packages", "missing", "toolkit-boost is not installed", "pip install -e .")
     missing = []
-    for requirement in wanted:
-        name = re.match(r"[A-Za-z0-9._-]+", requirement)
-        if ";" in requirement or name is None:  # extras and other Pythons
-            continue
+    for requirement in map(Requirement, wanted):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue  # extras, and what other Pythons need
         try:
-            version(name.group())
+            version(requirement.name)
         except PackageNotFoundError:
-            missing.append(requirement)
+            missing.append(f"{requirement.name}{requirement.specifier}")
     if missing:
         fix = f"pip install {' '.join(map(repr, missing))}"
         return Check("packages", "missing", f"{len(missing)} not installed", fix)
@@ -77,7 +77,7 @@ def _open3d() -> Check:
     if done.returncode == 0:
         return Check("Open3D", "ok", done.stdout.decode().split()[-1])
     reason = (done.stderr.decode("utf-8", "replace").strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
-    return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
+    return Check("Open3D", "missing", reason[:120], f"{APT} {find_graphics().packages}")
 
 
 def _renderer() -> Check:
@@ -96,13 +96,11 @@ def _renderer() -> Check:
     return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")
 
 
-def _egl() -> Check:
-    from toolkit.rig.filament import egl_trouble
-
-    trouble = egl_trouble()
+def _graphics() -> Check:
+    graphics, trouble = find_graphics(), graphics_trouble()
     if trouble is None:
-        return Check("EGL", "ok", "a surfaceless display opens")
-    return Check("EGL", "note", f"{trouble}; only --renderer filament needs it", f"{APT} {PACKAGES}")
+        return Check(graphics.name, "ok", graphics.found)
+    return Check(graphics.name, "note", f"{trouble}; only --renderer filament needs it", f"{APT} {graphics.packages}")
 
 
 def _disk(folder: Path) -> Check:
