@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import zxingcpp
 
-from toolkit.boosters.baselines.drawn import AprilTags, QrCodes, choose_dictionary, draw_modules
+from toolkit.boosters.baselines.drawn import AprilTags, QrCodes, Words, choose_dictionary, draw_modules, draw_word
 
 CLASSES = 1000
 
@@ -92,3 +92,26 @@ def test_a_tag_is_the_published_one():
     assert 0xD5D628584 in words
     assert (picture[1, 1:9] == 0).all()
     assert (picture[0] == 255).all()
+
+
+@pytest.mark.parametrize("text", ["ox", "racer", "sports car", "black-footed ferret", "yellow lady's slipper"])
+@pytest.mark.parametrize("size_px", [32, 100, 224])
+def test_a_word_fills_its_square_in_black_on_white(text, size_px):
+    picture = draw_word(text, size_px)
+    assert picture.shape == (size_px, size_px, 3) and picture.dtype == np.uint8
+    rows, columns = (np.flatnonzero((picture[..., 0] < 128).any(axis)) for axis in (1, 0))
+    height, width = np.ptp(rows) + 1, np.ptp(columns) + 1
+    assert 0.75 * size_px <= max(height, width) <= size_px - 2
+    # in the middle, to a pixel or two
+    assert abs(rows[0] + rows[-1] - (size_px - 1)) <= 5 and abs(columns[0] + columns[-1] - (size_px - 1)) <= 5
+    assert (picture == 255).mean() > 0.4
+
+
+def test_a_word_is_that_of_its_class_and_two_words_take_two_lines():
+    words = Words(["sports_car", "ox"])
+    assert np.array_equal(draw(words, 0, 100), draw_word("sports car", 100))
+    gap = (draw(words, 0, 100)[..., 0] < 128).any(1)
+    rows = np.flatnonzero(gap)
+    assert not gap[rows[0] : rows[-1]].all(), "a white gap between the lines"
+    assert words.choose(0, lambda done: None).code is None
+    assert words.least_px == 32

@@ -236,7 +236,7 @@ def test_a_set_made_another_way_is_neither_overwritten_nor_mixed(classifier, spa
 @pytest.mark.parametrize(
     ("request_", "message"),
     [
-        ({"kind": "bar-code"}, "kind bar-code: expected qr, apriltag, best-image, random-image or fixed-pattern"),
+        ({"kind": "bar-code"}, "kind bar-code: expected qr, apriltag, word, best-image, random-image or fixed-pattern"),
         ({"kind": "best-image"}, "best-image: expected training images.*name them with data"),
         ({"kind": "random-image", "data": "nowhere"}, "nowhere: does not exist"),
         ({"kind": "qr", "class_names": ("horse",)}, "no .* called 'horse'"),

@@ -155,6 +155,7 @@ QUICK: dict[str, Command] = {
     "compare": [],
     "report": [],
     "export": [],
+    "baseline": [],
     "train-patch": [
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
@@ -252,9 +253,11 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of that workspace, to work in, with a mesh that is no object yet, and tables of other programs."""
     import trimesh
+    from PIL import Image
 
     folder = Path(shutil.copytree(shot_space, tmp_path / "lab"))
     trimesh.creation.cylinder(30, 90).export(folder / "mug.glb")
+    Image.new("RGB", (12, 8), "olive").save(folder / "camouflage.png")
     for name, right in (("theirs", 0), ("ours", 1)):
         (folder / f"{name}.csv").write_text(f"image,correct,scene\none.png,{right},1\ntwo.png,1,2\n", encoding="utf-8")
     monkeypatch.chdir(folder)

@@ -11,8 +11,8 @@ from one_line import error_of
 from typer.testing import CliRunner
 
 from toolkit.evaluation.detect import ScoredBoxes, average_precision, mean_average_precision, recall_at
+from toolkit.models.decoders import decode_fastestdet, decode_yolox
 from toolkit.models.detector import Detections, box_iou, detector_class
-from toolkit.models.load_detector import decode_fastestdet, decode_yolox
 from toolkit.models.weights import WeightsFile
 
 SHARED = Path(__file__).parents[2].parent / "shared"

@@ -5,7 +5,8 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from toolkit.models.load_detector import DECODERS, DenseDetector
+from toolkit.models.decoders import DECODERS
+from toolkit.models.load_detector import DenseDetector
 from toolkit.models.weights import WeightsFile
 
 PX = 64

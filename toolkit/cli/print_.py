@@ -11,7 +11,7 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import open_workspace
-from toolkit.printing import PrintSettings, SheetSettings, WrapSettings
+from toolkit.printing import OwnSettings, PrintSettings, SheetSettings, WrapSettings
 
 if TYPE_CHECKING:
     from toolkit.printing.print_boards import PrintedBoard
@@ -22,7 +22,7 @@ AT_TRUE_SIZE = 'print at 100 % ("actual size"), measure both check bars (100 mm)
 JOIN = "join the tiles as page 1 shows"
 
 
-@from_config(settings=PrintSettings, sheet=SheetSettings, cut=WrapSettings)
+@from_config(settings=PrintSettings, sheet=SheetSettings, cut=WrapSettings, own=OwnSettings)
 def print_patches(
     *,
     classes: Annotated[
@@ -44,6 +44,7 @@ def print_patches(
     settings: PrintSettings,
     sheet: SheetSettings,
     cut: WrapSettings,
+    own: OwnSettings,
     out: Annotated[
         Path | None,
         typer.Option(metavar="PATH", help="Folder, or a .pdf for one patch; default: print/, or print/PATCHES."),
@@ -52,14 +53,22 @@ def print_patches(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make print-ready PDFs of patches, a wrap, or the board that the object stands on, at true size."""
+    """Make print-ready PDFs at true size: patches, a wrap, the board under the object, tags, or any picture."""
     from toolkit.printing.print_patches import print_chosen
 
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
-    alone: dict[str, object] = {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {"wrap": wrap}
-    several = objects or classes or everything or files or (sheet.kind is not None and wrap is not None)
-    if several and alone != {"wrap": None}:
-        raise FieldError("cannot be printed together with others: print it in a call of its own", alone)
+    kinds: dict[str, object] = {"tag": own.tag, "picture": own.picture, "wrap": wrap}
+    kinds |= {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {}
+    alone = {name: value for name, value in kinds.items() if value is not None}
+    if alone and (len(alone) > 1 or objects or classes or everything or files):
+        raise FieldError(
+            "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
+        )
+    if own.tag is not None or own.picture is not None:
+        from toolkit.printing.own import print_picture, print_tags
+
+        _report_sheet((print_tags if own.tag else print_picture)(own, settings, out or place.root / "print"), as_json)
+        return
     if sheet.kind is not None:
         from toolkit.printing.print_boards import print_board
 
@@ -114,7 +123,9 @@ def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
         say(f"{shorten(printed.spec_file)}: its spec, by which photographs are read")
     if printed.note:
         say(f"note: {printed.note}")
-    if printed.kind == "colour-strip":
+    if printed.kind in ("tags", "picture"):
+        then = [*([JOIN] if printed.tiles != (1, 1) else []), "cut at the corner marks"]
+    elif printed.kind == "colour-strip":
         then = ["cut it out with a white border and photograph it beside the object"]
     else:
         stand = "lay it flat and stand the object on its middle, the front to the edge marked FRONT"

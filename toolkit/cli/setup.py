@@ -9,9 +9,10 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table
+from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
 from toolkit.core.text import count_of, quote
-from toolkit.core.workspace import make_workspace, open_workspace
+from toolkit.core.workspace import Workspace, make_workspace, open_workspace
 from toolkit.objects.spec import ObjectRequest, read_spec
 
 if TYPE_CHECKING:
@@ -178,11 +179,22 @@ def list_models(
             help="Also count what each gets right: a folder with one folder per class, or cifar10:FOLDER.",
         ),
     ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Show detectors these photographs: write eval/check/NAME.png with their boxes, and report if another "
+            "preprocessing finds more.",
+        ),
+    ] = None,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
     """List the networks whose weights are on this machine: classes, speed here, licence, whether they can train."""
+    if check is not None:
+        _check_detectors(model or [], check, device, open_workspace(workspace), as_json)
+        return
     from toolkit.evaluation import survey
 
     folder = open_workspace(workspace).classifiers_dir
@@ -192,6 +204,27 @@ def list_models(
     else:
         _show_models(rows, data is not None)
     if any(one.classes is None for one in rows):
+        raise typer.Exit(1)
+
+
+def _check_detectors(models: list[str], photos: Path, device: str, space: Workspace, as_json: bool) -> None:
+    """Show each detector the photographs, and report what to change."""
+    from toolkit.evaluation.check_detector import check_detector
+    from toolkit.evaluation.evaluate import name_run
+    from toolkit.models.load_detector import load_detector
+
+    if not models:
+        raise FieldError("name the detectors to check with {model}, such as onnx:yolo11n.onnx", {"check": photos})
+    done = []
+    for model in models:
+        detector = load_detector(model, None, device)
+        done.append(check_detector(model, detector, photos, space.eval_dir / "check" / f"{name_run(detector, ())}.png"))
+    if as_json:
+        show_json([asdict(one) for one in done])
+    else:
+        for one in done:
+            say(one.describe())
+    if any(one.better for one in done):
         raise typer.Exit(1)
 
 

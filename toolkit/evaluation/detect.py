@@ -445,16 +445,25 @@ def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     if find_pending(one.capture) is not None:
         pixels = corrupt_images([one.capture], [pixels], detector.device)[0]
     image = Image.fromarray(np.ascontiguousarray(pixels))
-    pen, width = ImageDraw.Draw(image), max(2, round(max(image.size) / 120))
-    pen.rectangle(one.truth.box, outline=TRUTH_COLOUR, width=width)
+    ImageDraw.Draw(image).rectangle(one.truth.box, outline=TRUTH_COLOUR, width=_line_px(image))
+    pen_boxes(image, one.seen, detector.labels, one.true_index)
+    return encode_jpeg(image)
+
+
+def pen_boxes(image: Image.Image, seen: Detections, labels: Sequence[str], true_index: int | None = None) -> None:
+    """Draw boxes and names into an image: those of the true class green, others orange."""
+    pen, width = ImageDraw.Draw(image), _line_px(image)
     # the strongest last, on top of the others
-    for box, index, score in list(zip(one.seen.boxes, one.seen.classes, one.seen.scores, strict=True))[::-1]:
+    for box, index, score in list(zip(seen.boxes, seen.classes, seen.scores, strict=True))[::-1]:
         if score >= LEAST_SHOWN:
-            colour = RIGHT_COLOUR if index == one.true_index else WRONG_COLOUR
+            colour = RIGHT_COLOUR if index == true_index else WRONG_COLOUR
             pen.rectangle([float(side) for side in box], outline=colour, width=width)
-            words = f"{detector.labels[index]} {score:.2f}"
+            words = f"{labels[index]} {score:.2f}"
             place = float(box[0]) + width, max(0.0, float(box[1]) + width)
             size = max(12, image.size[0] // 22)
             pen.rectangle(pen.textbbox(place, words, font_size=size), fill="#14171b")
             pen.text(place, words, fill=colour, font_size=size)
-    return encode_jpeg(image)
+
+
+def _line_px(image: Image.Image) -> int:
+    return max(2, round(max(image.size) / 120))

@@ -300,10 +300,10 @@ def pair_weights(
 
 
 def may_be_detector(model: str | None) -> bool:
-    """Whether it is worth looking closer: the name of no classifier, or an ONNX file."""
-    if model is None or model.startswith((TIMM_PREFIX, PYTHON_PREFIX)):
+    """Whether it is worth looking closer: the name of no classifier, an ONNX file, or code."""
+    if model is None or model.startswith(TIMM_PREFIX):
         return False
-    if model.startswith(ONNX_PREFIX) or model.endswith(".onnx"):
+    if model.startswith((ONNX_PREFIX, PYTHON_PREFIX)) or model.endswith(".onnx"):
         return True
     name = model.removeprefix(TORCHVISION_PREFIX)
     return name.startswith(("fasterrcnn", "retinanet", "fcos", "ssd"))

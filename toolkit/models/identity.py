@@ -129,4 +129,4 @@ def _describe_preprocessing(network: AnyNetwork) -> str:
     # a detector fits images to its square, and its family says how they are normalised
     side, family = getattr(network, "image_px", 0), getattr(network, "decoder", None)
     words = f"fitted to {side}×{side} px" if side else "of any size"
-    return words if family is None else f"{words}, mean {family.mean}, deviation {family.std}, {family.channels}"
+    return words if family is None else f"{words}, {family.describe()}"

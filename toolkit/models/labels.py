@@ -41,6 +41,8 @@ class LabelsFile(BaseModel):
             one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
         channels: the order of the colours.
         decoder: of a detector, the family whose outputs it has.
+        letterbox: of a detector, where a picture lies in its square: `corner` is the upper left; or stretched to it.
+        fill: grey beside the picture, 0 to 255.
         arch: name of the network, see `list_architectures`; may be written `architecture`. Never code.
         name: what to call the classifier.
         trained_on: in a few words.
@@ -57,7 +59,9 @@ class LabelsFile(BaseModel):
     std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     channels: Literal["RGB", "BGR"] | None = None
-    decoder: Literal["yolox", "fastestdet"] | None = None
+    decoder: Literal["yolox", "fastestdet", "yolov8", "end2end", "detr"] | None = None
+    letterbox: Literal["corner", "centre", "stretch"] | None = None
+    fill: Annotated[int, Field(ge=0, le=255)] | None = None
     arch: str | None = Field(default=None, validation_alias=AliasChoices("arch", "architecture"))
     name: str | None = None
     trained_on: str | None = None

@@ -1,21 +1,36 @@
-"""Detectors: torchvision's, and ONNX graphs of families that give a box and scores for every place of a grid."""
+"""Detectors: torchvision's, ONNX graphs and functions whose outputs a `Decoder` reads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.models.detector import COCO_LABELS, LEAST_SCORE, MOST_BOXES, Detections, Detector
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.models.decoders import (
+    Decoder,
+    Dense,
+    Shape,
+    choose_decoder,
+    count_classes,
+    count_places,
+    describe_expected,
+    guess_decoder,
+    published_labels,
+)
+from toolkit.models.detector import LEAST_SCORE, MOST_BOXES, Detections, Detector
 from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
-from toolkit.models.labels import LabelsFile, check_size, choose_labels, read_labels_file
+from toolkit.models.labels import PYTHON_PREFIX, LabelsFile, check_size, choose_labels, read_labels_file
 from toolkit.models.network import check_hash, choose_device
-from toolkit.models.onnx_graphs import read_onnx, read_output_shape
+from toolkit.models.onnx_graphs import read_names, read_onnx, read_output_shapes
 from toolkit.models.onnx_networks import OnnxNetwork
+from toolkit.models.programs import call_python, read_mapping
+from toolkit.models.raw_head import cut_raw_head
 from toolkit.models.vision import torchvision
 from toolkit.models.weights import (
     WeightsFile,
@@ -28,73 +43,10 @@ from toolkit.models.weights import (
     unwrap_names,
 )
 
-Dense = tuple[torch.Tensor, torch.Tensor]
-"""(b, n, 4) boxes x1, y1, x2, y2 in the network's pixels, and (b, n, classes) scores in [0, 1]."""
-
-
-def decode_yolox(outputs: torch.Tensor, size: int, strides: Sequence[int] = (8, 16, 32)) -> Dense:
-    """YOLOX's own (Ge et al. 2021): offsets from a grid's corners, logarithms of the sides, all in strides.
-
-    Args:
-        outputs: (b, n, 5 + classes): x, y, log w, log h, objectness and class scores after the sigmoid.
-        size: side of the network's images.
-        strides: of its grids, in the outputs' order.
-    """
-    corners, steps = [], []
-    for stride in strides:
-        line = torch.arange(size // stride, device=outputs.device, dtype=outputs.dtype)
-        y, x = torch.meshgrid(line, line, indexing="ij")
-        corners.append(torch.stack([x, y], -1).reshape(-1, 2))
-        steps.append(torch.full((len(corners[-1]), 1), float(stride), device=outputs.device, dtype=outputs.dtype))
-    corner, step = torch.cat(corners), torch.cat(steps)
-    centre = (outputs[..., :2] + corner) * step
-    # an exponent that no trained network gives would overflow, and its gradient with it
-    half = outputs[..., 2:4].clamp(max=20).exp() * step / 2
-    return torch.cat([centre - half, centre + half], -1), outputs[..., 4:5] * outputs[..., 5:]
-
-
-def decode_fastestdet(outputs: torch.Tensor, size: int) -> Dense:
-    """FastestDet's own: one grid; score = objectness^0.6 × class^0.4.
-
-    Args:
-        outputs: (b, 5 + classes, h, w): objectness after the sigmoid, x, y, w, h before theirs, classes after softmax.
-        size: side of the network's images.
-    """
-    _, _, height, width = outputs.shape
-    flat = outputs.flatten(2).transpose(1, 2)
-    y, x = torch.meshgrid(*(torch.arange(n, device=outputs.device) for n in (height, width)), indexing="ij")
-    corner = torch.stack([x, y], -1).reshape(-1, 2).to(outputs.dtype)
-    cells = torch.tensor([width, height], device=outputs.device, dtype=outputs.dtype)
-    centre = (flat[..., 1:3].tanh() + corner) / cells * size
-    half = flat[..., 3:5].sigmoid() * size / 2
-    # a power has no finite slope at zero
-    scores = flat[..., :1].clamp_min(1e-6) ** 0.6 * flat[..., 5:].clamp_min(1e-6) ** 0.4
-    return torch.cat([centre - half, centre + half], -1), scores
-
-
-@dataclass(frozen=True)
-class Decoder:
-    """How one family of detectors sees and speaks.
-
-    Attributes:
-        decode: (outputs, size) -> `Dense`.
-        pad: grey of 255 that fills the square beside a picture, which keeps its shape; None: it is stretched.
-        mean, std, channels: of the network's input, as in `Preprocessing`.
-        nms_iou: from which overlap on the weaker of two boxes of a class is dropped.
-    """
-
-    decode: Callable[[torch.Tensor, int], Dense]
-    pad: int | None
-    mean: tuple[float, float, float]
-    std: tuple[float, float, float]
-    channels: str
-    nms_iou: float
-
-
-DECODERS = {
-    "yolox": Decoder(decode_yolox, 114, (0, 0, 0), (1 / 255, 1 / 255, 1 / 255), "BGR", 0.45),
-    "fastestdet": Decoder(decode_fastestdet, None, (0, 0, 0), (1, 1, 1), "BGR", 0.45),
-}
+Place = tuple[float, float, int, int]
+"""Scale of x and y, and the left and upper edge, of a picture in the network's square."""
+MOST_SHARE = 4.0
+"""Normalised boxes may reach out of the image, but not so far."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +56,7 @@ class DenseDetector:
     Attributes:
         module: the network, for normalised images.
         decoder: its family.
+        raw: boxes and scores before the network's own selection, for normalised images; None: it selects nothing.
     """
 
     arch: str
@@ -115,22 +68,26 @@ class DenseDetector:
     device: str
     image_px: int
     untrainable: str = ""
+    raw: Callable[[torch.Tensor], Any] | None = None
 
     def predict(self, batch: torch.Tensor) -> Dense:
         """Boxes and scores of every place, for (b, 3, size, size) sRGB-encoded in [0, 1]; differentiable."""
         batch = batch.to(self.device)
-        return self._answer(batch.flip(1) if self.decoder.channels == "BGR" else batch)
+        batch = self._normalise(batch.flip(1) if self.decoder.channels == "BGR" else batch)
+        return self._decode(batch) if self.raw is None else self.raw(batch)
 
-    def _answer(self, batch: torch.Tensor) -> Dense:
-        """`predict` for channels in the network's own order."""
+    def _decode(self, batch: torch.Tensor) -> Dense:
+        return self.decoder.decode(self.module(batch), self.image_px)
+
+    def _normalise(self, batch: torch.Tensor) -> torch.Tensor:
+        """Values in [0, 1], with the channels in the network's own order, as the network wants them."""
         mean, std = (
             torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
             for values in (self.decoder.mean, self.decoder.std)
         )
         # what would change no number costs as much time as what does
         batch = batch if not any(self.decoder.mean) else batch - mean
-        batch = batch if set(self.decoder.std) == {1} else batch / std
-        return self.decoder.decode(self.module(batch), self.image_px)
+        return batch if set(self.decoder.std) == {1} else batch / std
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
@@ -139,33 +96,38 @@ class DenseDetector:
             order = -1 if self.decoder.channels == "BGR" else 1
             planes = np.stack([plane for pixels, _ in fitted for plane in cv2.split(pixels)[::order]])
             planes = planes.reshape(len(images), 3, self.image_px, self.image_px)
-            boxes, scores = self._answer(torch.from_numpy(planes).to(self.device).float().div_(255))
+            boxes, scores = self._decode(self._normalise(torch.from_numpy(planes).to(self.device).float().div_(255)))
             return [
-                self._keep(boxes[k], scores[k], scale, image.shape[:2])
-                for k, (image, (_, scale)) in enumerate(zip(images, fitted, strict=True))
+                self._keep(boxes[k], scores[k], place, image.shape[:2])
+                for k, (image, (_, place)) in enumerate(zip(images, fitted, strict=True))
             ]
 
-    def _fit(self, image: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
-        """The image in the network's square, and how much x and y were scaled."""
-        side, (height, width) = self.image_px, image.shape[:2]
-        if self.decoder.pad is None:
-            return cv2.resize(image, (side, side)), (side / width, side / height)
+    def _fit(self, image: np.ndarray) -> tuple[np.ndarray, Place]:
+        """The image in the network's square, and where it lies there."""
+        side, (height, width), how = self.image_px, image.shape[:2], self.decoder
+        if how.letterbox == "stretch":
+            return cv2.resize(image, (side, side)), (side / width, side / height, 0, 0)
         scale = min(side / width, side / height)
-        square = np.full((side, side, 3), self.decoder.pad, np.uint8)
-        small = cv2.resize(image, (max(1, int(width * scale)), max(1, int(height * scale))))
-        # as YOLOX: the picture in the upper left, grey to its right and below
-        square[: small.shape[0], : small.shape[1]] = small
-        return square, (scale, scale)
+        is_centred = how.letterbox == "centre"
+        # Ultralytics rounds the sides, YOLOX cuts them off
+        wide, high = ((round if is_centred else int)(one * scale) or 1 for one in (width, height))
+        left, top = ((side - wide) // 2, (side - high) // 2) if is_centred else (0, 0)
+        square = np.full((side, side, 3), how.fill, np.uint8)
+        square[top : top + high, left : left + wide] = cv2.resize(image, (wide, high))
+        return square, (scale, scale, left, top)
 
-    def _keep(
-        self, boxes: torch.Tensor, scores: torch.Tensor, scale: tuple[float, float], shape: tuple[int, int]
-    ) -> Detections:
+    def _keep(self, boxes: torch.Tensor, scores: torch.Tensor, place: Place, shape: tuple[int, int]) -> Detections:
         best, classes = scores.max(1)
         kept = best > LEAST_SCORE
         boxes, best, classes = boxes[kept], best[kept], classes[kept]
-        # boxes of one class only suppress each other
-        order = torchvision.ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
-        found = boxes[order].cpu().numpy() / np.array([*scale, *scale], np.float32)
+        if self.decoder.nms_iou is None:
+            order = best.argsort(descending=True, stable=True)[:MOST_BOXES]
+        else:
+            # boxes of one class only suppress each other
+            order = torchvision.ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
+        x_scale, y_scale, left, top = place
+        found = boxes[order].cpu().numpy() - np.array([left, top, left, top], np.float32)
+        found = found / np.array([x_scale, y_scale, x_scale, y_scale], np.float32)
         found = np.clip(found, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         return Detections(found.astype(np.float32), classes[order].cpu().numpy(), best[order].float().cpu().numpy())
 
@@ -245,19 +207,25 @@ def list_detectors() -> list[str]:
 def is_detector(model: str | None) -> bool:
     """Whether a name means a detector: one of torchvision's, or an ONNX file with the shape or the description of one.
 
+    Code (`python:MODULE:FUNCTION`) makes a detector if what it says of its images names a `decoder`.
+
     Raises:
-        ToolkitError: an ONNX file cannot be read.
+        ToolkitError: an ONNX file cannot be read, or the code fails.
     """
     if model is None:
         return False
     if model.removeprefix(TORCHVISION_PREFIX) in list_detectors():
         return True
+    if model.startswith(PYTHON_PREFIX):
+        given = call_python(model).given
+        return isinstance(given, Mapping) and given.get("decoder") is not None
     path = Path(model.removeprefix(ONNX_PREFIX))
     if (model.startswith(ONNX_PREFIX) or path.suffix == ".onnx") and path.is_file():
-        if read_labels_file(path).decoder is not None:
+        own = read_labels_file(path)
+        if own.decoder is not None:
             return True
         graph = read_onnx(path)
-        return _guess_decoder(read_output_shape(graph), graph.size) is not None
+        return guess_decoder(read_output_shapes(graph), graph.size or own.crop_px or own.size) is not None
     return False
 
 
@@ -265,7 +233,8 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
     """Load a detector.
 
     Args:
-        model: `torchvision:NAME`, or `onnx:FILE`, beside which a TOML may say `decoder`, `size` and `labels`.
+        model: `torchvision:NAME`, `onnx:FILE` with perhaps a TOML beside it (`decoder`, `size`, `labels`, `letterbox`,
+            `fill`, `mean`, `std`, `channels`), or `python:MODULE:FUNCTION`, which returns a module and such fields.
         weights: state dict of one of torchvision's; by default as for classifiers.
         device: `auto`, `cpu` or `cuda`.
 
@@ -275,6 +244,8 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
     name = model.removeprefix(TORCHVISION_PREFIX)
     if name in list_detectors():
         return _load_torchvision(name, weights, device)
+    if model.startswith(PYTHON_PREFIX):
+        return _load_python(model, device)
     path = Path(model.removeprefix(ONNX_PREFIX))
     if not model.startswith(ONNX_PREFIX) and path.suffix != ".onnx":
         raise FieldError(
@@ -286,49 +257,74 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
 
 
 def _load_onnx(path: Path, device: str) -> DenseDetector:
-    graph, own, place = read_onnx(path), read_labels_file(path), choose_device(device)
+    graph, own = read_onnx(path), read_labels_file(path)
     check_hash(graph.file, own)
     size = check_size(path, graph.size, own)
-    network = OnnxNetwork(graph, size).to(place)
-    with torch.no_grad():
-        # two images: a graph that was fixed to one shows itself here
-        answers = network(torch.zeros(2, 3, size, size, device=place))
-    shape = tuple(answers.shape) if isinstance(answers, torch.Tensor) else ()
-    family = own.decoder or _guess_decoder(shape, size)
-    # a description that names another family than the shape has is wrong as well
-    if family is None or _guess_decoder(shape, size) != family:
-        found = "×".join(map(str, shape)) or f"{len(answers)} outputs"
-        what = f"a {family}" if family else "a detector of a known family"
-        raise FieldError(
-            f"gives {found} for 2 images of {size} px, which is not {what}: expected {_expected(size)}"
-            + ("; it looks like a classifier" if len(shape) == 2 else ""),
-            {"model": f"{ONNX_PREFIX}{path.name}"},
-        )
-    decoder = _adapt(DECODERS[family], own)
-    classes = (shape[2] if family == "yolox" else shape[1]) - 5
-    labels = choose_labels(path, own.labels, list(COCO_LABELS), classes)
+    # a graph that selects its boxes by itself is trained against what it selects from
+    selects = (own.decoder or guess_decoder(read_output_shapes(graph), size)) == "end2end"
+    network = OnnxNetwork(graph, size, partial(cut_raw_head, places=count_places(size)) if selects else None)
+    own = own if own.labels else own.model_copy(update={"labels": read_names(graph)})
+    made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, size, device)
+    return replace(made, untrainable=network.untrainable, raw=network.raw if selects else None)
+
+
+def _load_python(model: str, device: str) -> DenseDetector:
+    called = call_python(model)
+    own = read_mapping(model, called.given)
+    return _assemble(called.module, model, called.file, own, own.crop_px or own.size or 0, device)
+
+
+def _assemble(
+    network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, size: int, device: str
+) -> DenseDetector:
+    place = choose_device(device)
+    network = network.to(place)
+    try:
+        with torch.no_grad():
+            # two images: a graph that was fixed to one shows itself here
+            answers = network(torch.zeros(2, 3, size, size, device=place))
+    except ToolkitError:
+        raise
+    except Exception as error:  # whatever a function's module raises
+        why = describe_failure(error)
+        raise FieldError(f"it fails at two images of {size} px: {why}", {"model": arch}) from None
+    family, shapes = _find_family(answers, own, size, arch)
+    classes = count_classes(family, shapes)
+    published = published_labels(classes)
+    labels = choose_labels(file.path, own.labels, published, classes or len(own.labels or published))
     return DenseDetector(
-        arch=f"{ONNX_PREFIX}{path.name}", name=own.name or path.stem, module=network, decoder=decoder, labels=labels,
-        weights=graph.file, device=place, image_px=size, untrainable=network.untrainable,
+        arch=arch, name=own.name or file.path.stem, module=network,
+        decoder=_adapt(choose_decoder(family, len(labels)), own), labels=labels, weights=file, device=place,
+        image_px=size,
     )  # fmt: skip
 
 
+def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tuple[str, list[Shape]]:
+    """The family of some outputs for two images, and their shapes."""
+    several = answers if isinstance(answers, tuple | list) else (answers,)
+    shapes: list[Shape] = [tuple(getattr(one, "shape", ())) for one in several]
+    guessed = guess_decoder(shapes, size)
+    family = own.decoder or guessed
+    # a description that names another family than the shape has is wrong as well
+    if family is None or guessed != family:
+        found = " and ".join("×".join(map(str, one)) or "no tensor" for one in shapes)
+        what = f"a {family}" if family else "a detector of a known family"
+        raise FieldError(
+            f"gives {found} for 2 images of {size} px, which is not {what}: expected {describe_expected(size)}"
+            + ("; it looks like a classifier" if [len(one) for one in shapes] == [2] else ""),
+            {"model": arch},
+        )
+    if family == "detr":
+        boxes = next(one for one in several if one.shape[-1] == 4)
+        if boxes.numel() and float(boxes.abs().max()) > MOST_SHARE:
+            expected = "expected x, y, width and height as shares of the image, from 0 to 1"
+            raise FieldError(f"its boxes reach {float(boxes.abs().max()):.0f}: {expected}", {"model": arch})
+    return family, shapes
+
+
 def _adapt(decoder: Decoder, own: LabelsFile) -> Decoder:
-    said = {key: getattr(own, key) for key in ("mean", "std", "channels")}
+    said = {key: getattr(own, key) for key in ("mean", "std", "channels", "letterbox", "fill")}
     return replace(decoder, **{key: value for key, value in said.items() if value is not None})
-
-
-def _guess_decoder(shape: tuple[int | None, ...], size: int | None) -> str | None:
-    if size is not None and len(shape) == 3 and shape[1] == sum((size // stride) ** 2 for stride in (8, 16, 32)):
-        return "yolox"
-    if size is not None and len(shape) == 4 and shape[2] == shape[3] == size // 16 and (shape[1] or 0) > 5:
-        return "fastestdet"
-    return None
-
-
-def _expected(size: int) -> str:
-    places = sum((size // stride) ** 2 for stride in (8, 16, 32))
-    return f"images×{places}×(5 + classes) of YOLOX, or images×(5 + classes)×{size // 16}×{size // 16} of FastestDet"
 
 
 def _load_torchvision(name: str, weights: Path | None, device: str) -> TorchvisionDetector:

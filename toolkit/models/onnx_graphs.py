@@ -6,6 +6,7 @@ batch would copy images and answers, and would hold the graph twice: its operati
 tried. What may depend on the image is a loop, so every answer has an end in time here too; memory has none any more.
 """
 
+import ast
 import json
 import threading
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ import numpy as np
 from toolkit.core.child import LATE, is_memory_full, limit_cores, limit_memory, run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.models.labels import find_labels
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ QUANTISED = ("QuantizeLinear", "DequantizeLinear", "DynamicQuantizeLinear", "QLi
              "ConvInteger", "MatMulInteger")  # fmt: skip
 FLOAT, STRING, FLOAT16 = 1, 8, 10
 """Of `TensorProto.DataType`."""
+MOST_NAMES = 200_000
+"""Letters of the names of classes."""
 MOST_MISFITS = 500
 """Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
 SAME_ANSWER = 1e-3
@@ -124,9 +128,18 @@ def read_onnx(path: Path) -> OnnxGraph:
     )  # fmt: skip
 
 
-def read_output_shape(graph: OnnxGraph) -> tuple[int | None, ...]:
-    """What the first output declares, None for an open axis; empty where it declares nothing."""
-    return tuple(one.dim_value or None for one in graph.model.graph.output[0].type.tensor_type.shape.dim)
+def read_output_shapes(graph: OnnxGraph) -> list[tuple[int | None, ...]]:
+    """What each output declares, None for an open axis; empty where it declares nothing."""
+    return [tuple(dim.dim_value or None for dim in one.type.tensor_type.shape.dim) for one in graph.model.graph.output]
+
+
+def read_names(graph: OnnxGraph) -> list[str] | None:
+    """The names of its classes, as Ultralytics writes them into a graph; None where it holds none."""
+    text = next((one.value for one in graph.model.metadata_props if one.key == "names"), "")
+    try:
+        return find_labels(ast.literal_eval(text[:MOST_NAMES]))
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return None
 
 
 def _is_numeric(output: "ValueInfoProto") -> bool:
@@ -214,12 +227,12 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     onnx = import_extra("onnx")
     model = onnx.ModelProto()
     model.CopyFrom(graph.model)
-    before = _infer_shapes(model)
+    before = infer_shapes(model)
     set_input(model, graph.input_name, 2 * (graph.batch or 1))
     for one in model.graph.output:
         one.type.tensor_type.ClearField("shape")
     for _ in model.graph.node[:MOST_MISFITS]:
-        misfit = next(_find_misfits(model, before, _infer_shapes(model)), None)
+        misfit = next(_find_misfits(model, before, infer_shapes(model)), None)
         if misfit is None:
             break
         node, place, values = misfit
@@ -235,7 +248,8 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
 Shapes = dict[str, list[int | None]]
 
 
-def _infer_shapes(model: "ModelProto") -> Shapes:
+def infer_shapes(model: "ModelProto") -> Shapes:
+    """The shape of every tensor that the inference of ONNX knows, None for an open axis."""
     onnx = import_extra("onnx")
     bare = onnx.ModelProto()
     bare.CopyFrom(model)

@@ -1,6 +1,7 @@
 """Networks in ONNX files: judged by ONNX Runtime, trained against through their reading in torch."""
 
 import warnings
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,7 @@ from toolkit.models.weights import TRYING_BYTES
 
 if TYPE_CHECKING:
     from onnx import ModelProto
+    from onnxruntime import InferenceSession
 
 warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"(onnx2torch|toolkit\.models)\..*")
 
@@ -37,17 +39,21 @@ class OnnxNetwork(nn.Module):
         graph: the file.
         one_by_one: whether the graph takes one image at a time only.
         untrainable: why there is no reading in torch; else empty.
+        is_cut: whether a part of the graph only is read in torch.
         takes_planes: it is quicker with its channels first.
     """
 
     takes_planes = True
 
-    def __init__(self, graph: OnnxGraph, size: int) -> None:
+    def __init__(
+        self, graph: OnnxGraph, size: int, cut: "Callable[[ModelProto], ModelProto | None] | None" = None
+    ) -> None:
         """Start the session and read the graph into torch.
 
         Args:
             graph: from `read_onnx`.
             size: side of the images.
+            cut: returns the part of the graph that `raw` reads, if the whole passes on no gradient of use.
 
         Raises:
             ToolkitError: ONNX Runtime cannot run it, or it takes another number of images than one.
@@ -58,10 +64,16 @@ class OnnxNetwork(nn.Module):
         self.one_by_one = not try_graph(graph, size, torch.get_num_threads())
         with limit_memory(TRYING_BYTES + 6 * graph.model.ByteSize()):
             self._session = start_session(graph.model, graph.file.path, torch.get_num_threads())
-            self.untrainable = self._read_into_torch(graph.model, torch.from_numpy(draw_sample(size)[:1]))
+            self.is_cut = cut is not None
+            part = graph.model if cut is None else cut(graph.model)
+            if part is None:
+                self.untrainable = "the boxes and scores that it selects from are not found in its graph"
+                return
+            self.untrainable = self._read_into_torch(part, torch.from_numpy(draw_sample(size)[:1]))
 
-    def _ask(self, batch: torch.Tensor) -> tuple[np.ndarray, ...]:
-        return run_session(self._session, self.graph, batch.detach().cpu().float().contiguous().numpy())
+    def _ask(self, batch: torch.Tensor, session: "InferenceSession | None" = None) -> tuple[np.ndarray, ...]:
+        pixels = batch.detach().cpu().float().contiguous().numpy()
+        return run_session(session or self._session, self.graph, pixels)
 
     def _read_into_torch(self, model: "ModelProto", image: torch.Tensor) -> str:
         if self.graph.is_quantised:
@@ -83,7 +95,8 @@ class OnnxNetwork(nn.Module):
         except Exception as error:
             self.torch_module = None
             return f"its reading in torch fails: {describe_failure(error, 120)}"
-        if not are_alike(tuple(one.detach().numpy() for one in answers), self._ask(image)):
+        session = start_session(model, self.graph.file.path, torch.get_num_threads()) if self.is_cut else None
+        if not are_alike(tuple(one.detach().numpy() for one in answers), self._ask(image, session)):
             self.torch_module = None
             return "its reading by onnx2torch answers otherwise than ONNX Runtime"
         if not any(one.requires_grad for one in answers):
@@ -98,10 +111,18 @@ class OnnxNetwork(nn.Module):
 
     def forward(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
         """The outputs for (b, 3, h, w) normalised images."""
-        parts = batch.split(1) if self.one_by_one else (batch,)
-        if self.torch_module is not None and (torch.is_grad_enabled() or batch.is_cuda):
-            answers = tuple(torch.cat(one) for one in zip(*map(self._run_torch, parts), strict=True))
-        else:
-            joined = join_answers(self.graph, [self._ask(part) for part in parts])
-            answers = tuple(torch.from_numpy(one).float().to(batch.device) for one in joined)
-        return answers[0] if len(answers) == 1 else answers
+        if self.torch_module is not None and not self.is_cut and (torch.is_grad_enabled() or batch.is_cuda):
+            return self.raw(batch)
+        answers = join_answers(self.graph, [self._ask(part) for part in self._split(batch)])
+        return _unwrap([torch.from_numpy(one).float().to(batch.device) for one in answers])
+
+    def raw(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
+        """The outputs of the reading in torch: those of the part that was cut out, where the whole is not read."""
+        return _unwrap([torch.cat(one) for one in zip(*map(self._run_torch, self._split(batch)), strict=True)])
+
+    def _split(self, batch: torch.Tensor) -> Sequence[torch.Tensor]:
+        return batch.split(1) if self.one_by_one else (batch,)
+
+
+def _unwrap(answers: list[torch.Tensor]) -> "torch.Tensor | tuple[torch.Tensor, ...]":
+    return answers[0] if len(answers) == 1 else tuple(answers)

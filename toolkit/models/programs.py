@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import BadZipFile, ZipFile
 
 import torch
@@ -303,12 +303,18 @@ def load_exported_classifier(path: Path, device: str) -> Classifier:
     return replace(made, notes=notes)
 
 
-def load_python_classifier(model: str, device: str) -> Classifier:
+class Called(NamedTuple):
+    """What a function of the user's made: a module, what it says of its images, and the file that stands for both."""
+
+    module: nn.Module
+    given: object
+    file: WeightsFile
+
+
+def call_python(model: str) -> Called:
     """What `python:module:function` returns: a module and its preprocessing.
 
-    The preprocessing is a `Preprocessing`, torchvision's `weights.transforms()`, or a mapping with the fields of
-    `LabelsFile`, such as `{"size": 224, "mean": …, "std": …, "labels": […]}`. The module is searched as Python does,
-    and in the current folder.
+    The module is searched as Python does, and in the current folder.
 
     Raises:
         ToolkitError: it cannot be imported or called, or returns something else.
@@ -336,17 +342,31 @@ def load_python_classifier(model: str, device: str) -> Classifier:
             found += f" of {len(made)}: {', '.join(one.__class__.__name__ for one in made)[:80]}"
         raise FieldError(f"expected a torch.nn.Module and its preprocessing, in a tuple; found {found}",
                          {"model": model})  # fmt: skip
-    network, own = made[0], LabelsFile()
-    if isinstance(made[1], Preprocessing):
-        how = made[1]
-    elif isinstance(made[1], torchvision.transforms._presets.ImageClassification):
-        how = published_preprocessing(made[1])
-    else:
-        own = _read_mapping(model, made[1])
-        how = _plain_preprocessing(own.crop_px or own.size or 0)
-    source = Path(getattr(module, "__file__", None) or f"{module_name}.py")
+    network, source = made[0], Path(getattr(module, "__file__", None) or f"{module_name}.py")
     network.requires_grad_(False).eval().to("cpu")
-    file = WeightsFile(source, _hash_module(network, source), f"{module_name}:{function_name}")
+    return Called(
+        network, made[1], WeightsFile(source, _hash_module(network, source), f"{module_name}:{function_name}")
+    )
+
+
+def load_python_classifier(model: str, device: str) -> Classifier:
+    """A classifier from `call_python`.
+
+    The preprocessing is a `Preprocessing`, torchvision's `weights.transforms()`, or a mapping with the fields of
+    `LabelsFile`, such as `{"size": 224, "mean": …, "std": …, "labels": […]}`.
+
+    Raises:
+        ToolkitError: as `call_python`, or its answers are not a number for each class and image.
+    """
+    network, given, file = call_python(model)
+    own = LabelsFile()
+    if isinstance(given, Preprocessing):
+        how = given
+    elif isinstance(given, torchvision.transforms._presets.ImageClassification):
+        how = published_preprocessing(given)
+    else:
+        own = read_mapping(model, given)
+        how = _plain_preprocessing(own.crop_px or own.size or 0)
     return _assemble(network, model, file, own, how, device)
 
 
@@ -381,13 +401,18 @@ def wrap_module(
     if not isinstance(module, nn.Module):
         raise FieldError("expected a torch.nn.Module", {"module": arch})
     fields = {"labels": list(labels), "size": size, "mean": tuple(mean), "std": tuple(std), "name": name or arch}
-    own = _read_mapping(arch, fields)
+    own = read_mapping(arch, fields)
     network = deepcopy(module).requires_grad_(False).eval().to("cpu")
     file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
     return _assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
 
 
-def _read_mapping(model: str, given: object) -> LabelsFile:
+def read_mapping(model: str, given: object) -> LabelsFile:
+    """What a function says of its network's images, checked.
+
+    Raises:
+        ToolkitError: it is no mapping, a field cannot be used, or no size is said.
+    """
     expected = "expected as preprocessing a Preprocessing, torchvision's transforms(), or a dict with 'size'"
     if not isinstance(given, Mapping):
         raise FieldError(f"{expected}; found {given.__class__.__name__}", {"model": model})

@@ -4,6 +4,7 @@ What `toolkit print` can be told is declared here: the page of a patch, or a she
 """
 
 import re
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -19,6 +20,7 @@ SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
 SHEET = "The sheet that objects stand on, or the strip of colours"
 PAGE = "On paper"
 WRAP = "The pieces of a wrap"
+OWN = "What you have already"
 AnyPaper = Annotated[Paper, BeforeValidator(lambda paper: parse_paper(paper) if isinstance(paper, str) else paper)]
 
 
@@ -95,6 +97,31 @@ class WrapSettings(Config):
     cut: Annotated[CutFormat | None, Flag(metavar="svg|dxf", group=WRAP)] = Field(
         None, description="Also write the outlines alone, in mm, one file a page."
     )
+
+
+class OwnSettings(Config):
+    """What is printed of what people have already, if anything; the size is `PrintSettings`'."""
+
+    tag: Annotated[str | None, Flag(metavar="FAMILY:NUMBERS", group=OWN)] = Field(
+        None,
+        description="Tags of a family of AprilTag or ArUco, such as 36h11:0-19 or 4x4_50:3,7. {size_mm} is the side of "
+        "the black square.",
+    )
+    picture: Annotated[Path | None, Flag(metavar="FILE", group=OWN)] = Field(
+        None, description="Any picture, without a record. {size_mm} is its longer side."
+    )
+    camera_px: Annotated[int, Field(ge=16, le=100_000), Flag(metavar="PX", group=OWN)] = Field(
+        1920, description="Width of the camera's image, for the note on the distance up to which it tells texels apart."
+    )
+    camera_fov: Annotated[float, Field(ge=1, le=170), Flag(metavar="DEGREES", group=OWN)] = Field(
+        60.0, description="Its field of view across that width."
+    )
+
+    @model_validator(mode="after")
+    def _check_one(self) -> "OwnSettings":
+        if self.tag is not None and self.picture is not None:
+            raise FieldError("expected one of them", {"tag": self.tag, "picture": self.picture})
+        return self
 
 
 class SheetSettings(Config):

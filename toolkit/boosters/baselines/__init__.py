@@ -1,4 +1,4 @@
-"""What patches are compared with: codes, photographs and fixed patterns in their place (the paper, Appendix D.2).
+"""What patches are compared with: codes, words, photographs, fixed patterns (the paper, Appendix D.2).
 
 The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
 """
@@ -11,7 +11,7 @@ from toolkit.boosters.patch_sets import SetName
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
 
-QR, APRILTAG = "qr", "apriltag"
+QR, APRILTAG, WORD = "qr", "apriltag", "word"
 BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"
 NEED_DATA = (BEST_IMAGE, RANDOM_IMAGE)
 
@@ -20,8 +20,9 @@ class BaselineConfig(Config):
     """Patch sets of one kind to make."""
 
     kind: Annotated[
-        Literal["qr", "apriltag", "best-image", "random-image", "fixed-pattern"], Flag(positional=True, metavar="KIND")
-    ] = Field(description="qr, apriltag, best-image, random-image or fixed-pattern.")
+        Literal["qr", "apriltag", "word", "best-image", "random-image", "fixed-pattern"],
+        Flag(positional=True, metavar="KIND"),
+    ] = Field(description="qr, apriltag, word, best-image, random-image or fixed-pattern.")
     class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
         (),
         description="A label, index or WordNet id; may be repeated. Default: those of --data, else all.",

@@ -19,6 +19,7 @@ from toolkit.boosters.baselines import (
     BEST_IMAGE,
     FIXED_PATTERN,
     QR,
+    WORD,
     BaselineConfig,
 )
 from toolkit.boosters.baselines.drawn import (
@@ -29,6 +30,7 @@ from toolkit.boosters.baselines.drawn import (
     Choice,
     FixedPatterns,
     QrCodes,
+    Words,
 )
 from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import record_network
@@ -257,6 +259,8 @@ def prepare_baseline(config: BaselineConfig, images: ImageSet | None, classifier
         return QrCodes(classes, border)
     if config.kind == APRILTAG:
         return AprilTags(classes, border)
+    if config.kind == WORD:
+        return Words(classifier.labels)
     if config.kind == FIXED_PATTERN:
         return FixedPatterns(config.seed)
     assert images is not None, "checked when the request was made"

@@ -1,0 +1,140 @@
+"""Is a detector fed as it was trained? Its boxes on photographs, and whether another preprocessing finds more."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from PIL import Image
+
+from toolkit.core.console import progress
+from toolkit.core.errors import FieldError
+from toolkit.core.files import write_bytes
+from toolkit.evaluation.detect import LEAST_SHOWN, pen_boxes
+from toolkit.imaging.read import encode_image, is_image_name, read_image
+from toolkit.models.decoders import IMAGENET, LEVELS, PLAIN, Letterbox
+from toolkit.models.detector import Detections, Detector, box_iou
+from toolkit.models.load_detector import DenseDetector
+
+MOST_PHOTOS, CARD_PX, COLUMNS = 12, 400, 4
+MOST_COUNTED, SAME_IOU = 3, 0.7
+"""Of the boxes in each photograph the surest count, where the mirrored one shows them in the same place."""
+CLEARLY = 1.1
+"""By which factor the scores must rise before another preprocessing is named."""
+
+
+@dataclass(frozen=True)
+class DetectorCheck:
+    """What a detector finds in photographs as it is fed, and as it might be.
+
+    Attributes:
+        model: its name.
+        photos: how many were shown.
+        boxes: of score 0.25 or more, in all of them.
+        score: sum of the scores of the surest three in each that its mirrored image shows as well.
+        better: lines for the TOML that raise the sum most; empty where none does clearly.
+        better_boxes, better_score: with these.
+        picture: PNG of the photographs with their boxes.
+    """
+
+    model: str
+    photos: int
+    boxes: int
+    score: float
+    better: str
+    better_boxes: int
+    better_score: float
+    picture: str
+
+    def describe(self) -> str:
+        """What was found, and what to change."""
+        found = f"{self.model}: {self.boxes} boxes in {self.photos} photographs, see {self.picture}"
+        if not self.better:
+            return f"{found}; no other preprocessing finds clearly more"
+        sums = f"scores {self.better_score:.1f} in place of {self.score:.1f}"
+        return f"{found}; with {self.better} it finds {self.better_boxes} ({sums}): write that into the TOML beside it"
+
+
+def check_detector(model: str, detector: Detector, folder: Path, picture: Path) -> DetectorCheck:
+    """Show a detector photographs, as it is fed and with each other choice of preprocessing; write them with boxes.
+
+    Args:
+        model: its name.
+        detector: the network.
+        folder: whose first 12 photographs are taken.
+        picture: the PNG to write.
+
+    Raises:
+        ToolkitError: there is no photograph, or one cannot be read.
+    """
+    files = sorted(one for one in folder.rglob("*") if is_image_name(one.name)) if folder.is_dir() else []
+    if not files:
+        raise FieldError("expected a folder with photographs in it, found none", {"check": folder})
+    photos = [read_image(one) for one in files[:MOST_PHOTOS]]
+    found, boxes, score = _measure(detector, photos)
+    best = ("", boxes, CLEARLY * score + 0.25)
+    others = list(_vary(detector)) if isinstance(detector, DenseDetector) else []
+    with progress(f"checking {detector.name}", len(others)) as ticker:
+        for words, other in others:
+            _, count, total = _measure(other, photos)
+            best = (words, count, total) if total > best[2] else best
+            ticker.advance()
+    _write_sheet(picture, photos, found, detector.labels)
+    return DetectorCheck(model, len(photos), boxes, round(score, 3), best[0], best[1] if best[0] else boxes,
+                         round(best[2] if best[0] else score, 3), str(picture))  # fmt: skip
+
+
+def _measure(detector: Detector, photos: Sequence[np.ndarray]) -> tuple[list[Detections], int, float]:
+    """What is found, how many sure boxes, and the scores of those that the mirrored photographs show as well.
+
+    A network that is fed far too large values finds much, but not the same in a mirror.
+    """
+    found = detector.detect(photos)
+    mirrored = detector.detect([np.ascontiguousarray(one[:, ::-1]) for one in photos])
+    boxes, score = 0, 0.0
+    for photo, seen, other in zip(photos, found, mirrored, strict=True):
+        turned = np.array([photo.shape[1], 0, photo.shape[1], 0]) - other.boxes[:, [2, 1, 0, 3]] * [1, -1, 1, -1]
+        boxes += int((seen.scores >= LEAST_SHOWN).sum())
+        for box, kind, sure in list(zip(seen.boxes, seen.classes, seen.scores, strict=True))[:MOST_COUNTED]:
+            same = turned[(other.classes == kind) & (other.scores >= LEAST_SHOWN)]
+            score += float(sure) if sure >= LEAST_SHOWN and len(same) and box_iou(same, box).max() >= SAME_IOU else 0
+    return found, boxes, score
+
+
+def _vary(detector: DenseDetector) -> Iterator[tuple[str, DenseDetector]]:
+    """Each other order of channels, scale and letterbox, alone and the first two together."""
+    how = detector.decoder
+    scales = [(words, mean, std) for words, (mean, std) in _SCALES.items() if (mean, std) != (how.mean, how.std)]
+    turned = "RGB" if how.channels == "BGR" else "BGR"
+    yield f'channels = "{turned}"', replace(detector, decoder=replace(how, channels=turned))
+    for words, mean, std in scales:
+        scaled = replace(how, mean=mean, std=std)
+        yield words, replace(detector, decoder=scaled)
+        both = f'{words} and channels = "{turned}"'
+        yield both, replace(detector, decoder=replace(scaled, channels=turned))
+    for one in get_args(Letterbox):
+        if one != how.letterbox:
+            yield f'letterbox = "{one}"', replace(detector, decoder=replace(how, letterbox=one))
+
+
+def _say_scale(mean: Sequence[float], std: Sequence[float]) -> str:
+    lists = ([round(one, 6) for one in values] for values in (mean, std))
+    return "mean = {} and std = {}".format(*lists)
+
+
+_SCALES = {_say_scale(*one): one for one in (PLAIN, LEVELS, IMAGENET)}
+
+
+def _write_sheet(
+    picture: Path, photos: Sequence[np.ndarray], found: Sequence[Detections], labels: Sequence[str]
+) -> None:
+    columns = min(COLUMNS, len(photos))
+    rows = -(-len(photos) // columns)
+    sheet = Image.new("RGB", (columns * CARD_PX, rows * CARD_PX), "#14171b")
+    for k, (pixels, seen) in enumerate(zip(photos, found, strict=True)):
+        image = Image.fromarray(np.ascontiguousarray(pixels))
+        pen_boxes(image, seen, labels)
+        image.thumbnail((CARD_PX - 8, CARD_PX - 8))
+        sheet.paste(image, (k % columns * CARD_PX + 4, k // columns * CARD_PX + 4))
+    write_bytes(picture, encode_image(sheet, "PNG"))

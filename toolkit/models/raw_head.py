@@ -1,0 +1,55 @@
+"""The boxes and scores of all places, inside a graph that selects the best by itself: these pass on a gradient."""
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from toolkit.models.onnx_graphs import Shapes, import_extra, infer_shapes
+
+if TYPE_CHECKING:
+    from onnx import ModelProto, NodeProto
+
+
+def find_raw_head(model: "ModelProto", places: list[int]) -> "tuple[str, str] | None":
+    """Names of the tensors with boxes and with scores from which a graph selects; None: it has none.
+
+    The selection is what lies behind the first tensors, seen from the output, that have a row for every place. Scores
+    decide which places are selected, so they lead to a TopK; boxes do not.
+
+    Args:
+        model: whose first output is the selection.
+        places: how many places the grids may have, see `count_places`.
+    """
+    makers = {name: node for node in model.graph.node for name in node.output}
+    shapes = infer_shapes(model)
+    found = _first_behind(model.graph.output[0].name, makers, shapes, places)
+    tops = [node.input[0] for node in model.graph.node if node.op_type == "TopK"]
+    scores = {name for top in tops for name in _first_behind(top, makers, shapes, places)}
+    boxes = [name for name in found if name not in scores and shapes[name][2] == 4]
+    return (boxes[0], next(iter(scores))) if len(boxes) == len(scores) == 1 and len(found) == 2 else None
+
+
+def _first_behind(name: str, makers: "dict[str, NodeProto]", shapes: Shapes, places: list[int]) -> list[str]:
+    found, seen, waiting = list[str](), {name}, deque([name])
+    while waiting:
+        one = waiting.popleft()
+        shape = shapes.get(one, [])
+        if len(shape) == 3 and shape[1] in places:
+            found.append(one)
+        elif one in makers:
+            fresh = [given for given in makers[one].input if given and given not in seen]
+            seen.update(fresh)
+            waiting.extend(fresh)
+    return found
+
+
+def cut_raw_head(model: "ModelProto", places: list[int]) -> "ModelProto | None":
+    """A copy whose outputs are the tensors of `find_raw_head`; None: there are none."""
+    names = find_raw_head(model, places)
+    if names is None:
+        return None
+    onnx = import_extra("onnx")
+    extractor = onnx.utils.Extractor(onnx.shape_inference.infer_shapes(model))
+    stored = {one.name for one in model.graph.initializer}
+    inputs = [one.name for one in model.graph.input if one.name not in stored]
+    cut: ModelProto = extractor.extract_model(inputs, list(names))
+    return cut
