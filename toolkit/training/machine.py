@@ -5,16 +5,16 @@ import platform
 import re
 import shutil
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.filament import PACKAGES
+from toolkit.rig.renderers import INSTALL_EGL, RENDERERS
 
 NEEDED_DISK_MB = 500
-APT = "sudo apt-get install -y --no-install-recommends"
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,17 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         folder: where a workspace is or would be, for its free disk space; by default the current one.
     """
     where = Path.cwd() if folder is None else folder
-    return [_python(), _packages(), _open3d(), _renderer(), _egl(), _disk(where), _weights(), _bundled(), _gpu()]
+    return [
+        _python(),
+        _packages(),
+        _open3d(),
+        _renderer(),
+        *_other_renderers(),
+        _disk(where),
+        _weights(),
+        _bundled(),
+        _gpu(),
+    ]
 
 
 def _python() -> Check:
@@ -77,7 +87,7 @@ def _open3d() -> Check:
     if done.returncode == 0:
         return Check("Open3D", "ok", done.stdout.decode().split()[-1])
     reason = (done.stderr.decode("utf-8", "replace").strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
-    return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
+    return Check("Open3D", "missing", reason[:120], INSTALL_EGL)
 
 
 def _renderer() -> Check:
@@ -96,13 +106,15 @@ def _renderer() -> Check:
     return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")
 
 
-def _egl() -> Check:
-    from toolkit.rig.filament import egl_trouble
-
-    trouble = egl_trouble()
-    if trouble is None:
-        return Check("EGL", "ok", "a surfaceless display opens")
-    return Check("EGL", "note", f"{trouble}; only --renderer filament needs it", f"{APT} {PACKAGES}")
+def _other_renderers() -> Iterator[Check]:
+    """Whether each renderer that needs something of the machine can start."""
+    for name, kind in RENDERERS.items():
+        if kind.need is None:
+            continue
+        if trouble := kind.find_trouble():
+            yield Check(kind.need, "note", f"{trouble}; only --renderer {name} needs it", kind.fix)
+        else:
+            yield Check(kind.need, "ok", kind.working)
 
 
 def _disk(folder: Path) -> Check:

@@ -21,7 +21,7 @@ from toolkit.imaging.plots import read_font
 from toolkit.imaging.read import encode_image, read_image
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, look_at, orbit_pose, project
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import Renderer
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.conditions import CLEAR, ObjectInWorld, PreviewRequest, check_times, parse_weathers
 from toolkit.worlds.own import open_world
@@ -409,16 +409,14 @@ def preview_request(
     return opened.name, preview_world(opened, skies, folder, settings, placed)
 
 
-def _light(show: _Show, sky: Sky) -> RaycastRenderer:
+def _light(show: _Show, sky: Sky) -> Renderer:
     """The renderer of world and object under a sky."""
     if show.placed is None:
         return make_renderer(leave_empty(show.world, sky))
     return make_renderer(place_object(show.placed.mesh, show.world, show.placed.spot, sky))
 
 
-def _make(
-    show: _Show, renderer: RaycastRenderer, jobs: list[_Job], advance: Any
-) -> Iterator[tuple[_Job, bytes | None]]:
+def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> Iterator[tuple[_Job, bytes | None]]:
     """The content of files of one view; None where it is written already."""
     first = jobs[0]
     sky = show.skies[first.sky]
@@ -438,7 +436,7 @@ def _make(
         yield first, None
 
 
-def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -> None:
+def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
