@@ -60,11 +60,27 @@ def _find_egl_trouble() -> str | None:
     return egl_trouble()
 
 
+def _make_mitsuba(mesh: "Mesh", scene: "Scene", detail: "BakeDetail", stand: "Stand") -> "Renderer":
+    from toolkit.rig.mitsuba import MitsubaRenderer
+
+    return MitsubaRenderer(mesh, scene, stand)
+
+
+def _find_mitsuba_trouble() -> str | None:
+    from toolkit.rig.mitsuba import mitsuba_trouble
+
+    return mitsuba_trouble()
+
+
 RENDERERS: dict[str, RendererKind] = {
     "raycast": RendererKind(_make_raycast, draws_worlds=True),
     "filament": RendererKind(
         _make_filament, version=2, need="EGL", working="a surfaceless display opens", find_trouble=_find_egl_trouble,
         fix=INSTALL_EGL,
+    ),
+    "mitsuba": RendererKind(
+        _make_mitsuba, draws_worlds=True, version=1, need="Mitsuba", working="scalar_rgb, denoised by OIDN",
+        find_trouble=_find_mitsuba_trouble, fix="pip install 'toolkit-boost[mitsuba]'",
     ),
 }  # fmt: skip
 RAYCAST = "raycast"
@@ -80,6 +96,17 @@ def check_renderer(name: str) -> str:
     """
     if name not in RENDERERS:
         raise one_of("renderer", name, list(RENDERERS))
+    return name
+
+
+def check_world_renderer(name: str) -> str:
+    """Return the name of a renderer that draws worlds.
+
+    Raises:
+        ToolkitError: there is none of that name, or it draws studios alone.
+    """
+    if not RENDERERS[check_renderer(name)].draws_worlds:
+        raise ToolkitError(f"the renderer {name} draws studios alone: use {' or '.join(IN_WORLDS)} in a world")
     return name
 
 
@@ -101,9 +128,7 @@ def make_renderer(
     from toolkit.rig.lighting import FULL_DETAIL
     from toolkit.rig.scene import AT_ORIGIN
 
-    kind = RENDERERS[check_renderer(name)]
-    if scene.table is None and not kind.draws_worlds:
-        raise ToolkitError(f"the renderer {name} draws studios alone: use {' or '.join(IN_WORLDS)} in a world")
+    kind = RENDERERS[check_renderer(name) if scene.table is not None else check_world_renderer(name)]
     if (trouble := kind.find_trouble()) is not None:
         raise ToolkitError(
             f"the renderer {name} cannot start: {trouble}: run '{kind.fix}', or use the renderer {RAYCAST}"

@@ -18,6 +18,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RAYCAST
 from toolkit.worlds.depth_weather import make_weather
 from toolkit.worlds.picture import develop_through, find_depths, make_renderer
 from toolkit.worlds.place import Placed
@@ -170,6 +171,7 @@ class Stage:
         seed: of grain and weather.
         places: the bare object in its places.
         variants: by name.
+        renderer: what draws the pictures.
     """
 
     world: World
@@ -178,6 +180,7 @@ class Stage:
     seed: int
     places: tuple[Placed, ...]
     variants: dict[str, WorldVariant]
+    renderer: str = RAYCAST
 
 
 class FrameSource(Protocol):
@@ -204,7 +207,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
 @lru_cache(maxsize=1)
 def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
     """The renderer of a variant in its place; the last one is kept."""
-    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh))
+    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh), stage.renderer)
 
 
 def render_frame(stage: Stage, task: PictureTask, renderer: Renderer) -> Frame:
