@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.manifest import MANIFEST, read_manifest
-from toolkit.captures.shoot import FILAMENT_VERSION, ShootSettings, describe_look, shoot_plan
+from toolkit.captures.shoot import ShootSettings, describe_look, shoot_plan
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
@@ -21,6 +21,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch, write_patch
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan, read_plan, write_plan
+from toolkit.rig.renderers import RENDERERS
 from toolkit.rig.variants import CONTROLS_OF
 
 SETTINGS = ShootSettings(backdrop="white")
@@ -242,7 +243,7 @@ def test_pictures_of_the_second_renderers_older_version_are_shot_again(space):
     """And those of the first keep their hash."""
     item = load_object(space.object_spec("crate"))
     looks = [describe_look(space, item, "unpatched", ShootSettings(renderer=name)) for name in ("raycast", "filament")]
-    assert [look.get("filament") for look in looks] == [None, FILAMENT_VERSION]
+    assert [look.get("filament") for look in looks] == [None, RENDERERS["filament"].version]
 
 
 def test_a_patch_that_is_not_its_records_is_refused(space):

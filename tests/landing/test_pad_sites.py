@@ -25,7 +25,10 @@ from toolkit.landing.site import (
     place_at,
     plan_places,
 )
+from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RENDERERS, RendererKind
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import SceneClass, World
 
@@ -59,6 +62,25 @@ def test_the_picture_shows_the_pads_own_picture(site: PadSite) -> None:
     seen = site.photograph(SiteView(above(site, (0, 0, height), turn), 0, 0))
     drawn = cv2.resize(site.pad.picture, seen.shape[:2][::-1], interpolation=cv2.INTER_AREA)
     assert np.corrcoef(seen[..., 1].ravel(), drawn[..., 1].ravel())[0, 1] > 0.95
+
+
+def test_the_camera_s_renderer_draws_it(site: PadSite, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Dark(Renderer):
+        def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+            return np.zeros((camera.height, camera.width, 3), np.float32)
+
+    make = RendererKind(lambda mesh, scene, detail, stand: Dark(mesh, scene, stand), draws_worlds=True)
+    monkeypatch.setitem(RENDERERS, "dark", make)
+    optics = CameraConfig(image_px=64, renderer="dark")
+    dark = PadSite(site.world, site.place, site.sky, site.pad, optics)
+    view = SiteView(above(site, (0, 0, 6.0)), 3, 7)
+    picture, mask = dark.photograph_with_mask(view)
+    assert picture.mean() < 10 < site.photograph(view).mean()
+    assert np.array_equal(mask, site.photograph_with_mask(view)[1])
+    # sets of the default keep their hash
+    assert "renderer" not in CameraConfig().record() and optics.record()["renderer"] == "dark"
+    with pytest.raises(ToolkitError, match="the renderer filament draws studios alone: use raycast"):
+        CameraConfig(renderer="filament")
 
 
 def test_fog_fades_it_and_the_same_view_has_the_same_bytes(site: PadSite) -> None:

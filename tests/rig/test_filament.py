@@ -13,6 +13,7 @@ from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.filament import FilamentRenderer
 from toolkit.rig.graphics import EGL, VULKAN, graphics_trouble
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderers import RENDERERS, make_renderer
 from toolkit.rig.studio import make_studio
 
 
@@ -129,11 +130,16 @@ def test_a_network_still_runs_in_the_process_that_has_rendered(needs_graphics):
     assert "sum 1000 (48, 64, 3)" in done.stdout
 
 
-@pytest.mark.parametrize(("graphics", "package"), [(EGL, "libegl-mesa0"), (VULKAN, "mesa-vulkan-drivers")])
-def test_without_graphics_it_says_what_to_install(monkeypatch, make_box, studio, graphics, package):
-    """Instead of ending the process, as Filament does."""
-    monkeypatch.setattr("toolkit.rig.filament.find_graphics", lambda: graphics)
-    monkeypatch.setattr("toolkit.rig.filament.graphics_trouble", lambda: "a library is missing")
-    expected = rf"cannot start: a library is missing: install libegl1 .*{package}.*, or use the renderer raycast"
-    with pytest.raises(ToolkitError, match=expected):
-        FilamentRenderer(make_box(), studio)
+@pytest.mark.parametrize("graphics", [EGL, VULKAN], ids=lambda graphics: graphics.name)
+def test_every_graphics_interface_names_its_packages(graphics):
+    driver = {"EGL": "libegl-mesa0", "Vulkan": "mesa-vulkan-drivers"}[graphics.name]
+    assert driver in graphics.packages and "libegl1" in graphics.packages
+
+
+def test_without_graphics_it_says_what_to_install_instead_of_ending_the_process(monkeypatch, make_box, studio):
+    kind = replace(RENDERERS["filament"], find_trouble=lambda: "a library is missing")
+    monkeypatch.setitem(RENDERERS, "filament", kind)
+    with pytest.raises(
+        ToolkitError, match=r"cannot start: a library is missing: run 'sudo .* libegl1 .*', or use the renderer raycast"
+    ):
+        make_renderer("filament", make_box(), studio)

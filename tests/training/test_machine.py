@@ -3,18 +3,24 @@
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from toolkit.rig.graphics import EGL, VULKAN
+from toolkit.rig.renderers import GRAPHICS, RENDERERS
 from toolkit.training import machine
 
+
+def find_check(name):
+    return next(check for check in machine._other_renderers() if check.name == name)
+
+
 CHECKS = {
-    "Python": machine._python, "packages": machine._packages, "Open3D": machine._open3d, "graphics": machine._graphics,
-    "ResNet-18 weights": machine._weights,
+    "Python": machine._python, "packages": machine._packages, "Open3D": machine._open3d,
+    GRAPHICS.name: lambda: find_check(GRAPHICS.name), "ResNet-18 weights": machine._weights,
 }  # fmt: skip
 
 
@@ -62,15 +68,13 @@ def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
     assert "-11" in machine._open3d().found
 
 
-@pytest.mark.parametrize("graphics", [EGL, VULKAN], ids=lambda one: one.name)
-def test_without_graphics_only_filament_is_lost(monkeypatch, graphics):
-    monkeypatch.setattr(machine, "find_graphics", lambda: graphics)
-    monkeypatch.setattr(machine, "graphics_trouble", lambda: "a library is missing")
-    check = machine._graphics()
-    assert (check.name, check.state) == (graphics.name, "note") and "a library is missing" in check.found
-    assert check.fix.endswith(graphics.packages)
-    monkeypatch.setattr(machine, "graphics_trouble", lambda: None)
-    assert machine._graphics() == machine.Check(graphics.name, "ok", graphics.found)
+def test_without_graphics_only_filament_is_lost(monkeypatch):
+    kind = replace(RENDERERS["filament"], find_trouble=lambda: "a library is missing")
+    monkeypatch.setitem(RENDERERS, "filament", kind)
+    check = find_check(GRAPHICS.name)
+    assert check.state == "note" and "a library is missing" in check.found and check.fix.endswith(GRAPHICS.packages)
+    monkeypatch.setitem(RENDERERS, "filament", replace(kind, find_trouble=lambda: None))
+    assert find_check(GRAPHICS.name) == machine.Check(GRAPHICS.name, "ok", GRAPHICS.found)
 
 
 @pytest.mark.parametrize(("free_mb", "state"), [(20_000, "ok"), (499, "missing")])

@@ -53,7 +53,7 @@ from toolkit.objects.atlas import apply_texture
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.loop import History
@@ -384,7 +384,7 @@ def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> View
     mesh = subject.mesh
     studio = make_studio(0, float(mesh.size_mm.max()), TURNTABLE_BACKDROP)
     # baked once: the turntable is shown again at every checkpoint, and only the texture differs
-    renderer = RaycastRenderer(mesh, studio, DETAIL)
+    renderer = make_renderer(RAYCAST, mesh, studio, DETAIL)
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     poses = []

@@ -24,7 +24,7 @@ from toolkit.rig.fit import describe_misfits
 from toolkit.rig.mount import attach, mount_sheets
 from toolkit.rig.plan import CapturePlan, Pose, plan_poses
 from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
-from toolkit.rig.raycast import make_renderer
+from toolkit.rig.renderers import make_renderer
 from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import apply_booster
 

@@ -38,7 +38,7 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
-from toolkit.rig.raycast import RENDERERS, make_renderer
+from toolkit.rig.renderers import RENDERERS, check_renderer, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
@@ -54,8 +54,6 @@ UNIT_SHOTS = 64
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
-FILAMENT_VERSION = 2
-"""The same for the pictures of the second renderer alone."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +220,7 @@ class ShootSettings:
         seed: of backdrop and sensor noise.
         backdrop: a table top by name; None: one per object, drawn by the seed.
         light: a light by name.
-        renderer: `raycast` or `filament`.
+        renderer: a name of `toolkit.rig.renderers.RENDERERS`.
         image_format: `jpg` (quality 95, no chroma subsampling) or `png`.
         board: the printed board that lies under the object; None for the bare table.
         rehearsal: what print, hand and phone do to the shots; None: nothing.
@@ -340,8 +338,7 @@ def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -
     Raises:
         ToolkitError: an unknown renderer or image format, or a source that is no folder's name.
     """
-    if settings.renderer not in RENDERERS:
-        raise one_of("renderer", settings.renderer, list(RENDERERS))
+    check_renderer(settings.renderer)
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
     if settings.rehearsal is not None and settings.image_format != "jpg":
@@ -464,8 +461,8 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
         del how[absent]  # images from before there was one keep their hash
-    if settings.renderer == "filament":
-        how["filament"] = FILAMENT_VERSION
+    if (version := RENDERERS[check_renderer(settings.renderer)].version) is not None:
+        how[settings.renderer] = version
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
     look = {

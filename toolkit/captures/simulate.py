@@ -12,6 +12,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
+from toolkit.rig.renderers import RAYCAST, RENDERERS
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupted_copy import CorruptedSource, Corruption
@@ -27,7 +28,7 @@ class SimulateConfig(Config):
     light: Annotated[str | None, Flag(metavar="studio|side|warm|dim")] = Field(
         None, description="Of the rig. Default: studio, with {rehearse} side."
     )
-    renderer: Annotated[str, Flag(metavar="raycast|filament")] = Field("raycast", description="What draws the images.")
+    renderer: Annotated[str, Flag(metavar="|".join(RENDERERS))] = Field(RAYCAST, description="What draws the images.")
     board: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
         description="Board under the object: printed (the one that was printed last), none, one of rig/boards, or a "
@@ -48,8 +49,8 @@ class SimulateConfig(Config):
     image_format: Annotated[str, Flag("--format", metavar="jpg|png")] = Field("jpg", description="Of the images.")
     source: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
-        description="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-like-NAME "
-        "with these options.",
+        description="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-RENDERER, "
+        "sim-like-NAME with these options.",
     )
     like: Annotated[Path | None, Flag(metavar="FOLDER")] = Field(
         None,
@@ -204,6 +205,7 @@ def _shoot_plan(
         space.patch_set,
         "board" if config.board not in (None, "none") else None,
         "rehearsed" if config.rehearse else None,
+        config.renderer if config.renderer != RAYCAST else None,
     ]
     source = config.source or "-".join(filter(None, words))
     source_dir = space.source_dir(source)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.core.config import Config, Flag, Joined, Range, Rising
+from toolkit.core.config import Config, Flag, Joined, Later, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import is_file_name
 from toolkit.printing import AnyPaper
 from toolkit.printing.page import parse_paper
+from toolkit.rig.renderers import IN_WORLDS, RAYCAST, check_world_renderer
 from toolkit.training.loop import FitConfig
 from toolkit.worlds.conditions import CLEAR, Time, Times, Weathers, check_weather, parse_weathers
 
@@ -51,6 +52,7 @@ class CameraConfig(Config):
         image_px: side of its square pictures.
         fov_deg: its angle of view.
         noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
+        renderer: what draws the pictures.
     """
 
     image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(
@@ -60,6 +62,9 @@ class CameraConfig(Config):
         70.0, description="Horizontal field of view."
     )
     noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
+    renderer: Annotated[str, AfterValidator(check_world_renderer), Later(), Flag(metavar="|".join(IN_WORLDS))] = Field(
+        RAYCAST, description="What draws the pictures."
+    )
 
     @property
     def camera(self) -> "Camera":

@@ -21,7 +21,7 @@ from toolkit.objects.mesh import Material, Mesh, cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderers import make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.conditions import CLEAR
@@ -306,7 +306,7 @@ class PadSite:
         self.camera = self.optics.camera
         self.stand = Stand(place.centre, place.turn_deg)
         self.mesh = pad.mesh
-        self.renderer = RaycastRenderer(self.mesh, make_scene(world, sky), DETAIL, self.stand)
+        self.renderer = make_renderer(self.optics.renderer, self.mesh, make_scene(world, sky), DETAIL, self.stand)
 
     @property
     def centre(self) -> np.ndarray:

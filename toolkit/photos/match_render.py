@@ -22,7 +22,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.plan import Pose
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
 
@@ -111,7 +111,7 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
         raise ToolkitError("no poses to match with: expected at least one in the plan: run 'toolkit plan'")
     share = RENDER_SIDE_PX / min(camera.width, camera.height)
     small = camera.scaled(round(camera.width * share), round(camera.height * share))
-    renderer = RaycastRenderer(mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
+    renderer = make_renderer(RAYCAST, mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
     edges, edge_masks, colours, colour_masks, spread = [], [], [], [], []
     lights = renderer.render_many((small, pose.matrix()) for pose in poses)
     for pose, light in zip(poses, lights, strict=True):

@@ -129,6 +129,13 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
     )  # fmt: skip
 
 
+def place_unlit(mesh: Mesh, stand: Stand, number: int) -> LitBody:
+    """A mesh in its place without light, to find what is seen; `number` as in `Hits.mesh`."""
+    dark = BakedLight(np.ones(len(mesh.faces), int), np.zeros(len(mesh.faces), int), np.zeros((3, 5), np.float32))
+    lit = light_mesh(mesh, paint_of(mesh), dark, stand)
+    return LitBody(Shape.of(mesh), lit, is_moved=stand != AT_ORIGIN, number=number)
+
+
 def with_lamps(body: LitBody, mesh: Mesh) -> LitBody:
     """The same with what its materials give off; the light on it is not baked anew."""
     return replace(body, lit=body.lit._replace(**kept(_prepare_glow, mesh)._asdict()))

@@ -8,17 +8,17 @@ import contextlib
 import ctypes
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, load_open3d
 from toolkit.rig.camera import Camera, orbit_direction
-from toolkit.rig.graphics import find_graphics, go_surfaceless, graphics_trouble
-from toolkit.rig.scene import Scene, illuminate
+from toolkit.rig.graphics import go_surfaceless
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.scene import AT_ORIGIN, Scene, Stand, illuminate
 
 if TYPE_CHECKING:
     from open3d.visualization.rendering import OffscreenRenderer
@@ -29,22 +29,17 @@ SUN_LUX, ROOM_LUX = 79_000, 27_000
 the ray caster shows it. Filament's own camera keeps its default exposure."""
 
 
-class FilamentRenderer:
+class FilamentRenderer(Renderer):
     """Renders one object in one studio from any camera; hard-edged shadows, and silhouettes in steps.
 
-    Filament antialiases in its post-processing alone, which is off here.
+    Filament antialiases in its post-processing alone, which is off here. `make_renderer` asks `graphics_trouble` before.
     """
 
-    def __init__(self, mesh: Mesh, studio: Scene) -> None:
+    def __init__(self, mesh: Mesh, studio: Scene, stand: Stand = AT_ORIGIN) -> None:
         with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
             import triton  # noqa: F401
         go_surfaceless()
-        if (trouble := graphics_trouble()) is not None:
-            packages = find_graphics().packages
-            raise ToolkitError(
-                f"the filament renderer cannot start: {trouble}: install {packages}, or use the renderer raycast"
-            )
-        self._mesh, self._studio = mesh, studio
+        super().__init__(mesh, studio, stand)
         self._renderer: OffscreenRenderer | None = None
         self._size = (0, 0)
 
@@ -60,22 +55,19 @@ class FilamentRenderer:
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
 
-    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
-        """`render` of each (camera, `T_world_camera`), in order; Filament spreads each frame over the cores itself."""
-        return (self.render(*view) for view in views)
-
     def _build(self, width: int, height: int) -> "OffscreenRenderer":
         o3d = load_open3d()
 
         rendering = o3d.visualization.rendering
         renderer = rendering.OffscreenRenderer(width, height)
-        key, exposure = self._studio.key, self._studio.exposure
-        mean_room = self._studio.environment.mean(axis=(0, 1)) * exposure
+        key, exposure = self._scene.key, self._scene.exposure
+        mean_room = self._scene.environment.mean(axis=(0, 1)) * exposure
         renderer.scene.set_background([*np.clip(mean_room, 0, 1).tolist(), 1.0])
-        for index, material in enumerate(self._mesh.materials):
-            faces = self._mesh.faces[self._mesh.face_material == index]
+        mesh = self._mesh_in_world
+        for index, material in enumerate(mesh.materials):
+            faces = mesh.faces[mesh.face_material == index]
             if len(faces):
-                self._add(renderer, f"part{index}", self._mesh, faces, material)
+                self._add(renderer, f"part{index}", mesh, faces, material)
         self._add_table(renderer)
         view, lights = renderer.scene.view, renderer.scene.scene
         view.set_post_processing(False)
@@ -87,7 +79,7 @@ class FilamentRenderer:
         lights.set_sun_light(direction.tolist(), tint, SUN_LUX * strength * exposure)
         lights.enable_sun_light(True)
         lights.enable_indirect_light(True)
-        room = float(illuminate(self._studio.environment, replace(key, irradiance=(0, 0, 0))).mean())
+        room = float(illuminate(self._scene.environment, replace(key, irradiance=(0, 0, 0))).mean())
         lights.set_indirect_light_intensity(ROOM_LUX * room * exposure)
         return renderer
 
@@ -109,7 +101,7 @@ class FilamentRenderer:
         renderer.scene.add_geometry(name, shape, look)
 
     def _add_table(self, renderer: "OffscreenRenderer") -> None:
-        top = self._studio.need_table()
+        top = self._scene.need_table()
         x, y = (side / 2 for side in top.size_mm)
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)

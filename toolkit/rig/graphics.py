@@ -16,6 +16,7 @@ from toolkit.core.child import run_python
 
 EGL_PLATFORM_SURFACELESS_MESA = 0x31DD
 VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO = 1
+APT = "sudo apt-get install -y --no-install-recommends"
 LOADED = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0 libx11-6"
 """Debian's packages of the libraries that every Open3D loads when it is imported."""
 

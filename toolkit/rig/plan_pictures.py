@@ -13,7 +13,7 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.wrap import Wrap, dress_mesh
 from toolkit.rig.camera import Camera, distance_to_fill
 from toolkit.rig.plan import Pose
-from toolkit.rig.raycast import make_renderer
+from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 
@@ -64,7 +64,7 @@ def draw_contact_sheet(
 ) -> bytes:
     """PNG of what every pose sees, with its number and angles."""
     small = camera.scaled(tile_px, round(tile_px * camera.height / camera.width))
-    renderer = make_renderer("raycast", item.mesh, studio)
+    renderer = make_renderer(RAYCAST, item.mesh, studio)
     columns = min(columns, len(poses))
     rows = -(-len(poses) // columns)
     sheet = Image.new("RGB", (columns * small.width, rows * small.height), "white")

@@ -8,14 +8,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from toolkit.core.child import count_cores
-from toolkit.core.errors import ToolkitError, one_of
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
     NO_PICTURE,
@@ -29,34 +27,31 @@ from toolkit.rig.bake_cache import (
 )
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
-from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_mesh
+from toolkit.rig.kernel.frame import Hits, Linear, paint_background, paint_mesh
 from toolkit.rig.kernel.light import LightMap
 from toolkit.rig.kernel.scene import (
     ROUGHNESS_LEVELS,
     TILE,
     LitMesh,
     Surround,
-    View,
-    as_rotation,
     as_triple,
     fill_sheen,
     find_table_edges,
 )
 from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_studio_light
+from toolkit.rig.renderer import Renderer, name_hits, view_from
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import LinearView, tone_map
 from toolkit.rig.textures import blur_directions, pad_channels
-from toolkit.rig.trace import CENTRE, LitBody, Tracer
+from toolkit.rig.trace import LitBody, Tracer
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
 GROUND_REACH = 0.02
 """Height differences within which ground has the object's shade, as a share of the side of the map of it."""
-FARTHEST = 1e9
-"""Coordinates of a camera at most; float32 holds them to some tens of units."""
 
 
-class RaycastRenderer:
+class RaycastRenderer(Renderer):
     """Renders one object in one scene from any camera.
 
     What is worked out of a shape or a texture is kept for the next renderer that has the same, so that another place,
@@ -77,7 +72,7 @@ class RaycastRenderer:
             keep_light: on disk for other runs, see `bake_studio_light`; for an object on its table, at the origin.
         """
         compiled.prepare(_compile_all)
-        self._mesh, self._scene, self._stand = mesh, scene, stand
+        super().__init__(mesh, scene, stand)
         shape, paint = Shape.of(mesh), paint_of(mesh)
         self._others, around, albedo = None, None, paint.mean_colour
         if scene.surroundings is not None:
@@ -101,11 +96,6 @@ class RaycastRenderer:
         self._around = _surround(scene, lighting, stand)
         self._tracer = Tracer(self._object, self._others, self._around.key)
 
-    @cached_property
-    def outline(self) -> np.ndarray:
-        """(k, 3) points in the world that bound every picture of the object."""
-        return self._stand.to_world(self._object.shape.outline)
-
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light times the scene's exposure; not clipped.
 
@@ -117,10 +107,7 @@ class RaycastRenderer:
     def render_with_depth(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """`render`, and `depth`, `mesh` and `face` of `buffers` from the same rays; for scenes with surroundings."""
         picture, hits = self._render(camera, T_world_camera)
-        shape = camera.height, camera.width
-        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
-        found = {"depth": hits.distance, "mesh": met, "face": hits.face}
-        return picture, {name: values.reshape(shape) for name, values in found.items()}
+        return picture, name_hits(hits, (camera.height, camera.width))
 
     def _render(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, Hits]:
         picture, out, hits = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
@@ -154,38 +141,11 @@ class RaycastRenderer:
         out = out._replace(coverage=out.coverage.reshape(behind.shape[:2]))
         return LinearView(behind=behind, dark=dark, **out._asdict())
 
-    def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
-        """Exact buffers (h, w) at pixel centres.
-
-        Returns:
-            `depth` along the ray, in the mesh's units (inf: nothing is met); `material` of the object (-1: it is not
-            seen) and `uv` (h, w, 2) on it (NaN); `mesh`: 0 the object, 1 its surroundings, 255 neither; `face` of
-            that mesh.
-        """
-        shape = camera.height, camera.width
-        pixels = np.arange(camera.height * camera.width, dtype=np.int32)
-        samples = Samples(0, 0, camera.width, camera.height, pixels, CENTRE)
-        hits = self._tracer.see(_view(camera, T_world_camera), samples, np.ones(len(pixels), bool))
-        seen = (hits.face != NOTHING) & (hits.mesh == 0)
-        face, weights = hits.face[seen].astype(np.int64), hits.uv[seen]
-        material = np.full(seen.shape, -1, np.int32)
-        material[seen] = self._mesh.face_material[face]
-        # barycentric: the hit's weights are those of corners 1 and 2, corner 0 has what is left
-        corner_uv = self._mesh.uv[self._mesh.faces[face]]
-        texture_uv = np.full((*seen.shape, 2), np.nan, np.float32)
-        u, v = weights[:, :1], weights[:, 1:]
-        texture_uv[seen] = corner_uv[:, 0] * (1 - u - v) + corner_uv[:, 1] * u + corner_uv[:, 2] * v
-        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
-        return {
-            "depth": hits.distance.reshape(shape), "material": material.reshape(shape),
-            "uv": texture_uv.reshape(*shape, 2), "mesh": met.reshape(shape), "face": hits.face.reshape(shape),
-        }  # fmt: skip
-
     def _paint_meshes(
         self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
     ) -> tuple[np.ndarray, Linear, Hits]:
         """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
-        view = _view(camera, T_world_camera)
+        view = view_from(camera, T_world_camera)
         part = self._tracer.trace(view, self._region(camera, T_world_camera))
         # a pixel is one sample, or the one and four finer ones
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
@@ -205,7 +165,7 @@ class RaycastRenderer:
     def _paint_background(
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
     ) -> None:
-        view, edges = _view(camera, T_world_camera), np.empty((4, 3))
+        view, edges = view_from(camera, T_world_camera), np.empty((4, 3))
         # one tile beyond the picture's rim: values are interpolated between a tile's corners
         sheen = np.zeros((camera.height // TILE + 2, camera.width // TILE + 2, 4), np.float32)
         find_table_edges(self._around, view, edges)
@@ -263,19 +223,6 @@ def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None =
                 future.cancel()
 
 
-def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
-    """A camera in its place, for the kernel."""
-    pose = np.asarray(T_world_camera, np.float64)
-    if not np.isfinite(pose).all() or np.abs(pose[:3, 3]).max() > FARTHEST:
-        raise ToolkitError(
-            f"the camera stands at {pose[:3, 3].tolist()}: expected numbers within {FARTHEST:g}: check the pose"
-        )
-    return View(
-        rotation=as_rotation(pose[:3, :3]), origin=as_triple(pose[:3, 3]), fx=float(camera.fx), fy=float(camera.fy),
-        cx=float(camera.cx), cy=float(camera.cy), width=camera.width, height=camera.height,
-    )  # fmt: skip
-
-
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     side = lighting.table.shape[0] * LIGHT_MAP_ZOOM
     # smooth steps between baked samples, of which a straight line would show the grid
@@ -322,38 +269,3 @@ def _compile_all() -> None:
     RaycastRenderer(mesh, studio).render_linear(camera, pose, texture)
     world = replace(studio, table=None, surroundings=mesh)
     tone_map(RaycastRenderer(mesh, world, stand=Stand((0.0, 0.0, 2.0))).render(camera, pose), (0,))
-
-
-RENDERERS = ("raycast", "filament")
-
-
-class Renderer(Protocol):
-    """One object in one studio, seen from any camera."""
-
-    def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
-        """(height, width, 3) float32 linear light in exposure units, 1 is white; not clipped."""
-        ...
-
-    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
-        """`render` of each (camera, `T_world_camera`), in order; the same pictures, faster where there are cores."""
-        ...
-
-
-def make_renderer(name: str, mesh: Mesh, studio: Scene) -> Renderer:
-    """Build a scene for rendering.
-
-    Args:
-        name: `raycast` (exact buffers, soft baked light; no graphics driver) or `filament` (Open3D's EGL rasteriser).
-        mesh: the object on its table, boosters attached.
-        studio: light, table and room.
-
-    Raises:
-        ToolkitError: an unknown name, or EGL cannot start.
-    """
-    if name == "raycast":
-        return RaycastRenderer(mesh, studio, keep_light=True)
-    if name == "filament":
-        from toolkit.rig.filament import FilamentRenderer
-
-        return FilamentRenderer(mesh, studio)
-    raise one_of("renderer", name, list(RENDERERS))

@@ -19,7 +19,9 @@ from toolkit.core.draws import Draws
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.raycast import map_frames
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import DepthBuffer, LinearView, tone_map
 from toolkit.rig.studio import LIGHTS, make_studio
@@ -135,7 +137,7 @@ class Setting(Protocol):
         ...
 
     def aim(
-        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
+        self, renderer: Renderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
         ...
@@ -161,7 +163,7 @@ class StudioSetting:
         return _coarsen_studio(studio) if self.is_coarse else studio, stand
 
     def aim(
-        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
+        self, renderer: Renderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """See `random_pose`."""
         camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
@@ -191,9 +193,9 @@ class ViewBlock:
         self.scene, self.stand = setting.set_up(mesh, draws)
         self.renderer = self.place(mesh)
 
-    def place(self, mesh: Mesh) -> RaycastRenderer:
+    def place(self, mesh: Mesh) -> Renderer:
         """Another mesh in the same place and light."""
-        return RaycastRenderer(mesh, self.scene, self._setting.detail, self.stand)
+        return make_renderer(RAYCAST, mesh, self.scene, self._setting.detail, self.stand)
 
     def aim(self, number: int) -> tuple[Camera, np.ndarray]:
         """The camera of a view, and its `T_world_camera`."""
@@ -283,7 +285,7 @@ def render_block(
     return list(map_frames(render, range(settings.per_studio), threads))
 
 
-def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
+def find_depth(renderer: Renderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
     """How far away everything in a view is: the object, what stands around it, the table; a room is endlessly far."""
     depth = renderer.buffers(camera, T_world_camera)["depth"]
     if scene.table is not None:

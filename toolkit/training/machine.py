@@ -4,6 +4,7 @@ import os
 import platform
 import shutil
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -12,10 +13,10 @@ from packaging.requirements import Requirement
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.graphics import find_graphics, graphics_trouble
+from toolkit.rig.graphics import APT, find_graphics
+from toolkit.rig.renderers import RENDERERS
 
 NEEDED_DISK_MB = 500
-APT = "sudo apt-get install -y --no-install-recommends"
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,17 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         folder: where a workspace is or would be, for its free disk space; by default the current one.
     """
     where = Path.cwd() if folder is None else folder
-    return [_python(), _packages(), _open3d(), _renderer(), _graphics(), _disk(where), _weights(), _bundled(), _gpu()]
+    return [
+        _python(),
+        _packages(),
+        _open3d(),
+        _renderer(),
+        *_other_renderers(),
+        _disk(where),
+        _weights(),
+        _bundled(),
+        _gpu(),
+    ]
 
 
 def _python() -> Check:
@@ -96,11 +107,15 @@ def _renderer() -> Check:
     return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")
 
 
-def _graphics() -> Check:
-    graphics, trouble = find_graphics(), graphics_trouble()
-    if trouble is None:
-        return Check(graphics.name, "ok", graphics.found)
-    return Check(graphics.name, "note", f"{trouble}; only --renderer filament needs it", f"{APT} {graphics.packages}")
+def _other_renderers() -> Iterator[Check]:
+    """Whether each renderer that needs something of the machine can start."""
+    for name, kind in RENDERERS.items():
+        if kind.need is None:
+            continue
+        if trouble := kind.find_trouble():
+            yield Check(kind.need, "note", f"{trouble}; only --renderer {name} needs it", kind.fix)
+        else:
+            yield Check(kind.need, "ok", kind.working)
 
 
 def _disk(folder: Path) -> Check:

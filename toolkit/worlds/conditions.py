@@ -10,9 +10,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from toolkit.core.config import Config, Flag, Joined
+from toolkit.core.config import Config, Flag, Joined, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.corruptions.catalogue import SEVERITIES, parse_severities
+from toolkit.rig.renderers import IN_WORLDS, RAYCAST, check_world_renderer
 
 BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
 CLEAR = ("clear", 0)
@@ -170,3 +171,6 @@ class PreviewRequest(Config):
         (960, 540), description="Size of the pictures, pixels."
     )
     film_s: Annotated[float, Flag(metavar="X")] = Field(3.0, description="Length of the film, seconds; 0 makes none.")
+    renderer: Annotated[str, AfterValidator(check_world_renderer), Later(), Flag(metavar="|".join(IN_WORLDS))] = Field(
+        RAYCAST, description="What draws the pictures."
+    )

@@ -11,8 +11,9 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import make_folder, move_file
 from toolkit.objects.mesh import Material, Mesh
+from toolkit.rig import renderers
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import Renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import develop_light, draw_grain
 from toolkit.worlds.conditions import CLEAR
@@ -43,13 +44,13 @@ def make_speck() -> Mesh:
                 (Material("speck", grey),))  # fmt: skip
 
 
-def make_renderer(placed: Placed) -> RaycastRenderer:
-    """The renderer of an object in its place."""
-    return RaycastRenderer(placed.mesh, placed.scene, stand=placed.stand)
+def make_renderer(placed: Placed, name: str = renderers.RAYCAST) -> Renderer:
+    """The renderer of that name, of an object in its place."""
+    return renderers.make_renderer(name, placed.mesh, placed.scene, stand=placed.stand)
 
 
 def see_through(
-    renderer: RaycastRenderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray],
+    renderer: Renderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray],
     weathers: Sequence[tuple[str, int]], seed: tuple[int, int] = (0, 0),
 ) -> list[np.ndarray]:  # fmt: skip
     """(h, w, 3) uint8 sRGB pictures of one view, one for each weather, from one render.
@@ -96,7 +97,7 @@ def find_depths(
     Args:
         world, sky: that were rendered.
         view: camera and `T_world_camera`.
-        found: buffers of the same view, see `RaycastRenderer.render_with_depth`.
+        found: buffers of the same view, see `Renderer.render_with_depth`.
         weathers: which.
     """
     names = {name for name, _ in weathers}

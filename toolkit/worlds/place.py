@@ -30,7 +30,7 @@ KERB_M = 0.3
 
 @dataclass(frozen=True)
 class Placed:
-    """An object in its place, ready to be rendered: `RaycastRenderer(mesh, scene, stand=stand)`.
+    """An object in its place, ready to be rendered: see `toolkit.worlds.picture.make_renderer`.
 
     Attributes:
         mesh: at its real size, metres, in its own frame.

@@ -21,7 +21,8 @@ from toolkit.imaging.plots import read_font
 from toolkit.imaging.read import encode_image, read_image
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, look_at, orbit_pose, project
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RAYCAST
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.conditions import CLEAR, ObjectInWorld, PreviewRequest, check_times, parse_weathers
 from toolkit.worlds.own import open_world
@@ -181,6 +182,7 @@ class PreviewSettings:
         film_s: length of the film, seconds; 0 leaves it out.
         weathers: (name, severity) in which the first sky is seen besides clear air.
         seed: of viewpoints, flight, grain and weather.
+        renderer: what draws them.
     """
 
     resolution: tuple[int, int] = (960, 540)
@@ -189,6 +191,7 @@ class PreviewSettings:
     film_s: float = 3.0
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
     seed: int = 0
+    renderer: str = RAYCAST
 
     def __post_init__(self) -> None:
         for name in ("resolution", "film_size"):
@@ -349,6 +352,8 @@ def preview_world(
         ToolkitError: nowhere in it is there room for a camera, or a file cannot be written.
     """
     facts: dict[str, Any] = {"world": world.name, "world_sha256": world.sha256, "seed": settings.seed}
+    if settings.renderer != RAYCAST:
+        facts["renderer"] = settings.renderer
     if placed is not None:
         facts |= {"object_sha256": hash_mesh(placed.mesh), "place": placed.spot.name}
     show = _Show(world, skies, placed, settings, Path(folder), facts)
@@ -394,7 +399,9 @@ def preview_request(
         ToolkitError: world, sky, time, weather, object or place are unknown, or a number is out of range.
     """
     weathers = tuple(one for one in parse_weathers(request.weathers) if one != CLEAR)
-    settings = PreviewSettings(request.resolution, film_s=request.film_s, weathers=weathers, seed=seed)
+    settings = PreviewSettings(
+        request.resolution, film_s=request.film_s, weathers=weathers, seed=seed, renderer=request.renderer
+    )
     item.check()
     times = request.times or (() if request.sky else DEFAULT_TIMES)
     wanted = check_times(tuple(dict.fromkeys(times)))
@@ -409,16 +416,15 @@ def preview_request(
     return opened.name, preview_world(opened, skies, folder, settings, placed)
 
 
-def _light(show: _Show, sky: Sky) -> RaycastRenderer:
+def _light(show: _Show, sky: Sky) -> Renderer:
     """The renderer of world and object under a sky."""
     if show.placed is None:
-        return make_renderer(leave_empty(show.world, sky))
-    return make_renderer(place_object(show.placed.mesh, show.world, show.placed.spot, sky))
+        return make_renderer(leave_empty(show.world, sky), show.settings.renderer)
+    placed = place_object(show.placed.mesh, show.world, show.placed.spot, sky)
+    return make_renderer(placed, show.settings.renderer)
 
 
-def _make(
-    show: _Show, renderer: RaycastRenderer, jobs: list[_Job], advance: Any
-) -> Iterator[tuple[_Job, bytes | None]]:
+def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> Iterator[tuple[_Job, bytes | None]]:
     """The content of files of one view; None where it is written already."""
     first = jobs[0]
     sky = show.skies[first.sky]
@@ -438,7 +444,7 @@ def _make(
         yield first, None
 
 
-def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -> None:
+def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)

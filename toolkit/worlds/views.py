@@ -18,7 +18,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import Renderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.views import DETAIL, HELD_OUT, ViewSettings, random_pose
 from toolkit.worlds.own import open_world
@@ -79,7 +79,7 @@ class WorldSetting:
         raise error
 
     def aim(
-        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
+        self, renderer: Renderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """A camera from which the object is seen, drawn again where walls, trees or the ground hide it.
 
@@ -143,7 +143,7 @@ class WorldSetting:
         return spots
 
 
-def _is_seen(renderer: RaycastRenderer, camera: Camera, T_world_camera: np.ndarray) -> bool:
+def _is_seen(renderer: Renderer, camera: Camera, T_world_camera: np.ndarray) -> bool:
     """Whether a fair share of the object's outline shows it."""
     from scipy.spatial import ConvexHull
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from toolkit.experiments.sweeps import SweepConfig
 from toolkit.experiments.sweeps import sweep as sweeps
 from toolkit.experiments.sweeps.sweep import run_sweep
 from toolkit.rig.plan import read_plan, write_plan
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RENDERERS, RendererKind
 
 
 @pytest.fixture(scope="module")
@@ -231,3 +234,22 @@ def test_the_images_of_a_set_are_found_for_its_second_run_too(after, redness):
         done = sweep(mine, redness, "light", values)
     run = open_run(mine, f"sweeps/light/{done.evaluation.run_dir.name}")
     assert run.name.endswith("-mine-2") and find_captures_dir(mine, run).name == "captures-mine"
+
+
+@pytest.mark.slow
+def test_pictures_of_another_renderer_lie_apart(tmp_path, make_crate_space, redness, monkeypatch):
+    class Dark(Renderer):
+        def render(self, camera, T_world_camera):
+            return np.zeros((camera.height, camera.width, 3), np.float32)
+
+    monkeypatch.setitem(RENDERERS, "dark", RendererKind(lambda mesh, scene, detail, stand: Dark(mesh, scene, stand)))
+    space = make_crate_space(tmp_path)
+    base = make_base(space)
+    base = replace(base, settings=replace(base.settings, renderer=SweepConfig(axis="light", renderer="dark").renderer))
+    result = run_sweep(space, SweepConfig(axis="light", values=["studio"], objects=["crate"]), redness, base)
+    assert result.json_file.name == "sweep-redness-dark.json"
+    picture = space.eval_dir / "sweeps/light/captures-dark/studio/crate/unpatched/pose_01.jpg"
+    assert np.asarray(Image.open(picture)).max() < 60
+    assert not (space.eval_dir / "sweeps/light/captures").exists()
+    with pytest.raises(ToolkitError, match="no renderer called 'drak'"):
+        SweepConfig(axis="light", renderer="drak")

@@ -16,6 +16,9 @@ from toolkit.engine import EngineConfig
 from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, render_frames
 from toolkit.experiments.worlds.simulator import name_actor, shoot_frames, write_objects
 from toolkit.experiments.worlds.world_run import Asked, WorldRun, evaluate_world, plan_run
+from toolkit.rig.camera import Camera
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RENDERERS, RendererKind
 from toolkit.worlds.airsim import Address, AirSim
 
 
@@ -38,6 +41,22 @@ def shoot_all(asked: Asked, fake: FakeAirSim) -> list[Frame]:
     tasks = [task._replace(is_kept=True) for task in asked.tasks()]
     with serve(fake) as port, AirSim(Address("127.0.0.1", port), 5.0) as simulator:
         return list(shoot_frames(simulator, asked.stage, asked.places, "crate", tasks))
+
+
+def test_another_renderer_has_frames_of_its_own(asked: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Dark(Renderer):
+        def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+            return np.zeros((camera.height, camera.width, 3), np.float32)
+
+    kind = RendererKind(lambda mesh, scene, detail, stand: Dark(mesh, scene, stand), draws_worlds=True)
+    monkeypatch.setitem(RENDERERS, "dark", kind)
+    assert make_config(renderer="dark").record()["renderer"] == "dark"
+    dark = replace(asked, stage=replace(asked.stage, renderer="dark"))
+    assert not {task.frame for task in dark.tasks()} & {task.frame for task in asked.tasks()}
+    first, other = (next(render_frames(one.stage, one.tasks()[:1])) for one in (asked, dark))
+    assert other.pictures[0].mean() < 10 < first.pictures[0].mean()
+    with pytest.raises(ToolkitError, match="the renderer filament draws studios alone"):
+        make_config(renderer="filament")
 
 
 @pytest.mark.parametrize("flavour", ["airsim", "cosys"])

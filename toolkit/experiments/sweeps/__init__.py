@@ -5,12 +5,13 @@ The settings are declared here once, for the command line and for Python; nothin
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.core.config import Config, Flag
+from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError
 from toolkit.evaluation import RunName
 from toolkit.rig import PAIR
+from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer
 
 if TYPE_CHECKING:
     from toolkit.experiments.sweeps.axes import Axis, Value
@@ -41,6 +42,9 @@ class SweepConfig(Config):
         False,
         description="Of the axis size: at each size the set of patches trained for it, print/patches/60mm for 60 mm "
         "('train-patch --size-mm 60 --out print/patches/60mm').",
+    )
+    renderer: Annotated[str, AfterValidator(check_renderer), Later(), Flag(metavar="|".join(RENDERERS))] = Field(
+        RAYCAST, description="What draws the images."
     )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
 

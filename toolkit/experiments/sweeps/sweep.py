@@ -23,6 +23,7 @@ from toolkit.experiments.sweeps.axes import ShootSetup, SweepPoint, plan_units
 from toolkit.experiments.sweeps.sweep_rows import Sweep, draw_sweep, write_sweep
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan
+from toolkit.rig.renderers import RAYCAST
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,9 @@ def run_sweep(
             can be shot, or a disk that is full or read-only.
     """
     axis, values = config.parse()
-    base = base or ShootSetup(open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed))
+    base = base or ShootSetup(
+        open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed, renderer=config.renderer)
+    )
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = config.shown()
@@ -81,9 +84,10 @@ def run_sweep(
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
     folder = workspace.eval_dir / "sweeps" / axis.name
     patches = "trained" if config.trained else workspace.patch_set
-    name = config.run or "-".join(dict.fromkeys(part for part in (classifier.name, patches) if part))
-    # two sets of patches would take turns in one folder, and be shot again each time
-    captures_dir = folder / (f"captures-{patches}" if patches else "captures")
+    renderer = None if base.settings.renderer == RAYCAST else base.settings.renderer
+    name = config.run or "-".join(dict.fromkeys(filter(None, (classifier.name, patches, renderer))))
+    # two sets of patches or two renderers would take turns in one folder, and be shot again each time
+    captures_dir = folder / "-".join(filter(None, ("captures", patches, renderer)))
     with (engine or EngineConfig()).open() as workers:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
     captures = _read_units(captures_dir, possible, variants, stale)
@@ -92,8 +96,9 @@ def run_sweep(
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     findings = replace(findings, origin=find_origin(captures, findings.unpaired, classifier))
-    settings = EvalConfig(saliency=False)
-    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
+    evaluation = write_evaluation(
+        folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False), kind="sweep"
+    )
     # another sweep of this name keeps its files
     name = evaluation.run_dir.name
     model = {key: evaluation.summary["model"][key] for key in ("name", "arch", "weights", "sha256")}

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation import RunName
+from toolkit.rig.renderers import IN_WORLDS, RAYCAST, RENDERERS, check_world_renderer
 from toolkit.worlds import conditions
 from toolkit.worlds.conditions import CLEAR, DRY, Kind, Time
 
@@ -21,7 +22,6 @@ MOST_POINTS = 1_000_000
 ON_THE_TABLE = "patch-alone"
 ABSENT = "absent"
 """The variant without the object: how often its class is said of the place alone."""
-RIG = "raycast"
 WORLD, VIEW = "World", "Cameras"
 
 
@@ -43,11 +43,12 @@ def read_grid(given: object) -> object:
 
 
 def check_renderer(renderer: str) -> str:
-    """`raycast`, or a simulator's address; a `FieldError` where it is neither."""
-    if renderer != RIG:
-        from toolkit.worlds.airsim import Address
+    """Return a renderer that draws worlds, or a simulator's address; a `FieldError` if it is neither."""
+    if renderer in RENDERERS:
+        return check_world_renderer(renderer)
+    from toolkit.worlds.airsim import Address
 
-        Address.parse(renderer)
+    Address.parse(renderer)
     return renderer
 
 
@@ -125,8 +126,8 @@ class WorldEvalConfig(Config):
         None, description="Cameras at each place, drawn by the seed from those of the grid. Default: all."
     )
     renderer: Annotated[
-        str, AfterValidator(check_renderer), Later(), Flag(metavar="raycast|airsim://HOST", group=VIEW)
-    ] = Field(RIG, description="Who makes the pictures: the rig, or a running AirSim, Colosseum or Cosys-AirSim.")
+        str, AfterValidator(check_renderer), Later(), Flag(metavar="|".join((*IN_WORLDS, "airsim://HOST")), group=VIEW)
+    ] = Field(RAYCAST, description="What makes the pictures: a renderer, or AirSim, Colosseum or Cosys-AirSim.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(
         None,
@@ -139,3 +140,8 @@ class WorldEvalConfig(Config):
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
         None, exclude=True, description="Name of the folder under eval/. Default: world, object and network."
     )
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether a simulator makes the pictures."""
+        return self.renderer not in RENDERERS

@@ -16,7 +16,9 @@ from toolkit.engine.units import RecordCache
 from toolkit.experiments.worlds.cameras import GridCamera
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.raycast import map_frames
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RAYCAST
 from toolkit.worlds.depth_weather import make_weather
 from toolkit.worlds.picture import develop_through, find_depths, make_renderer
 from toolkit.worlds.place import Placed
@@ -169,6 +171,7 @@ class Stage:
         seed: of grain and weather.
         places: the bare object in its places.
         variants: by name.
+        renderer: what draws the pictures.
     """
 
     world: World
@@ -177,6 +180,7 @@ class Stage:
     seed: int
     places: tuple[Placed, ...]
     variants: dict[str, WorldVariant]
+    renderer: str = RAYCAST
 
 
 class FrameSource(Protocol):
@@ -193,7 +197,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
     Tasks of one place and variant should follow each other: their light is worked out once.
     """
 
-    def prepare() -> Iterator[tuple[PictureTask, RaycastRenderer]]:
+    def prepare() -> Iterator[tuple[PictureTask, Renderer]]:
         for task in tasks:
             yield task, open_renderer(stage, task.place, task.variant)
 
@@ -201,12 +205,12 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
 
 
 @lru_cache(maxsize=1)
-def open_renderer(stage: Stage, place: int, variant: str) -> RaycastRenderer:
+def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
     """The renderer of a variant in its place; the last one is kept."""
-    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh))
+    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh), stage.renderer)
 
 
-def render_frame(stage: Stage, task: PictureTask, renderer: RaycastRenderer) -> Frame:
+def render_frame(stage: Stage, task: PictureTask, renderer: Renderer) -> Frame:
     """Render, and lay every weather over the linear light before it is developed."""
     view = stage.camera, task.camera.T_world_camera
     # one render serves all weathers: they change light by its depth alone

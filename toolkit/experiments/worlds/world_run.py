@@ -22,7 +22,7 @@ from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.evaluation.run_files import INPUTS, explain_run_dir, find_run_dir, lacks_other_inputs
-from toolkit.experiments.worlds import ABSENT, RIG, WorldEvalConfig
+from toolkit.experiments.worlds import ABSENT, WorldEvalConfig
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
 from toolkit.experiments.worlds.frames import (
     METHOD_VERSION,
@@ -52,6 +52,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import Camera
+from toolkit.rig.renderers import RAYCAST, RENDERERS
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.worlds.airsim import Address
 from toolkit.worlds.own import open_world
@@ -95,8 +96,10 @@ class Asked:
             self.classifier.arch, self.classifier.weights.sha256, self.classifier.preprocessing.describe(),
             self.true_index,
         )  # fmt: skip
+        # frames of the default renderer keep their hash
+        other = () if stage.renderer == RAYCAST else (stage.renderer, RENDERERS[stage.renderer].version)
         shared = hash_inputs(
-            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network
+            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network, *other
         )
         meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
         tasks = []
@@ -298,7 +301,7 @@ def evaluate_world(
             every place, no camera that can stand, a network whose output is never finite, a disk that is full, or a
             simulator that does not do as it is told.
     """
-    if config.renderer != RIG and engine is not None and engine.engine != "local":
+    if config.is_simulated and engine is not None and engine.engine != "local":
         raise FieldError(
             "expected local with a simulator, whose pictures lie on this machine", {"engine": engine.engine}
         )
@@ -310,10 +313,10 @@ def evaluate_world(
     run_dir = find_run_dir(wanted, lacks_other_inputs(inputs))
     worlds_dir = workspace.eval_dir / "worlds"
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
-        everything = config.keep or config.renderer != RIG
+        everything = config.keep or config.is_simulated
         kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything)
         renderer = None
-        if config.renderer != RIG:
+        if config.is_simulated:
             shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)
             asked, renderer = replace(asked, shots=shots), shots.renderer
         (places, answers), ran = ask_missing(
@@ -333,7 +336,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     variants = dress_variants(workspace, item, config)
     world = open_world(workspace, config.world, config.world_seed, config.scale)
     sky = make_sky(config.time, config.seed)
-    if config.renderer != RIG:
+    if config.is_simulated:
         if config.time != WorldEvalConfig.model_fields["time"].default:
             raise FieldError("goes with {renderer} raycast: a simulator has a sky of its own", {"time": config.time})
         sky = replace(sky, name="simulator's own")
@@ -344,7 +347,8 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
     side = classifier.preprocessing.crop_px
     camera = Camera.from_fov(side, side, config.fov_deg)
-    stage = Stage(world, sky, camera, config.seed, placed, variants)
+    renderer = RAYCAST if config.is_simulated else config.renderer
+    stage = Stage(world, sky, camera, config.seed, placed, variants, renderer)
     places = plan_places(stage, config)
     return Asked(item, stage, places, classifier, true_index, config.weathers, config.batch_size)
 

@@ -21,7 +21,7 @@ from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach
 from toolkit.rig.mount import MountedSheet as MountedSheet
 from toolkit.rig.plan import Pose
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
@@ -58,7 +58,7 @@ def draw_views(
     views = {}
     for variant, booster in boosters.items():
         bar.advance(0, note=f"{item.name} {variant}: light")
-        renderer = RaycastRenderer(apply_booster(item, booster), studio, DETAIL)
+        renderer = make_renderer(RAYCAST, apply_booster(item, booster), studio, DETAIL)
         lights = renderer.render_many((small, pose.matrix()) for pose in poses)
         for pose, light in zip(poses, lights, strict=True):
             # no noise and no vignette: the card is to be compared with, not to look like a photograph
@@ -193,7 +193,7 @@ def _photograph(
     # the drawing's own axes: for a view straight down `look_at` has any azimuth to choose from
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
-    renderer = RaycastRenderer(attach(item.mesh, *sheets), make_light_studio(item, None), DETAIL)
+    renderer = make_renderer(RAYCAST, attach(item.mesh, *sheets), make_light_studio(item, None), DETAIL)
     picture = tone_map(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
     # only the object stays: its table would hide where it ends
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])

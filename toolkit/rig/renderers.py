@@ -1,0 +1,130 @@
+"""The table of renderers. What is not in it is unknown to every command; nothing heavy is loaded for it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.rig.graphics import APT, find_graphics, graphics_trouble
+
+if TYPE_CHECKING:
+    from toolkit.objects.mesh import Mesh
+    from toolkit.rig.lighting import BakeDetail
+    from toolkit.rig.renderer import Renderer
+    from toolkit.rig.scene import Scene, Stand
+
+GRAPHICS = find_graphics()
+"""What Filament draws through, with the Open3D that is installed."""
+
+
+@dataclass(frozen=True)
+class RendererKind:
+    """A renderer, as commands and pages know it.
+
+    Attributes:
+        make: (mesh, scene, detail, stand) -> the renderer; its file is imported when it is called.
+        draws_worlds: it draws skies and surroundings as well as studios.
+        version: raised when its pictures change, so that captures are shot again; None: that of the rig says it all.
+        need: what it needs of the machine, a word or two; None: nothing but the package.
+        working: what `toolkit doctor` says if it can start here.
+        find_trouble: returns why it cannot start here in a few words; None if it can.
+        fix: the command that brings it what it needs.
+    """
+
+    make: Callable[["Mesh", "Scene", "BakeDetail", "Stand"], "Renderer"]
+    draws_worlds: bool = False
+    version: int | None = None
+    need: str | None = None
+    working: str = ""
+    find_trouble: Callable[[], str | None] = lambda: None
+    fix: str = ""
+
+
+def _make_raycast(mesh: "Mesh", scene: "Scene", detail: "BakeDetail", stand: "Stand") -> "Renderer":
+    from toolkit.rig.lighting import FULL_DETAIL
+    from toolkit.rig.raycast import RaycastRenderer
+
+    # light of less detail is worked out in less time than it takes to keep
+    return RaycastRenderer(mesh, scene, detail, stand, keep_light=detail == FULL_DETAIL)
+
+
+def _make_filament(mesh: "Mesh", scene: "Scene", detail: "BakeDetail", stand: "Stand") -> "Renderer":
+    from toolkit.rig.filament import FilamentRenderer
+
+    return FilamentRenderer(mesh, scene, stand)
+
+
+def _make_mitsuba(mesh: "Mesh", scene: "Scene", detail: "BakeDetail", stand: "Stand") -> "Renderer":
+    from toolkit.rig.mitsuba import MitsubaRenderer
+
+    return MitsubaRenderer(mesh, scene, stand)
+
+
+def _find_mitsuba_trouble() -> str | None:
+    from toolkit.rig.mitsuba import mitsuba_trouble
+
+    return mitsuba_trouble()
+
+
+RENDERERS: dict[str, RendererKind] = {
+    "raycast": RendererKind(_make_raycast, draws_worlds=True),
+    "filament": RendererKind(
+        _make_filament, version=2, need=GRAPHICS.name, working=GRAPHICS.found, find_trouble=graphics_trouble,
+        fix=f"{APT} {GRAPHICS.packages}",
+    ),
+    "mitsuba": RendererKind(
+        _make_mitsuba, draws_worlds=True, version=1, need="Mitsuba", working="scalar_rgb, denoised by OIDN",
+        find_trouble=_find_mitsuba_trouble, fix="pip install 'toolkit-boost[mitsuba]'",
+    ),
+}  # fmt: skip
+RAYCAST = "raycast"
+"""The default, and the one that boosters are trained in."""
+IN_WORLDS = tuple(name for name, kind in RENDERERS.items() if kind.draws_worlds)
+
+
+def check_renderer(name: str) -> str:
+    """Return the name of a renderer.
+
+    Raises:
+        ToolkitError: there is none of that name.
+    """
+    if name not in RENDERERS:
+        raise one_of("renderer", name, list(RENDERERS))
+    return name
+
+
+def check_world_renderer(name: str) -> str:
+    """Return the name of a renderer that draws worlds.
+
+    Raises:
+        ToolkitError: there is none of that name, or it draws studios alone.
+    """
+    if not RENDERERS[check_renderer(name)].draws_worlds:
+        raise ToolkitError(f"the renderer {name} draws studios alone: use {' or '.join(IN_WORLDS)} in a world")
+    return name
+
+
+def make_renderer(
+    name: str, mesh: "Mesh", scene: "Scene", detail: "BakeDetail | None" = None, stand: "Stand | None" = None
+) -> "Renderer":
+    """Build a scene for rendering.
+
+    Args:
+        name: as the table has it.
+        mesh: the object in its own frame, boosters attached.
+        scene: what it stands in.
+        detail: how finely light is baked, full by default; of use to the ray caster alone.
+        stand: where in the scene it stands, by default at the origin.
+
+    Raises:
+        ToolkitError: an unknown name, a renderer that cannot start here, or one that draws no worlds in a world.
+    """
+    from toolkit.rig.lighting import FULL_DETAIL
+    from toolkit.rig.scene import AT_ORIGIN
+
+    kind = RENDERERS[check_renderer(name) if scene.table is not None else check_world_renderer(name)]
+    if (trouble := kind.find_trouble()) is not None:
+        raise ToolkitError(
+            f"the renderer {name} cannot start: {trouble}: run '{kind.fix}', or use the renderer {RAYCAST}"
+        )
+    return kind.make(mesh, scene, detail or FULL_DETAIL, stand or AT_ORIGIN)
