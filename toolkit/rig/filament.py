@@ -32,7 +32,8 @@ the ray caster shows it. Filament's own camera keeps its default exposure."""
 class FilamentRenderer(Renderer):
     """Renders one object in one studio from any camera; hard-edged shadows, and silhouettes in steps.
 
-    Filament antialiases in its post-processing alone, which is off here. `make_renderer` asks `graphics_trouble` before.
+    Filament antialiases in its post-processing alone, which is off here. `make_renderer` asks
+    `graphics_trouble` before.
     """
 
     def __init__(self, mesh: Mesh, studio: Scene, stand: Stand = AT_ORIGIN) -> None:
