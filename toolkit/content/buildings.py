@@ -40,7 +40,7 @@ from toolkit.worlds.world import SceneClass
 ROOF = SceneClass.ROOF
 PARAPET_M = 0.9
 VARIANTS = 3
-"""Of each thing that stands on roofs."""
+"""Number of variants of each thing that stands on roofs."""
 BUILDING = SceneClass.BUILDING
 SIDES = ("front", "right", "back", "left")
 

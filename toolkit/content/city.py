@@ -54,7 +54,7 @@ class Filling:
     spots: list[Spot] = field(default_factory=list)
 
     def add(self, house: House, x: float, y: float, yaw: float = 0.0) -> None:
-        """Put a house with its lower left corner, or turned by 180 its upper right one, at a point of the ground."""
+        """Put a house with its lower left corner, or turned by 180 its upper right corner, at a point of the ground."""
         self.pieces.append(place(house.piece, (x, y, KERB_M), yaw))
         sign = -1 if yaw == 180 else 1
         # half a turn about z changes the sign of x and y: low and high corners change places

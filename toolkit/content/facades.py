@@ -43,7 +43,7 @@ class Facade:
     pilasters: bool = False  # whether flat piers stand between the bays
     string_course: bool = False  # whether a band runs round at each floor
     balconies: float = 0.0  # share of the bays with balconies
-    fire_escape: bool = False  # whether one hangs on the street's side
+    fire_escape: bool = False  # whether a fire escape hangs on the street's side
     air_conditioners: float = 0.0  # share of the windows with a box in it
 
 
@@ -175,17 +175,17 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     iron = looks.plain((40, 40, 42), "paint")
     half, out, n = 1.9, 1.05, len(base)
     floor = np.asarray(base, float) + 0.45
-    one = np.ones(n)
+    ones = np.ones(n)
     slats = np.linspace(-out, -0.08, 7)
     pieces = []
     for y in slats:
-        pieces.append(bars(xyz(one * (x - half), y, floor), xyz(one * (x + half), y, floor), 0.07, iron, BUILDING))
+        pieces.append(bars(xyz(ones * (x - half), y, floor), xyz(ones * (x + half), y, floor), 0.07, iron, BUILDING))
     for height in (0.5, 0.95):
-        left, right = xyz(one * (x - half), -out, floor + height), xyz(one * (x + half), -out, floor + height)
+        left, right = xyz(ones * (x - half), -out, floor + height), xyz(ones * (x + half), -out, floor + height)
         pieces += [bars(left, right, 0.045, iron, BUILDING)]
         pieces += [bars(end, end * [1, 0, 1], 0.045, iron, BUILDING) for end in (left, right)]
     for post in np.linspace(-half, half, 9):
-        foot = xyz(one * (x + post), -out, floor)
+        foot = xyz(ones * (x + post), -out, floor)
         pieces.append(bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]

@@ -1,4 +1,4 @@
-"""Buildings of which a town has one: church, cinema, library, parking house, filling station, building site.
+"""Buildings of which a town has a single copy: church, cinema, library, parking house, filling station, building site.
 
 Each in its own frame, its front along y = 0 and facing -y, x from 0 to its width.
 """
@@ -35,7 +35,7 @@ from toolkit.worlds.world import SceneClass
 
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
 PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0
-"""Of the library: height of its podium and of its columns, width of its portico."""
+"""Dimensions of the library, metres: height of its podium and columns, width of its portico."""
 
 
 def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:

@@ -42,13 +42,13 @@ TRACKS_M = (-2.4, -0.96, 0.96, 2.4)
 def _masonry(
     rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
 ) -> np.ndarray:
-    """(n, n, 3) courses of blocks, every second one set off by half, each block of its own shade."""
+    """(n, n, 3) courses of blocks, every second course set off by half, each block of its own shade."""
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
     row = (y * rows / n).astype(int)
     # running bond: every other course is set off by half a block
     across = x * columns / n + 0.5 * (row % 2)
-    # the last block of a course is the first one's other half: the texture repeats
+    # the last block of a course is the other half of the first: the texture repeats
     column = across.astype(int) % columns
     shade = rng.normal(1, spread, (rows, columns)) + rng.choice([0, 0, 0, -2 * spread], (rows, columns))
     hue = rng.normal(0, 5 * spread / 0.1, (rows, columns, 3))

@@ -64,7 +64,7 @@ class Body:
 
     @property
     def height(self) -> float:
-        """Of the roof."""
+        """Height of the roof, metres."""
         return max(z for _, z in self.roof) + 0.03
 
     def top(self, x: np.ndarray | float) -> np.ndarray:
@@ -215,7 +215,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     vertices = net.reshape(-1, 3)
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # the signed volume, but for a factor: a negative one is inside out
+    # the signed volume, but for a factor: a negative volume is inside out
     if np.einsum("ij,ij->", corners[:, 0], normal) < 0:
         faces, corners, normal = faces[:, ::-1], corners[:, ::-1], -normal
     area = np.linalg.norm(normal, axis=1)

@@ -32,7 +32,7 @@ def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
         pool.submit(int)
     ready.wait()
     ready.wait()
-    # OpenMP keeps the setting by thread, torch also one for the process, which the workers have just changed
+    # OpenMP keeps the setting by thread, torch also a setting for the process, which the workers have just changed
     torch.set_num_threads(workers)
     return pool
 

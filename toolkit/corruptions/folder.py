@@ -134,7 +134,7 @@ MARGIN = (8, 7)
 """Published: the short side to 256, then the middle 224."""
 FORMATS = ("png", "jpg")
 JPEG_QUALITY = 85
-"""Of ImageNet-C's own files."""
+"""JPEG quality of ImageNet-C's own files."""
 MOST_SIZE_PX = 4096
 """What pictures are resized to at most: no network takes larger ones."""
 
@@ -167,10 +167,10 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
 
 
 def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
-    """Batches of images of one size, none of more than a million pixels but those of one image."""
+    """Batches of images of one size, none of more than a million pixels but those of a single image."""
     sizes: dict[tuple[int, ...], list[LoadedImage]] = {}
-    for one in loaded:
-        sizes.setdefault(one.pixels.shape, []).append(one)
+    for image in loaded:
+        sizes.setdefault(image.pixels.shape, []).append(image)
     for shape, same in sizes.items():
         count = max(1, BATCH_PIXELS // (shape[0] * shape[1]))
         for start in range(0, len(same), count):
@@ -181,8 +181,8 @@ def render(
     batch: list[LoadedImage], name: str, severity: int, *, seed: int, image_format: str, device: str
 ) -> list[bytes]:
     """Corrupt pictures of one size; the bytes of their files."""
-    images = from_bytes(np.stack([one.pixels for one in batch]), device)
-    seeds = [image_seed(seed, one.source.path) for one in batch]
+    images = from_bytes(np.stack([image.pixels for image in batch]), device)
+    seeds = [image_seed(seed, image.source.path) for image in batch]
     pixels = to_bytes(corrupt(images, name, severity, seeds))
     files = [b""] * len(batch)
 
@@ -279,8 +279,8 @@ def corrupt_folder(
     single = len(plan) == 1
     sources, refused = _list_sources(source, out, image_format)
     skipped = skip or {}
-    refused = [*refused, *((one.path, skipped[one.path]) for one in sources if one.path in skipped)]
-    sources = [one for one in sources if one.path not in skipped]
+    refused = [*refused, *((source.path, skipped[source.path]) for source in sources if source.path in skipped)]
+    sources = [source for source in sources if source.path not in skipped]
     alone = plan[0] if single else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
@@ -293,12 +293,12 @@ def corrupt_folder(
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result=result)
-            ticker.advance(len(chunk) * len(plan) - sum(len(one.wanted) for one in loaded))
+            ticker.advance(len(chunk) * len(plan) - sum(len(image.wanted) for image in loaded))
             for name, severity in plan:
-                ready = [one for one in loaded if (name, severity) in one.wanted]
+                ready = [image for image in loaded if (name, severity) in image.wanted]
                 for batch in split_batches(ready):
                     files = render(batch, name, severity, seed=seed, image_format=image_format, device=device)
-                    _write(out, [(one.wanted[name, severity], one.sha256) for one in batch], files, known, result)
+                    _write(out, [(image.wanted[name, severity], image.sha256) for image in batch], files, known, result)
                     ticker.advance(len(batch))
     return result
 
@@ -359,8 +359,8 @@ def _load(
     run_each(load, len(chunk))
     result.kept += sum(kept)
     result.failed += [line for lines in trouble for line in lines]
-    loaded = [one for one in slots if one is not None]
-    result.sizes.update((choose_parameters(*one.pixels.shape[:2]), *one.pixels.shape[:2]) for one in loaded)
+    loaded = [slot for slot in slots if slot is not None]
+    result.sizes.update((choose_parameters(*image.pixels.shape[:2]), *image.pixels.shape[:2]) for image in loaded)
     return loaded
 
 

@@ -42,7 +42,7 @@ def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tenso
     while step >= 2:
         half = step // 2
         corners = clouds[:, ::step, ::step]
-        # the plane wraps round: the neighbour beyond an edge is the one at the other
+        # the plane wraps round: the neighbour beyond an edge is the texel at the other
         pairs = corners + corners.roll(-1, 1)
         middles = settle(pairs + pairs.roll(-1, 2))
         clouds[:, half::step, half::step] = middles
@@ -168,7 +168,7 @@ def _draw_lines(canvas: np.ndarray, lines: np.ndarray, brightness: float) -> Non
 
 
 def _fold(canvas: np.ndarray) -> np.ndarray:
-    """What crosses an edge comes in at the opposite one."""
+    """What crosses an edge comes in at the opposite edge."""
     for _ in range(2):
         middle = canvas[MARGIN_PX:-MARGIN_PX].copy()
         np.maximum(middle[-MARGIN_PX:], canvas[:MARGIN_PX], out=middle[-MARGIN_PX:])
@@ -328,7 +328,7 @@ def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: RandomStrea
     """Add clouds, and dim so that the brightest value stays; `shape` is the clouds' strength and smoothness."""
     strength, decay = shape
     height, width = images.shape[-2:]
-    # diamond-square makes squares whose side is a power of two; the image is a corner of one
+    # diamond-square makes squares whose side is a power of two; the image is a corner of that square
     side_px = 1 << (max(height, width) - 1).bit_length()
     clouds = draw_clouds(side_px, decay, draws)[:, None, :height, :width]
     brightest = images.amax((1, 2, 3), keepdim=True)

@@ -168,7 +168,7 @@ def collect(
 
 
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
-    """The set's file, of this or an earlier run; what a killed one left half-written is removed."""
+    """The set's file, of this or an earlier run; what a killed run left half-written is removed."""
     world, pad, settings = collector.world, collector.pad, config.record()
     inputs = config.sha256(world.sha256, pad.sha256, collector.seed, VERSION)
     file = folder / DATASET
@@ -202,7 +202,7 @@ FrameKey = tuple[str, int]
 
 
 def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine: Engine) -> Collected:
-    """Shoot shards that are not there; each is written when its frames are, and a set without one is not complete."""
+    """Shoot shards that are not there; each is written when its frames are, and a set with a gap is not complete."""
     plan = plan_shards(collector.config, collector)
     wanted = {(name, index): name for name, _, some in plan for index in some}
     there = {name for name, _, _ in plan if (folder / name).is_file()}
@@ -214,7 +214,7 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
     made: list[str] = []
 
     def keep(key: FrameKey, name: str, sample: EncodedSample) -> None:
-        if shard and next(iter(shard))[0] != name:  # the one before lacks frames
+        if shard and next(iter(shard))[0] != name:  # the shard before lacks frames
             shard.clear()
         shard[key] = sample
         if len(shard) == sizes[name]:

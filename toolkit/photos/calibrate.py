@@ -22,7 +22,7 @@ from toolkit.rig.board import Board
 
 VIDEO_EVERY_S = 1.0
 MOST_FRAMES = 30
-"""Of one video: more teach a lens little."""
+"""Largest number of frames taken from a video; more frames hardly improve the lens."""
 
 LensKey = tuple[str | None, float | None, tuple[int, int]]
 
@@ -111,7 +111,7 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
 
 
 def stored_sighting(sighting: BoardSighting, turns: int) -> BoardSighting:
-    """A sighting in an upright picture, moved to the stored one: `turns` quarter turns clockwise bring it upright."""
+    """Move a sighting from the upright to the stored picture, which `turns` quarter turns clockwise set upright."""
     x, y = sighting.corners_px.T
     width, height = sighting.width, sighting.height
     places = {0: (x, y), 1: (y, width - x), 2: (width - x, height - y), 3: (height - y, x)}[turns % 4]
@@ -148,7 +148,7 @@ def _calibrate(key: LensKey, views: list[tuple[str, BoardSighting]]) -> LensResu
 
 LONGEST_NAME = 100
 ARROW_SHARE = 0.03
-"""Of the frame's width, how long the arrow of a usual error is drawn."""
+"""Length of the arrow of a usual error, as a share of the frame's width."""
 
 
 @with_default_style

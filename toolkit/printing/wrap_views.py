@@ -13,7 +13,7 @@ from toolkit.printing.page import Rect
 from toolkit.rig.mount import SIDES
 
 SIX = {**{side: SIDES[side] for side in ("front", "left", "back", "right", "top")}, "bottom": ((1, 0, 0), (0, -1, 0))}
-"""Right and up of each side as one sees it."""
+"""Right and up of each side, seen from outside."""
 LONG_SIDE_PX = 420
 FINER = 2
 BARE = 228.0
@@ -21,7 +21,7 @@ BARE = 228.0
 PALER = 0.2
 """Share of white in what is on the pieces, so that numbers stand out."""
 LEAST_SEEN = 0.004
-"""Of a picture: a piece of which less is seen has its number on another side."""
+"""Smallest share of a picture in which a piece gets its number; smaller pieces have it on another side."""
 
 
 @dataclass(frozen=True)
@@ -113,12 +113,12 @@ def _look(
         edge |= np.pad(step, [(1, 0), (0, 0)] if axis == 0 else [(0, 0), (1, 0)])
     picture[edge] = 30
     marks, counts = {}, {}
-    for one in np.unique(shown[shown > 0]).tolist():
-        part = np.pad(shown == one, 1)
+    for shown_number in np.unique(shown[shown > 0]).tolist():
+        part = np.pad(shown == shown_number, 1)
         depth = distance_transform_edt(part)[1:-1, 1:-1]
         deepest = divmod(int(depth.argmax()), width)
-        marks[one] = (float(x[deepest[1]] - low[0]), float(y[deepest[0]] - low[1]))
-        counts[one] = int(part.sum())
+        marks[shown_number] = (float(x[deepest[1]] - low[0]), float(y[deepest[0]] - low[1]))
+        counts[shown_number] = int(part.sum())
     small = Image.fromarray(picture.astype(np.uint8)).resize((width // FINER, height // FINER), Image.Resampling.BOX)
     size_mm = (width / FINER / px_per_mm, height / FINER / px_per_mm)
     return SideView(side, np.asarray(small), size_mm, {}), marks, counts
@@ -149,7 +149,7 @@ def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
             top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
             height = scale * heights[row] + spare_y / rows
             cells.append(Rect(x, top - height, scale * widths[column], height))
-        best = max(best, (scale, cells), key=lambda one: one[0])
+        best = max(best, (scale, cells), key=lambda option: option[0])
     scale, cells = best
     return [
         Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,

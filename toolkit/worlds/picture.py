@@ -24,12 +24,12 @@ from toolkit.worlds.world import STANDING, SceneClass, Spot, World
 
 BURIED_M = 50.0
 SPECK_M = 0.01
-LAND = [int(one) for one in STANDING if one != SceneClass.WATER]
+LAND = [int(kind) for kind in STANDING if kind != SceneClass.WATER]
 """Classes that rain makes darker; on water no snow lies either."""
 
 
 def leave_empty(world: World, sky: Sky) -> Placed:
-    """A world without an object: a speck of one lies far below its ground, where no camera sees it."""
+    """A world without an object: a speck lies far below its ground, where no camera sees it."""
     place = (0.0, 0.0, float(world.bounds[0, 2]) - BURIED_M)
     spot = Spot("nowhere", "nowhere", place, 0.0, 0.0, "ground")
     return Placed(make_speck(), Stand(place), make_scene(world, sky), spot)
@@ -121,7 +121,7 @@ FPS = 25
 
 
 def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], count: int) -> Path:
-    """Write an MP4; at `path` there is the old file or the whole new one.
+    """Write an MP4; `path` holds either the old file or the whole new file.
 
     Args:
         path: `.mp4`.

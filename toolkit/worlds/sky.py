@@ -40,7 +40,7 @@ from toolkit.worlds.daylight import (
 
 SUN_RADIUS_DEG = 0.27
 GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
-"""Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
+"""Albedo of the panorama's lower half, linear RGB: asphalt, concrete, earth and leaves at a distance."""
 
 
 LAMPS = 0.06
@@ -130,7 +130,7 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     """A sky of a time of day; equal arguments give equal bytes.
 
     Args:
-        time: one of `TIMES`, or one's own.
+        time: one of `TIMES`, or your own.
         seed: of the clouds.
         height_px: of the panorama, which is twice as wide; 512 is 3 pixels a degree.
 
@@ -172,7 +172,7 @@ def _make_sun(azimuth_deg: float, elevation_deg: float, irradiance: np.ndarray) 
 def _balance(panorama: np.ndarray, sun: KeyLight) -> tuple[np.ndarray, KeyLight]:
     """Both as a camera's white balance leaves them: without half of the light's colour on open ground."""
     irradiance = illuminate(panorama, sun)
-    # a gain for each channel, then one for all, so that open ground stays as bright as it was
+    # a gain for each channel, then a gain for all, so that open ground stays as bright as it was
     # the power leaves the rest of the colour
     gain = (irradiance / (irradiance @ LUMINANCE)) ** -BALANCE
     gain *= (irradiance @ LUMINANCE) / (irradiance * gain @ LUMINANCE)

@@ -1,4 +1,4 @@
-"""What stands about a house: furniture, lamps, candles, umbrellas; tools and weights; and what one plays with."""
+"""What stands about a house: furniture, lamps, candles, umbrellas; tools and weights; and toys."""
 
 from itertools import pairwise
 
@@ -292,12 +292,12 @@ def make_mushroom(rng: np.random.Generator) -> Mesh:
     spotted = chance(rng, 0.75 if cap[0] > 180 and cap[1] < 70 else 0.15)
     for k in range(pick(rng, (1, 1, 2, 3))):
         size = 1.0 if k == 0 else draw(rng, 0.4, 0.75)
-        one = _one_mushroom(rng, cap, spotted)
+        mushroom = _one_mushroom(rng, cap, spotted)
         bearing = draw(rng, 0, 360)
-        one = turned(
-            [part.scaled(size, size, size) for part in one], "y", draw(rng, 0, 10) if k == 0 else draw(rng, 8, 25)
+        mushroom = turned(
+            [part.scaled(size, size, size) for part in mushroom], "y", draw(rng, 0, 10) if k == 0 else draw(rng, 8, 25)
         )
-        parts += turned(moved(one, x=0 if k == 0 else 46), "z", bearing)
+        parts += turned(moved(mushroom, x=0 if k == 0 else 46), "z", bearing)
     return finish(parts)
 
 
@@ -549,10 +549,10 @@ def make_dice(rng: np.random.Generator) -> Mesh:
         ink = pick_colour(rng, "bright")
     parts: list[Part] = []
     for k in range(pick(rng, (1, 2, 2, 3))):
-        one = _one_die(rng, ground, ink)
-        one = turned(one, "z", draw(rng, 0, 90))
+        die = _one_die(rng, ground, ink)
+        die = turned(die, "z", draw(rng, 0, 90))
         place = (0, 0, 0) if k == 0 else (draw(rng, -20, 20), (2 * k - 3) * draw(rng, 92, 110), 0)
-        parts += moved(one, *place)
+        parts += moved(die, *place)
     return finish(parts, 512)
 
 

@@ -74,7 +74,7 @@ class Expectation:
         pose_id: of the plan, None where it is not known.
         view: its camera; None where it is not known.
         no_pose: why there is no view, in a few words.
-        board: that the object stands on; None without one.
+        board: that the object stands on; None without a board.
         solid: the object with what is on it, in its place; None where its mesh is not known.
         patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
         no_patch: why not.
@@ -106,7 +106,7 @@ class PhotoCheck:
 def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
     """Judge one photograph by every gate, each once and in the same order.
 
-    A gate whose input is not known is `not checked`, and so is one whose answer would only repeat another's: in a
+    A gate whose input is not known is `not checked`, and so is a gate that would only repeat another: in a
     photograph that is too blurred to find a patch in, the patch is not called missing.
 
     Args:
@@ -132,7 +132,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     framing = _check_framing(expectation, sighting)
     why_blind = _why_blind(light, framing)
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
-    found = [one for one in seen.own if one is not None] if seen else []
+    found = [sheet for sheet in seen.own if sheet is not None] if seen else []
     if silhouette is None and found:  # the sheet is what is known of the object's place
         light[1] = check_over_exposure(small[_draw_sheets(small, found)])
     lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
@@ -169,8 +169,8 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
 def _draw_sheets(image: np.ndarray, sightings: Sequence[PatchSighting]) -> np.ndarray:
     """(h, w) bool: where patches were found."""
     mask = np.zeros(image.shape[:2], np.uint8)
-    for one in sightings:
-        cv2.fillConvexPoly(mask, one.corners_px.round().astype(np.int32), 1)
+    for sighting in sightings:
+        cv2.fillConvexPoly(mask, sighting.corners_px.round().astype(np.int32), 1)
     return mask.astype(bool)
 
 
@@ -345,7 +345,7 @@ class ExpectationBuilder:
                 return self._dress(item, variant, booster)
         except ToolkitError as error:
             return Solid(item.mesh), None, str(error), None
-        # paint and thin pieces change no shape; the object's own patch is the one that may have been left on
+        # paint and thin pieces change no shape; only the object's own patch may have been left on
         wrap = self._wrap_of(item, is_on=booster is not None and booster.wrap is not None)
         return Solid(item.mesh), self._without_patch(item), "", wrap
 

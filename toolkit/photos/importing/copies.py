@@ -1,4 +1,4 @@
-"""Photographs that are one photograph, saved once more: told by their pixels, whatever their names and bytes."""
+"""Copies of a photograph, recognised by their pixels, whatever their names and bytes."""
 
 from collections.abc import Sequence
 from contextlib import suppress

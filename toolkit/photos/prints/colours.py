@@ -212,7 +212,7 @@ def _fit_paper(light: np.ndarray, uv: np.ndarray) -> np.ndarray | None:
         # what hides paper is darker than it: the brighter side is trusted more
         scale = np.maximum(np.median(np.abs(miss)), 0.01) * np.where(miss < 0, 1.0, 3.0)
         weight = 1 / (1 + (miss / scale) ** 2)
-    # relative to the light in the middle, so that a dark photograph and a bright one are judged alike
+    # relative to the light in the middle, so that dark and bright photographs are judged alike
     spread = np.sqrt((weight * miss**2).sum() / weight.sum()) / fit[2].mean()
     # the slope may not cross zero within the patch, or it was fitted to something else
     corners = _slope(np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])) @ fit

@@ -171,7 +171,7 @@ def build_shot_list(
         name, plan = session.item.name, session.poses_sha256[:HASH_DIGITS]
         for index, page in enumerate(pages, 1):
             number += 1
-            # what the order follows from stands on the page, so that a printed list can be told from a later one
+            # what the order follows from stands on the page, so that a printed list can be told from a later list
             made = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {number}/{total}"
             with pdf.page():
                 _draw_header(pdf, area, session, page)
@@ -194,7 +194,7 @@ def count_cards(height_mm: float) -> int:
 
 
 def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | Sequence[MountDrawing]]:
-    """The pages of one object: the first one, with its first sheet, then the other sheets, then its places."""
+    """The pages of one object: the first page, with its first sheet, then the other sheets, then its places."""
     more = session.mountings[1:]
     sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
     return [session.mountings[:1], *sheets, *lay_out_cards(session, height_mm)]
@@ -208,7 +208,7 @@ def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
 
 
 def name_bands(session: ObjectSession) -> list[str]:
-    """What happens after each place: the sheet's changes there and the end of a round; empty where one just goes on."""
+    """What happens after each place: the sheet's changes there and the end of a round; empty if nothing changes."""
     words: list[list[str]] = [[] for _ in session.stops]
     if not session.rounds:
         return ["" for _ in words]
@@ -216,7 +216,7 @@ def name_bands(session: ObjectSession) -> list[str]:
     for before, after in zip(legs, [*legs[1:], None], strict=True):
         change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
         onward = "" if after else "done"
-        # the next round begins elsewhere than where the last one ended: one has to walk
+        # the next round begins elsewhere than where the last round ended: you have to walk
         if after is not None and after.stops[0] != before.stops[1] + 1:
             onward = f"go on with pose {session.stops[after.stops[0] - 1].pose.id}"
         if next_steps := ", ".join(filter(None, (change, onward))):
@@ -370,7 +370,7 @@ def _find_boosters(
 def _find_page(
     workspace: Workspace, name: str, boosters: dict[str, AppliedBooster | None]
 ) -> tuple[str | None, str | None]:
-    """The page of an object's patch, relative to the workspace; else what is wrong with the one that is there."""
+    """The page of an object's patch, relative to the workspace; else what is wrong with the page that is there."""
     patch = boosters.get("patched")
     wrong: str | None = None
     if patch is None or not patch.sizes_mm:
@@ -401,7 +401,7 @@ def _check_paper(paper: Paper) -> None:
 
 
 def _is_other(file: Path, shots: ShotList) -> bool:
-    """Whether another list lies there; one that is broken counts as another."""
+    """Whether another list lies there; a broken list counts as another."""
     try:
         return file.is_file() and read_shots(file).steps != shots.steps
     except ToolkitError:

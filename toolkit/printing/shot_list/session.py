@@ -43,7 +43,7 @@ class Papers:
 
     Attributes:
         board: what it stands on.
-        patch_pdf: name of its sheets' page, where there is one.
+        patch_pdf: name of its sheets' page, if it exists.
         missing: why nothing is stuck on, where it should have been.
     """
 
@@ -115,7 +115,7 @@ def prepare_session(
 
 
 FILM_DIAGONAL_MM = 43.27
-"""Of a 36 × 24 mm frame: CIPA's 35 mm equivalent is by the diagonal, which matters for frames of 4:3."""
+"""Diagonal of a 36 × 24 mm frame. CIPA's 35 mm equivalent uses the diagonal, which matters for 4:3 frames."""
 PHONE_MM = 25.0
 """Equivalent focal length of most phones' main camera, whose zoom counts from it."""
 

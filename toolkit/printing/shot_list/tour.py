@@ -18,7 +18,7 @@ from toolkit.rig.variants import KIND_OF, NOUNS
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """A camera's place as one measures it with a tape and a phone's level.
+    """A camera's place as a person measures it with a tape and a phone's level.
 
     Attributes:
         azimuth_deg: round the object from its front, counter-clockwise from above, in [0, 360).
@@ -86,7 +86,7 @@ def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
 
 
 def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
-    """The rounds of one object as legs without a change; a round's end at the last place ends one too."""
+    """The rounds of one object as legs without a change; a round's end at the last place ends a leg too."""
     visits = sorted((shot.number, shot.variant, stop.number) for stop in stops for shot in stop.shots)
     starts = [0]
     for i, ((_, variant, stop), (_, next_variant, next_stop)) in enumerate(pairwise(visits), 1):
@@ -251,7 +251,7 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
         pdf.arc_about(centre, arc, FRONT_DEG, place.azimuth_deg)
         pdf.head(_towards(angle, arc, centre), angle + 90 - np.degrees(0.8 / arc), 1.7)
     pdf.camera(at, angle + 180)
-    # a narrow angle's number stands beside the arc, a wide one's in it
+    # a narrow angle's number stands beside the arc, a wide angle's in it
     middle = FRONT_DEG + (place.azimuth_deg / 2 if place.azimuth_deg > 50 else place.azimuth_deg + 42)
     pdf.write_on_white(f"{place.azimuth_deg:.0f}°", *_towards(middle, arc, centre), 3.0, BOLD, CAMERA)
 
