@@ -44,10 +44,12 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     steel, timber = looks.plain((150, 84, 52)), looks.plain((186, 146, 96))
     x0, x1, y0, y1 = 8.0, width - 5.0, 7.0, depth - 6.0
     floors, floor_m = 5, 3.6
+    # floors; the top floor is half built
     z = floor_m * np.arange(1, floors + 1)
     low = xyz(x0, y0, z - 0.3)
     high = xyz(x1, y1, z)
     high[-1, 0] = (x0 + x1) / 2
+    # columns with reinforcement that sticks out, and props between the floors
     xs, ys = np.linspace(x0 + 0.3, x1 - 0.8, 6), np.linspace(y0 + 0.3, y1 - 0.8, 4)
     posts = np.array([(x, y, 0) for x in xs for y in ys])
     tops = np.where(posts[:, 0] < (x0 + x1) / 2, z[-1] + 1.2, z[-2] + 2.0)
@@ -61,11 +63,13 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
         bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
         _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
     ]  # fmt: skip
+    # railings along the edges, and piles of timber
     edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
     for rail in (0.55, 1.05):
         pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
     piles = np.array([(rng.uniform(x0, x1), 3.0, 0) for _ in range(5)])
     pieces.append(boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
+    # solids for collisions
     frame = np.array(
         [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
     )
@@ -181,11 +185,13 @@ def church(looks: Looks) -> House:
     slate = wall(looks, "tiles", (84, 88, 98))
     x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
     length = y1 - y0
+    # long sides with lancets and buttresses
     side = merge(
         wall_quads((0, 0, length, eaves), 0.0, stone, B),
         _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
         *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
     )
+    # gables and the two slopes of the roof
     middle = (x0 + x1) / 2
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
     y, low, high = (y0 - 0.3, y1 + 0.3), eaves - 0.5, ridge + 0.15
@@ -201,6 +207,7 @@ def church(looks: Looks) -> House:
         polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(slopes, slate, R),
         quads(slopes[:, ::-1] - [0, 0, 0.06], trim, R), _tower(looks, stone, trim).moved(middle, 3.2, 0),
     ]  # fmt: skip
+    # solids for collisions: nave, attic in steps, tower
     solids = [[x0, y0, 0, x1, y1, eaves]]
     for k in range(4):  # the attic in steps
         share = (k + 1) / 5
@@ -220,6 +227,7 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     half, top = 3.2, 22.0
     circle = _circle()
     dark = looks.plain((34, 34, 36), "matte")
+    # belfry windows: a dark arch behind louvres
     clock = _clock(looks)
     bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
     louvre = [
@@ -227,6 +235,7 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         for x in (-1.1, 1.1)
         for z in np.arange(17.8, 20.2, 0.35)
     ]
+    # a face with its clock, cornices and corner buttresses
     face = merge(
         wall_quads((-half, 0, half, top), 0.0, stone, B), *bell, *louvre,
         polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
@@ -241,9 +250,11 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         ),
     )  # fmt: skip
     front = _west_front(looks, trim)
+    # the same face on four sides
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     yaws = np.array([0.0, 90.0, 180.0, 270.0])
     at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
+    # spire with pinnacles and a cross
     slate = wall(looks, "tiles", (84, 88, 98))
     spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
     pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
@@ -310,11 +321,13 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
 
 def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
     """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
+    # materials and lettering
     render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
     trim = looks.plain((232, 224, 200), "matte")
     height, middle = 15.0, width / 2
     lit = looks.plain((255, 232, 170), "lamp")
     marquee, upright, bills = _cinema_sheets(looks)
+    # fins, doors, bulbs and bills are laid out about the middle
     fins = np.linspace(middle - 4.5, middle + 4.5, 7)
     low = xyz(fins - 0.22, -0.5, 5.6)
     doors = np.linspace(middle - 3, middle + 3, 5)
@@ -336,8 +349,10 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]  # fmt: skip
+    # bands on either side of the sign
     for x0, x1 in ((0.6, middle - 5.2), (middle + 6.6, width - 0.6)):
         pieces.append(wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
+    # plain brick on the other sides
     sides = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
     pieces += [sides, flat_roof(Roof(width, depth, height), brick, trim, looks, rng)]
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
@@ -367,15 +382,19 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
 def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     """Steps, six columns, an architrave with the name, a pediment; about x = 0, before y = 0."""
     half, top = PORTICO_M / 2, PODIUM_M + COLUMN_M
+    # columns with base and capital
     profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
     profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
     column = revolved(profile, 18, trim, B, 50)
     xs = np.linspace(-half + 1.1, half - 1.1, 6)
+    # steps before the portico
     steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
     tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
+    # the name over the columns
     c = Canvas(12, 1.1, 64, (200, 188, 164))
     c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
     words = sheet("library-name", looks, c)
+    # gable and roof
     eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
     gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])
     inner = np.array([(-half + 1.2, eaves + 0.3), (half - 1.2, eaves + 0.3), (0, eaves + 2.9)])
@@ -384,6 +403,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         [(-edge, 2, eaves), (-edge, -4.4, eaves), (0, -4.4, ridge), (0, 2, ridge)],
         [(edge, 2, eaves), (-edge, 2, eaves), (0, 2, ridge), (0, 2, ridge)],
     ]
+    # windows and door behind the columns
     windows = np.array([(-5.2, -0.1, PODIUM_M + 0.8), (3.4, -0.1, PODIUM_M + 0.8)])
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])

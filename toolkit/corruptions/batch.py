@@ -81,6 +81,7 @@ def corrupt(
         ToolkitError: unknown name, severity or parameters, images of another shape or smaller than 16 px, or not one
             seed per image.
     """
+    # check name, severity, shape and parameters before any work
     corruption = find_corruption(name, severity)
     _check_batch(images, seeds)
     if len(images) == 0:
@@ -95,8 +96,10 @@ def corrupt(
         draws = RandomStreams([int(seed) for seed in seeds[part]], name, severity, images.device)
         return corruption.apply(images[part], given, draws)
 
+    # a GPU takes the whole batch at once
     if images.device.type != "cpu":
         return apply(slice(None)).clamp_(0, 1)
+    # a CPU takes it in parts, one per thread
     result = torch.empty(images.shape)
     parts = split_evenly(len(images), images.shape[-2] * images.shape[-1])
     mode = torch.is_inference_mode_enabled()  # threads do not inherit it

@@ -281,6 +281,7 @@ def corrupt_folder(
     skipped = skip or {}
     refused = [*refused, *((source.path, skipped[source.path]) for source in sources if source.path in skipped)]
     sources = [source for source in sources if source.path not in skipped]
+    # the settings of the folder, checked against those of an earlier run
     alone = plan[0] if single else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
@@ -290,6 +291,7 @@ def corrupt_folder(
     with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
         claim_folder(out, settings)
         known = read_finished(out)
+        # images are read in chunks; those of the same size are corrupted together
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result=result)
@@ -356,6 +358,7 @@ def _load(
         except OSError as error:
             trouble[index].append((source.path, (error.strerror or str(error)).lower()))
 
+    # results are merged in the order of the sources, whichever thread was first
     run_each(load, len(chunk))
     result.kept += sum(kept)
     result.failed += [line for lines in trouble for line in lines]

@@ -172,11 +172,13 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     world, pad, settings = collector.world, collector.pad, config.record()
     inputs = config.sha256(world.sha256, pad.sha256, collector.seed, VERSION)
     file = folder / DATASET
+    # remove what a restart or a killed run leaves
     if restart:
         for found in (*folder.glob("*.tar"), file):
             delete_file(found)
     for left in folder.glob(".*.partial"):
         delete_file(left)
+    # a set that is there must have the same settings
     if file.is_file():
         about = read_json(file, DatasetFile)
         if about.inputs_sha256 != inputs:
@@ -185,6 +187,7 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
                 {"name": config.folder_name},
             )
         return about
+    # a new set begins with its file, still incomplete
     places: dict[str, list[str]] = {"train": [], "held_out": []}
     for k, place in enumerate(collector.places):
         places["held_out" if k in collector.held_out_places else "train"].append(place.name)
@@ -203,6 +206,7 @@ FrameKey = tuple[str, int]
 
 def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine: Engine) -> Collected:
     """Shoot shards that are not there; each is written when its frames are, and a set with a gap is not complete."""
+    # what is wanted, and what earlier runs have written
     plan = plan_shards(collector.config, collector)
     wanted = {(name, index): name for name, _, some in plan for index in some}
     there = {name for name, _, _ in plan if (folder / name).is_file()}
@@ -221,12 +225,14 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
             write_shard(folder / name, list(shard.values()))
             made.append(name)
 
+    # shoot the missing frames
     units = _list_units(collector, missing, engine)
     ran = run_resumable("Shooting frames", wanted, missing, units, keep, engine, folder)
     if ran.failed:
         if not made and not there:
             raise ToolkitError(ran.failed[0][1])
         return Collected(folder, about, len(made), ran.failed)
+    # the set is complete: its file lists the shards with their hashes
     shards = [
         ShardFile(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
     ]

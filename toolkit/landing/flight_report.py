@@ -214,11 +214,13 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
     weathers = list(dict.fromkeys(result.cell.weather for result in results if result.cell.weather != "clear")) or [
         "clear"
     ]
+    # a line for each combination that is flown, a panel for each weather
     lines = list(dict.fromkeys((result.cell.pad, result.cell.regressor, result.cell.gains) for result in results))
     figure = make_figure(2 + 3.6 * len(weathers), 4.4)
     panels = figure.subplots(1, len(weathers), sharey=True, squeeze=False)[0]
     for panel, weather in zip(panels, weathers, strict=True):
         for number, line in enumerate(lines):
+            # clear air is severity 0 of every weather
             own = sorted(
                 (
                     result
@@ -229,6 +231,7 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
             )
             if not own:
                 continue
+            # lines are moved apart a little, so that their intervals do not cover each other
             x = [result.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for result in own]
             low, high = ([100 * result.success_ci95[end] for result in own] for end in (0, 1))
             colour = LINE_COLOURS[number % len(LINE_COLOURS)]
@@ -242,6 +245,7 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
             sorted({result.cell.severity for result in results if result.cell.weather in (weather, "clear")})
         )
         style_panel(panel, -2, 102)
+    # a shared legend above the panels
     panels[0].set_ylabel("success (%)")
     handles, labels = panels[0].get_legend_handles_labels()
     title = f"landings that succeed, 95 % Wilson intervals (n = {results[0].n} a point)"
@@ -261,6 +265,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
         results: of the cells.
         radius_m: of the circle that a success is in.
     """
+    # two rows of panels for each band: from above, and height over distance
     some = pick_cells(results, MOST_TRACKED)
     columns = min(len(some), TRACK_COLUMNS)
     bands = -(-len(some) // columns)
@@ -275,6 +280,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     reach_m = 1.05 * max(radius_m, *(float(np.abs(track[:, :2]).max()) for track in flown))
     away_m = 1.05 * max(radius_m, *(float(np.hypot(track[:, 0], track[:, 1]).max()) for track in flown))
     top_m = 1.05 * max(1.0, *(float(track[:, 2].max()) for track in flown))
+    # tracks, coloured by outcome
     for k, cell_result in enumerate(some):
         above, aside = (panels[2 * (k // columns) + row][k % columns] for row in (0, 1))
         above.set_visible(True)
@@ -339,11 +345,13 @@ def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int =
     def at(point: np.ndarray) -> tuple[int, int]:
         return round(float(middle[0] + scale * point[0])), round(float(middle[1] - scale * point[1]))
 
+    # a grid of metres, and the circle that counts as a landing
     for metres in range(-int(reach), int(reach) + 1):
         cv2.line(canvas, at(np.array([metres, -reach])), at(np.array([metres, reach])), (226, 228, 232), 1)
         cv2.line(canvas, at(np.array([-reach, metres])), at(np.array([reach, metres])), (226, 228, 232), 1)
     radius_m = config.episode.radius_m
     cv2.circle(canvas, at(np.zeros(2)), round(radius_m * scale), (0, 122, 90), 2, cv2.LINE_AA)
+    # the track so far, and where the regressor sees the pad
     for k in range(min(upto, len(track) - 1)):
         cv2.line(canvas, at(track[k]), at(track[k + 1]), (36, 87, 166), 2, cv2.LINE_AA)
     now = track[min(upto, len(track) - 1)]
@@ -351,6 +359,7 @@ def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int =
     if said is not None and now[2] >= config.descent.blind_m:  # lower down it does not look
         cv2.drawMarker(canvas, at(now[:2] + np.array(said)), (194, 65, 12), cv2.MARKER_TILTED_CROSS, 14, 2)
     cv2.circle(canvas, at(now), 6, (20, 24, 28), -1, cv2.LINE_AA)
+    # a height scale at the right edge
     top = max(float(track[:, 2].max()), 1.0)
     left, high = round(size_px * 0.93), round(size_px * (0.92 - 0.84 * max(now[2], 0) / top))
     cv2.line(canvas, (left, round(size_px * 0.08)), (left, round(size_px * 0.92)), (160, 166, 174), 2)

@@ -264,12 +264,14 @@ class RegressorTask(TrainingTask[Regressor]):
         return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
 
     def _draw_batch(self, step: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        # epoch and position in it follow from the step, so that a resumed run draws the same batches
         per_epoch = max(len(self.chosen) // self.config.batch, 1)
         epoch, k = divmod(step, per_epoch)
         order = np.random.default_rng([self.seed, epoch, 64]).permutation(self.chosen)
         some = order[k * self.config.batch : (k + 1) * self.config.batch]
         batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
         if self.config.augment:
+            # augmentation: quarter turns, exposure, white balance and brightness
             rng = Draws(self.seed, step, self.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
             # one gain for all channels, as exposure, and a small gain for each, as white balance
@@ -287,6 +289,7 @@ class RegressorTask(TrainingTask[Regressor]):
         """Measure the weights on the held-out frames and write them, then their record."""
         from safetensors.torch import save
 
+        # the weights as bytes, and the camera they were trained with
         state = {name: value.detach().cpu().contiguous() for name, value in self.module.state_dict().items()}
         content, settings = save(state), self.config.record()
         about = self.sets[0].about

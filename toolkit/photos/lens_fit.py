@@ -86,6 +86,7 @@ class Calibration:
         """What would make the calibration surer; empty where nothing is amiss."""
         lines = []
         lens = self.lens
+        # focal length: its uncertainty, and views at a slant that fix it
         if self.focal_sigma_px / lens.fx > GOOD_FOCAL_SIGMA:
             lines.append(
                 f"the focal length is known to {self.focal_sigma_px / lens.fx:.1%} only: add photos that see the "
@@ -98,6 +99,7 @@ class Calibration:
                 "farther away would take the same pictures, so focal length and distances may be off together; add "
                 "photos tilted by 30° to 60°"
             )
+        # the board: its squares, and whether it is flat
         if abs(lens.fy / lens.fx - 1) > max(UNEVEN_PIXELS, UNEVEN_SIGMAS * self.aspect_sigma):
             lines.append(
                 f"fx and fy differ by {abs(lens.fy / lens.fx - 1):.1%}, where sensors have square pixels: measure the "
@@ -108,6 +110,7 @@ class Calibration:
                 f"the board is not flat: its corners lie up to {self.bend_mm:.1f} mm out of one plane, which the lens "
                 f"allows for (as flat: {self.flat_px:.2f} px off), poses do not; tape it to glass or a board"
             )
+        # the frame: how much of it corners cover, and how well they fit
         if self.coverage < GOOD_COVERAGE:
             lines.append(
                 f"corners were seen in {self.coverage:.0%} of the frame: add photos with the board in its corners"

@@ -352,12 +352,14 @@ def preview_world(
     if placed is not None:
         facts |= {"object_sha256": hash_mesh(placed.mesh), "place": placed.spot.name}
     show = _Show(world, skies, placed, settings, Path(folder), facts)
+    # pictures of an earlier run are kept if their inputs and bytes are the same
     jobs = list(show.list_jobs())
     known = _read_record(show.folder)
     record = {job.file: known[job.file] for job in jobs if _is_there(show, job, known)}
     missing = [job for job in jobs if job.file not in record]
     if not missing:
         return PreviewResult(show.folder, [], [job.file for job in jobs])
+    # the light of a sky is worked out once for all of its pictures
     work = LIGHT * len({job.sky for job in missing}) + sum(_cost(job, settings) for job in missing)
     with progress(f"preview of {world.name}", work) as bar:
         for k, of_sky in groupby(missing, key=lambda job: job.sky):
@@ -368,6 +370,7 @@ def preview_world(
                 for job, content in _make(show, renderer, list(group), bar.advance):
                     if content is not None:
                         write_bytes(show.folder / job.file, content)
+                    # the record grows with every picture, so that an interrupted run resumes
                     record[job.file] = (show.hash_inputs(job), sha256_file(show.folder / job.file))
                     _write_record(show, record)
                     bar.advance(0 if job.kind == "film" else _cost(job, settings), job.file)

@@ -200,24 +200,29 @@ def _check_patch(
 ) -> tuple[list[GateResult], PatchesSeen | None]:
     """The two gates of patches and wraps, and which patch was found; `region` as from `_find_object`."""
     patch, wrap, variant = expectation.patch, expectation.wrap, expectation.variant
+    # nothing to look for
     if patch is None or not (patch.patches or wrap):
         why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
     if wrap is not None and wrap.is_on:
         return _check_wrapped(image, region, expectation, patch, why_blind)
+    # look for the patch where it should show, and for a wrap if no patch is seen
     expected = [expect_cells(sheet, expectation.solid, expectation.view) for sheet in patch.sheets] or [None]
     shown = list_shown(expected)
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
     pieces = _look_for_wrap(image, expectation) if seen.other is None and not any(seen.own) else None
+    # a wrap is on, and should not be
     if wrap is not None and pieces is not None and pieces.is_on:
         should = f"the patch '{patch.own}'" if patch.own else "no wrap"
         said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
         return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
+    # a missing patch is judged only if it could be seen
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
+    # an absent patch is believed only if it could be seen
     if patch.own is None and seen.other is None:
         why_unsure = why_blind or _why_unsure(expectation, expected) or _why_no_wrap(expectation, pieces)
         if why_unsure is not None:

@@ -446,6 +446,7 @@ def _store_all(
         for evidence, decision in resolved:
             candidate, key = evidence.candidate, decision.key
             group = (key.object, key.variant)
+            # a booster's hash is read once for each object and variant
             if group not in boosters:
                 boosters[group] = _hash_booster(workspace, *group, notes)
             try:

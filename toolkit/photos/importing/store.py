@@ -86,6 +86,7 @@ def encode_photo(photo: Photo) -> bytes:
 
 def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None, image_sha256: str) -> CaptureRecord:
     photo, key, located, match = evidence.candidate.photo, decision.key, evidence.located, decision.match
+    # facts of the photograph itself
     made: dict[str, Any] = {
         "with": f"toolkit {__version__}", "how": HOW.get(photo.kind, "photograph"), "camera": photo.camera,
         "taken": photo.taken.isoformat() if photo.taken else None, "focal_mm": photo.focal_mm,
@@ -94,11 +95,13 @@ def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
+    # what a table or a person said of it
     known = {
         "class": decision.class_name, "pose": decision.pose_name, "row": decision.row,
         "pose_sha256": decision.pose_sha256,
     }  # fmt: skip
     made |= {name: value for name, value in known.items() if value}
+    # what the board says of the camera
     if match is not None:
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:
