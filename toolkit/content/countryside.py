@@ -255,7 +255,7 @@ def surround(
 
 
 def build_grass(seed: int = 0) -> World:
-    """A meadow with one landing pad in its middle, a fence, a track, and trees on the horizon."""
+    """A meadow with a landing pad in its middle, a fence, a track, and trees on the horizon."""
     looks, rng = Looks(seed), np.random.default_rng([seed, 30])
     meadow = grass(looks, meadow=True)
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])

@@ -266,7 +266,7 @@ def _mannequin(canvas: Canvas, x: float, floor: float, tone: Colour) -> None:
 
 
 def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.Generator) -> float:
-    """One thing on a shelf, its lower left corner at a point; returns the width it takes."""
+    """A thing on a shelf, its lower left corner at a point; returns the width it takes."""
     x, z = at
     if kind in ("books", "boxes", "papers"):
         w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
@@ -355,7 +355,7 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
 
 
 def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Generator) -> Piece:
-    """One shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
+    """A shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
     z = 3.05

@@ -336,7 +336,7 @@ def draw_star(sheet: Drawing, centre: Point, radius_mm: float, turn_deg: float =
 
 
 def draw_wing_lines(sheet: Drawing, side: int) -> None:
-    """Flaps, ailerons, spars and ribs of one wing and its stabilator; `side` +1 for the upper half of the drawing."""
+    """Flaps, ailerons, spars and ribs of a wing and its stabilator; `side` +1 for the upper half of the drawing."""
 
     def at(*points: Point) -> list[Point]:
         return [(x, side * y) for x, y in points]

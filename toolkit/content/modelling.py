@@ -364,7 +364,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
 
 
 def finish(parts: Iterable[Part], atlas_px: int = 256) -> Mesh:
-    """One mesh from parts, `LENGTH_MM` long, on the table, centred.
+    """A mesh from parts, `LENGTH_MM` long, on the table, centred.
 
     Parts of one plain colour share a speck of the atlas, which leaves it to those that are painted.
     """

@@ -203,7 +203,7 @@ def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.nd
 
 
 def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """One window by day, and the light it gives off in the evening."""
+    """A window by day, and the light it gives off in the evening."""
     width, height = style.size_m
     px_per_m = 96 / max(width, 1.0)
     canvas = Canvas(width, height, px_per_m, (0, 0, 0))

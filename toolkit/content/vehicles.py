@@ -80,7 +80,7 @@ def _outline(knots: tuple[Point, ...]) -> Callable[[np.ndarray | float], np.ndar
 
 
 class Livery:
-    """The paint of one vehicle: a drawing of each view, and of the light it gives off."""
+    """The paint of a vehicle: a drawing of each view, and of the light it gives off."""
 
     def __init__(self, body: Body, colour: Colour) -> None:
         self.body, self.colour = body, colour
@@ -129,7 +129,7 @@ class Livery:
                 self.glow[view].text(x, y, words, height_m, colour, fit_m=fit_m)
 
     def sheet(self, name: str, looks: Looks, roughness: float = 0.22) -> "PaintMap":
-        """All views on one texture."""
+        """All views on the same texture."""
         rng = looks.rng(name)
         places, top, width = {}, 0, max(self.day["left"].size[0], 2 * self.day["front"].size[0]) + 4 * GUTTER_PX
         for view in ("left", "right", "top", "front"):

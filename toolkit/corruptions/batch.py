@@ -18,7 +18,7 @@ from toolkit.corruptions.catalogue import choose_parameters, find_corruption
 @lru_cache(maxsize=2)
 def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
     # by process: the threads of a pool do not survive a fork, as of a data loader's workers
-    # all threads are started, and pinned to one thread each, before the process's own setting is put back
+    # all threads are started, and pinned to a thread each, before the process's own setting is put back
     ready = threading.Barrier(workers + 1)
 
     def keep_to_one_thread() -> None:
@@ -52,7 +52,7 @@ def run_each(work: Callable[[int], object], count: int) -> None:
 
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2
-"""What is computed at once on one thread: more would not stay in its cache."""
+"""What is computed at once on a thread: more would not stay in its cache."""
 
 
 @torch.no_grad()

@@ -30,7 +30,7 @@ ELASTIC_PX = 244  # so published, for an image of 224
 
 @dataclass(frozen=True)
 class Corruption:
-    """One way of corrupting images.
+    """A way of corrupting images.
 
     Attributes:
         name: as in the published folders.

@@ -46,7 +46,7 @@ class FolderSettings(BaseModel):
 
 
 class CorruptedFile(BaseModel):
-    """One finished file: its path below the folder, its hash, and the hash of the file it was made from."""
+    """A finished file: its path below the folder, its hash, and the hash of the file it was made from."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
     path: str
@@ -92,7 +92,7 @@ def read_finished(folder: Path) -> dict[str, CorruptedFile]:
 
 @dataclass(frozen=True)
 class SourceImage:
-    """One image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
+    """An image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
 
     file: Path
     path: str
@@ -167,7 +167,7 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
 
 
 def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
-    """Batches of images of one size, none of more than a million pixels but those of a single image."""
+    """Batches of images of the same size, none of more than a million pixels but those of a single image."""
     sizes: dict[tuple[int, ...], list[LoadedImage]] = {}
     for image in loaded:
         sizes.setdefault(image.pixels.shape, []).append(image)
@@ -180,7 +180,7 @@ def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
 def render(
     batch: list[LoadedImage], name: str, severity: int, *, seed: int, image_format: str, device: str
 ) -> list[bytes]:
-    """Corrupt pictures of one size; the bytes of their files."""
+    """Corrupt pictures of the same size; the bytes of their files."""
     images = from_bytes(np.stack([image.pixels for image in batch]), device)
     seeds = [image_seed(seed, image.source.path) for image in batch]
     pixels = to_bytes(corrupt(images, name, severity, seeds))
@@ -242,7 +242,7 @@ def corrupt_images(
     source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
     image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
 ) -> CorruptResult:  # fmt: skip
-    """`corrupt_file` for one image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
+    """`corrupt_file` for an image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         return corrupt_file(source, out, corruptions, seed=seed, size_px=size_px, device=device)
     return corrupt_folder(

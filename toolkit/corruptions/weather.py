@@ -129,7 +129,7 @@ def draw_pane(pane: Pane, rng: np.random.Generator) -> np.ndarray:
 
 
 def grow_feathers(pane: Pane, rng: np.random.Generator) -> np.ndarray:
-    """(side, side) float32: bright needles on black, each crystal a few needles from one point, with side branches."""
+    """(side, side) float32: bright needles on black, each crystal a few needles from a point, with side branches."""
     canvas = np.zeros((SIDE_PX + 2 * MARGIN_PX,) * 2, np.uint8)
     for _ in range(pane.feathers):
         root = rng.uniform(0, SIDE_PX, 2) + MARGIN_PX
@@ -144,7 +144,7 @@ def draw_crystal(
     canvas: np.ndarray, root: np.ndarray, angles: np.ndarray, lengths_px: np.ndarray, *, brightness: float,
     rng: np.random.Generator,
 ) -> None:  # fmt: skip
-    """Needles from one point, a little bent, and their branches, which grow shorter towards the tip."""
+    """Needles from a point, a little bent, and their branches, which grow shorter towards the tip."""
     along = np.linspace(0, 1, max(3, int(lengths_px.max() / BRANCH_STEP_PX)))
     steps = lengths_px[:, None] * along
     turned = angles[:, None] + rng.normal(0, 0.004, (len(angles), 1)) * steps

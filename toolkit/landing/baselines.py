@@ -30,7 +30,7 @@ class ClassicalFinder:
 
     Attributes:
         name: `features` or `apriltag`.
-        find: of one picture.
+        find: of a picture.
     """
 
     name: str

@@ -43,7 +43,7 @@ COMPARED = 48
 
 @dataclass(frozen=True)
 class PadView:
-    """One rendered view of the pad.
+    """A rendered view of the pad.
 
     Attributes:
         site, pose: from where.

@@ -86,7 +86,7 @@ class Collector:
 
     def split_of(self, index: int) -> Split:
         """Whether a frame is trained on or held out."""
-        # by place: frames of one place look alike, and would be known from training
+        # by place: frames of the same place look alike, and would be known from training
         if self.config.split == "place" and len(self.places) > 1:
             return "held_out" if index % len(self.places) in self.held_out_places else "train"
         drawn = Draws(self.seed, index, "landing").of("split").uniform()
@@ -101,7 +101,7 @@ class Collector:
         self.sites.light_pads(self.pad, (index % len(self.places) for index in indices))
 
     def shoot(self, index: int) -> Sample:
-        """One frame.
+        """A frame.
 
         Raises:
             ToolkitError: no free place is found in the cone.

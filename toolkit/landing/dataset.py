@@ -32,7 +32,7 @@ Split = Literal["train", "held_out"]
 
 
 class Truth(BaseModel):
-    """What is known of one picture.
+    """What is known of a picture.
 
     Attributes:
         index: of it.
@@ -59,7 +59,7 @@ class Truth(BaseModel):
 
 
 class ShardFile(BaseModel):
-    """One tar file."""
+    """A tar file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     file: str
@@ -126,7 +126,7 @@ class DatasetFile(BaseModel):
 
 @dataclass(frozen=True)
 class Sample:
-    """One picture with what is known of it.
+    """A picture with what is known of it.
 
     Attributes:
         image: (h, w, 3) uint8 sRGB.
@@ -141,7 +141,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class SampleSet:
-    """The samples of one split in memory.
+    """The samples of a split in memory.
 
     Attributes:
         images: (n, h, w, 3) uint8 sRGB.

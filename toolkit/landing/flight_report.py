@@ -54,7 +54,7 @@ LOOP_PX, LOOP_QUALITY = 640, 60
 
 @dataclass(frozen=True)
 class CellResult:
-    """The episodes of one cell.
+    """The episodes of a cell.
 
     Attributes:
         cell: which.
@@ -379,7 +379,7 @@ def _write(
 
 @dataclass(frozen=True)
 class Film:
-    """One episode: the drone's view beside the map, at the pace of the flight.
+    """An episode: the drone's view beside the map, at the pace of the flight.
 
     Attributes:
         title: of what.

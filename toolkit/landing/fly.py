@@ -85,7 +85,7 @@ def fly(flights: Flights, look: Look, gains: tuple[float, float, float], descent
 
 @dataclass(frozen=True, order=True)
 class FlightCell:
-    """One combination that is flown."""
+    """A combination that is flown."""
 
     pad: str
     regressor: str
@@ -112,7 +112,7 @@ class FlightCell:
 
 
 class EpisodeRecord(BaseModel):
-    """One episode that has ended, a line of `episodes.jsonl`.
+    """An episode that has ended, a line of `episodes.jsonl`.
 
     Attributes:
         inputs: hash of all that decides it but cell and index.

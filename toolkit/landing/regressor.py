@@ -1,4 +1,4 @@
-"""A network that says where the pad is: two numbers from one picture; its record, its file, and what it looks at."""
+"""A network that says where the pad is: two numbers from a picture; its record, its file, and what it looks at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ SHOWN = 6
 
 
 class ErrorRow(BaseModel):
-    """Errors of one group of held-out frames.
+    """Errors of a group of held-out frames.
 
     Attributes:
         by, group: what they have in common, such as `height` and `2-4 m`.

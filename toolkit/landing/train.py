@@ -125,7 +125,7 @@ def train_regressor(
 
     Args:
         space: the workspace; `rig/regressors` is written.
-        datasets: names of sets below captures/landing, or their folders; of one camera and pad.
+        datasets: names of sets below captures/landing, or their folders; of the same camera and pad.
         config: how.
         seed: of all draws.
         device: `auto`, `cpu` or `cuda`.
@@ -323,7 +323,7 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
-    """What a record says of the data: of one set, or of each below `sets`."""
+    """What a record says of the data: of a set, or of each below `sets`."""
     rows = [
         {"inputs_sha256": loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
          "world_seed": loaded.about.world_seed, "places": loaded.about.places}

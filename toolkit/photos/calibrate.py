@@ -29,7 +29,7 @@ LensKey = tuple[str | None, float | None, tuple[int, int]]
 
 @dataclass(frozen=True)
 class LensResult:
-    """What came of the photographs of one camera, focal length and size.
+    """Result of the photographs of a camera at a focal length and size.
 
     Attributes:
         camera, focal_35mm_mm: as EXIF has them.

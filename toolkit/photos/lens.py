@@ -53,7 +53,7 @@ def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
 
 
 SAME_FOCAL = 0.02
-"""Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of one lens of a phone."""
+"""Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of the same lens of a phone."""
 LESS_SURE = 1.1
 """Times by which a standard deviation must exceed another for a lens to be called worse: the same photographs with one
 more or less change it by less."""
@@ -62,7 +62,7 @@ SENSOR_TURNS = {6: 1, 3: 2, 8: 3}
 
 
 class LensRecord(BaseModel):
-    """One calibrated lens.
+    """A calibrated lens.
 
     Attributes:
         camera: maker and model as EXIF has them, None for a camera that writes none.
@@ -95,7 +95,7 @@ class LensRecord(BaseModel):
         return Camera.from_intrinsics(self.model_dump(), self.distortion)
 
     def same_lens(self, other: "LensRecord") -> bool:
-        """Whether both are of one camera, focal length and size, so that the newer lens replaces the older."""
+        """Whether both are of the same camera, focal length and size, so that the newer lens replaces the older."""
         sizes = (self.width, self.height) == (other.width, other.height)
         return sizes and self.camera == other.camera and _same_focal(self.focal_35mm_mm, other.focal_35mm_mm)
 
@@ -117,7 +117,7 @@ class LensFile(BaseModel):
 
 @dataclass(frozen=True)
 class LensChoice:
-    """The lens of one photograph, upright as its pixels are read.
+    """The lens of a photograph, upright as its pixels are read.
 
     Attributes:
         lens: None where it is not known.

@@ -124,7 +124,7 @@ class Calibration:
 
 
 def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
-    """Fit focal lengths, principal point, distortion and the board's bend to views of it, in pictures of one size.
+    """Fit focal lengths, principal point, distortion and the board's bend to views of it, in pictures of the same size.
 
     Views, and then single corners, that do not agree with the rest are left out.
 
@@ -271,7 +271,7 @@ class _Fit:
     def spread(self) -> np.ndarray:
         """(k, k) covariance of fx, fy, cx, cy, the distortion and, last, the bend: the jackknife over views.
 
-        Corners of one view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
+        Corners of a view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
         OpenCV states it, is two to four times too sure. Without view v the least-squares solution is
         (H - H_v)⁻¹ (g - g_v) away; the sum of the squares of how it moves is the jackknife's variance (Efron and
         Tibshirani 1993, chapter 11). Few views make that unsure itself: by Student's t, two of the deviations that are

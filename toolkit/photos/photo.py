@@ -58,7 +58,7 @@ SUFFIXES = {
 """The suffix of a photograph of each kind in a capture folder; what has no viewer there is kept as JPEG."""
 RAW_SUFFIX = ".dng"
 MOST_BYTES = 512 << 20
-"""Limit on one photograph's file: the largest raw files are half of it."""
+"""Limit on a photograph's file: the largest raw files are half of it."""
 QUARTER_TURNED = (5, 6, 7, 8)
 
 
@@ -294,7 +294,7 @@ def _numbers(value: object) -> list[int]:
 
 @dataclass(frozen=True)
 class Photo:
-    """What is known of one photograph without decoding it.
+    """What is known of a photograph without decoding it.
 
     Attributes:
         path: the file.

@@ -120,7 +120,7 @@ def _retexture(
     root: Path, name: str, number: int, file: Path, found: Sequence[KnownPatch], variants: dict[str, KnownPatch],
     seed: int, done: dict[str, CaptureRecord],
 ) -> tuple[str, dict[str, Any]]:  # fmt: skip
-    """Name and facts of one photograph, its variants written."""
+    """Name and facts of a photograph, its variants written."""
     photo = read_photo(file)
     inputs = {
         variant: sha256_bytes(
@@ -202,7 +202,7 @@ BANDS = 4
 
 @dataclass(frozen=True)
 class PredictedPhoto:
-    """One true photograph, predicted from another.
+    """A true photograph, predicted from another.
 
     Attributes:
         source, truth: names of the photographs; the same where its own patch was put back.
@@ -271,7 +271,7 @@ def check_retexture(
 ) -> RetextureCheck:
     """Predict each photograph of a known patch from those of other patches in the same place, and compare.
 
-    Photographs are of one place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
+    Photographs are of the same place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
     `bear2_3in_over.jpg`.
 
     Raises:

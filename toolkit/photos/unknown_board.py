@@ -146,7 +146,7 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
             read = read_markers(picture, FAMILIES, _strict_parameters(picture))
             counted.update({family: len(numbers) for family, numbers in zip(FAMILIES, read, strict=True)})
             bar.advance()
-        # markers of one dictionary are seldom read in another: the dictionary with most markers is meant
+        # markers of a dictionary are seldom read in another: the dictionary with most markers is meant
         family = max(FAMILIES, key=counted.__getitem__)
         views = []
         for picture in pictures if counted[family] >= LEAST_MARKERS else ():

@@ -32,7 +32,7 @@ LEAST_CONTRAST = 4.0
 
 @dataclass(frozen=True)
 class FrameLook:
-    """What is kept of one frame: its number, a small blurred grey picture (float32), and how sharp the frame is."""
+    """What is kept of a frame: its number, a small blurred grey picture (float32), and how sharp the frame is."""
 
     frame: int
     small: np.ndarray
@@ -180,7 +180,7 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
 
 
 def load_frame(path: Path, frame: int) -> np.ndarray:
-    """One frame, (h, w, 3) uint8 sRGB, upright; frames asked for in ascending order are read in one pass.
+    """A frame, (h, w, 3) uint8 sRGB, upright; frames asked for in ascending order are read in one pass.
 
     Raises:
         UnreadableImage: the video does not decode so far.

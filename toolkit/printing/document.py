@@ -100,7 +100,7 @@ def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
 
 @dataclass(frozen=True)
 class PrintPlan(PagePlan):
-    """Every page of one patch's file: the patch's side, and the white paper round it."""
+    """Every page of a patch's file: the patch's side, and the white paper round it."""
 
     side_mm: float
     margin_mm: float
@@ -197,7 +197,7 @@ def place_patch(pdf: Pdf, x: float, y: float, side_mm: float, n_px: int) -> None
 
 @dataclass(frozen=True)
 class PrintedDocument:
-    """A finished PDF and how it is laid out: a plan for each sheet of the object, one after the other."""
+    """A finished PDF and how it is laid out: a plan for each sheet of the object, in turn."""
 
     content: bytes
     plans: tuple[PrintPlan, ...]

@@ -74,7 +74,7 @@ LINE_HEIGHT_MM = 4.0
 
 @dataclass(frozen=True)
 class Swatch:
-    """One colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
+    """A colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
 
     name: str
     x: float
@@ -390,7 +390,7 @@ def _count(number: int, thing: str) -> str:
 
 
 def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
-    """One tile's part of a sheet, clipped to its window, and the marks round it."""
+    """A tile's part of a sheet, clipped to its window, and the marks round it."""
     window, part = page.window, page.tile.area
     pdf.saveState()
     clip = pdf.beginPath()

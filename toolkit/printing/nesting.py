@@ -59,7 +59,7 @@ def _count_cells(shape: "Polygon") -> tuple[int, int]:
 def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     """Place shapes on pages, each turned by quarters; each `fits` on a page.
 
-    Shapes are laid one after the other at the topmost free place, then the leftmost, of the first page that has room
+    Shapes are laid in turn at the topmost free place, then the leftmost, of the first page that has room
     (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
     """
     masks = [list(_draw_turns(shape)) for shape in shapes]
@@ -135,7 +135,7 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class CutSheet:
-    """What is cut from one sheet.
+    """What is cut from a sheet.
 
     Attributes:
         width_mm, height_mm: of the sheet.

@@ -141,7 +141,7 @@ OVERLAP_MM = 10.0
 
 @dataclass(frozen=True)
 class SheetTile:
-    """One page's part of a sheet.
+    """A page's part of a sheet.
 
     Attributes:
         row, column: from the top left, zero-based.
@@ -235,7 +235,7 @@ Page = CopiesPage | TilePage | MapPage
 
 @dataclass(frozen=True)
 class PagePlan:
-    """Every page of one sheet's file, in the order of printing, and what they share."""
+    """Every page of a sheet's file, in the order of printing, and what they share."""
 
     frame: PageFrame
     pages: tuple[Page, ...]

@@ -1,4 +1,4 @@
-"""A board, a ring or the colour strip, on one page or tiled over several, at true size."""
+"""A board, a ring or the colour strip, on a single page or tiled over several, at true size."""
 
 import math
 from contextlib import nullcontext

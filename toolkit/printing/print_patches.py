@@ -241,7 +241,7 @@ def print_patches(
 
     Args:
         files: PNG files, each with its record beside it.
-        out: folder for the PDFs; for one page it may be a PDF.
+        out: folder for the PDFs; for a single page it may be a PDF.
         settings: of every page; a size in them counts before the specs'.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
         workspace: whose objects wear them; None: none does, and 250 % of 72 dpi unless `settings` say otherwise.
@@ -281,7 +281,7 @@ def print_for_objects(
     Args:
         workspace: whose objects and patches are meant.
         objects: names.
-        out: folder for the PDFs; for one object it may be a PDF.
+        out: folder for the PDFs; for a single object it may be a PDF.
         settings: of every page; a size in them counts before the specs'.
 
     Raises:

@@ -136,13 +136,13 @@ TITLE_MM = 4.5
 
 
 def place_sides(pdf: Pdf, room: Rect, views: Sequence[SideView]) -> None:
-    """Draw six sides at one scale, each with its name and the numbers of its pieces."""
+    """Draw six sides at the same scale, each with its name and the numbers of its pieces."""
     for view, cell in zip(views, _share_out(room, views), strict=True):
         _draw_view(pdf, view, cell)
 
 
 def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
-    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
+    """Cells for six views, all of the same scale: three rows of two or two of three, whichever shows them larger."""
     best: tuple[float, list[Rect]] = (0.0, [])
     for columns in (2, 3):
         rows = len(views) // columns

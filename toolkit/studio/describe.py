@@ -51,7 +51,7 @@ def find_next(shots: Sequence[Shot]) -> int | None:
 
 
 def describe_shot(shot: Shot) -> dict[str, Any]:
-    """One step of the list in brief."""
+    """A step of the list in brief."""
     step = shot.step
     return {
         "number": step.number, "object": step.object, "variant": step.variant, "pose_id": step.pose_id,
@@ -60,7 +60,7 @@ def describe_shot(shot: Shot) -> dict[str, Any]:
 
 
 def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
-    """One shot with all that helps to take it, and what is known of the photograph that is there."""
+    """A shot with all that helps to take it, and what is known of the photograph that is there."""
     place = measure_place(session.find_pose(shot.step))
     record = session.find_record(shot)
     return {
@@ -88,7 +88,7 @@ def say_change(session: Session, step: ShotStep) -> str:
 
 
 def describe_inspection(inspection: Inspection) -> dict[str, Any]:
-    """The verdict on one photograph."""
+    """The verdict on a photograph."""
     match = inspection.match
     return {
         "sha256": inspection.sha256,

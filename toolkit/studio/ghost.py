@@ -45,7 +45,7 @@ class _Rendered:
 
 
 class _Stage:
-    """One object, as it is dressed in one variant; materials from `first_of_sheet` on are a sheet's."""
+    """An object, as it is dressed in one variant; materials from `first_of_sheet` on are a sheet's."""
 
     def __init__(self, mesh: Mesh, first_of_sheet: int) -> None:
         self._mesh, self._scene = mesh, make_ray_scene(mesh)

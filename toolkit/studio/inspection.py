@@ -1,4 +1,4 @@
-"""What the gates say of one photograph of one shot, and how far its camera stood from the plan's pose."""
+"""What the gates say of a photograph of a shot, and how far its camera stood from the plan's pose."""
 
 from collections import OrderedDict
 from contextlib import suppress

@@ -72,7 +72,7 @@ class Predictor:
             return self._state
 
     def list_rows(self) -> list[dict[str, Any]]:
-        """One row per kept photograph that was classified, in the list's order, ready for JSON."""
+        """A row per kept photograph that was classified, in the list's order, ready for JSON."""
         rows = []
         for shot in self._session.list_shots():
             key = self._key(shot.path)

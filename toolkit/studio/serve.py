@@ -50,7 +50,7 @@ PATIENCE_S = 20.0
 
 
 def make_token() -> str:
-    """A random token for one run of the server, 192 bits."""
+    """A random token for a run of the server, 192 bits."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 

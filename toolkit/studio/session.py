@@ -41,7 +41,7 @@ NOT_FOUND, CONFLICT = 404, 409
 
 @dataclass(frozen=True)
 class Shot:
-    """One step of the list, and how far it is.
+    """A step of the list, and how far it is.
 
     Attributes:
         step: of the list.
@@ -102,7 +102,7 @@ class Session:
             return [self._look_up(step, index) for step in self.shots.steps]
 
     def look_up(self, number: int) -> Shot:
-        """One step with its state."""
+        """A step with its state."""
         with self._lock:
             return self._look_up(self.find_step(number), self._index())
 

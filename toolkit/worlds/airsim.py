@@ -85,7 +85,7 @@ class Connection:
 
     Attributes:
         where: the server's address as errors name it.
-        timeout_s: longest wait for one reply.
+        timeout_s: longest wait for a reply.
     """
 
     def __init__(self, host: str, port: int, where: str, timeout_s: float = 60.0) -> None:
@@ -565,7 +565,7 @@ class AirSim:
 
 @dataclass(frozen=True)
 class _Image:
-    """One reply of `simGetImages`; `where` names it in errors."""
+    """A reply of `simGetImages`; `where` names it in errors."""
 
     content: bytes
     numbers: list[float]

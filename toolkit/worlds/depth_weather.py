@@ -260,7 +260,7 @@ def describe_weathers(weathers: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def weather_rng(seed: int, item: int, name: str, severity: int) -> np.random.Generator:
-    """The draws of one picture in one weather: they depend on these four alone."""
+    """The draws of a picture in one weather: they depend on these four alone."""
     return Draws(seed, item, "weather").of(f"{name}:{severity}")
 
 

@@ -36,7 +36,7 @@ def leave_empty(world: World, sky: Sky) -> Placed:
 
 
 def make_speck() -> Mesh:
-    """One grey triangle of a centimetre, in place of an object."""
+    """A grey triangle of a centimetre, in place of an object."""
     corners = np.array([[0, 0, 0], [SPECK_M, 0, 0], [0, SPECK_M, 0]], np.float32)
     up, grey = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)), np.full((4, 4, 3), 128, np.uint8)
     return Mesh(corners, up, np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32),
@@ -52,7 +52,7 @@ def see_through(
     renderer: RaycastRenderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray],
     weathers: Sequence[tuple[str, int]], seed: tuple[int, int] = (0, 0),
 ) -> list[np.ndarray]:  # fmt: skip
-    """(h, w, 3) uint8 sRGB pictures of one view, one for each weather, from one render.
+    """(h, w, 3) uint8 sRGB pictures of a view, one for each weather, from one render.
 
     Args:
         renderer: of the world, with an object or none.

@@ -116,7 +116,7 @@ def choose_places(
     """Draw places that are free of walls and everything else for `radius_m` around.
 
     Streets, crossings, squares, roofs, water and so on take turns, in an order drawn by the seed, so that few places
-    are not all of one kind. The first of more places are those of fewer.
+    are not all of the same kind. The first of more places are those of fewer.
 
     Args:
         world: in which.

@@ -285,7 +285,7 @@ class _Show:
         return Camera.from_fov(*self.settings.resolution, FOV_DEG)
 
     def list_jobs(self) -> Iterator[_Job]:
-        """Every file, those of one sky side by side."""
+        """Every file, those of the same sky side by side."""
         for k, sky in enumerate(self.skies):
             weathers = (CLEAR, *self.settings.weathers) if k == 0 else (CLEAR,)
             for item, view in enumerate(self.viewpoints):
@@ -422,7 +422,7 @@ def _light(show: _Show, sky: Sky) -> RaycastRenderer:
 def _make(
     show: _Show, renderer: RaycastRenderer, jobs: list[_Job], advance: Any
 ) -> Iterator[tuple[_Job, bytes | None]]:
-    """The content of files of one view; None where it is written already."""
+    """The content of files of a view; None where it is written already."""
     first = jobs[0]
     sky = show.skies[first.sky]
     if first.kind == "picture":

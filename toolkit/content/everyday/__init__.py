@@ -96,7 +96,7 @@ Labels that ImageNet has are spelled as there (`pot` is its `pot, flowerpot`).
 
 
 def make_everyday(label: str, seed: tuple[int, ...] | int) -> Mesh:
-    """One random instance of a kind; the same seed makes the same bytes.
+    """A random instance of a kind; the same seed makes the same bytes.
 
     Raises:
         ToolkitError: an unknown label; names the nearest known ones.

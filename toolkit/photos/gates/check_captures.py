@@ -52,7 +52,7 @@ def hash_setup(workspace: Workspace) -> str:
 
 
 class CheckLine(BaseModel):
-    """One line of `gates.jsonl`: what the gates said of one image.
+    """One line of `gates.jsonl`: what the gates said of an image.
 
     Attributes:
         setup: from `hash_setup`.
@@ -97,7 +97,7 @@ MISSING = Gate("missing", 0.0, "photograph", "take it")
 
 @dataclass(frozen=True)
 class Retake:
-    """One photograph to take, or to take again.
+    """A photograph to take, or to take again.
 
     Attributes:
         object, variant, pose_id: what it should show.

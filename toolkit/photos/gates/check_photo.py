@@ -1,4 +1,4 @@
-"""All gates of one photograph, and what it should show: from the workspace's objects, patches and board."""
+"""All gates of a photograph, and what it should show: from the workspace's objects, patches and board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -97,7 +97,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class PhotoCheck:
-    """What the gates say of one photograph, and where its patch was seen, for `check_set`."""
+    """What the gates say of a photograph, and where its patch was seen, for `check_set`."""
 
     results: tuple[GateResult, ...]
     lines: PatchLines | None

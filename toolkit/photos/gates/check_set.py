@@ -36,7 +36,7 @@ SOFT_MM = 0.5
 
 @dataclass(frozen=True)
 class PatchLines:
-    """Lines of sight on which the cells of a patch lie; of several sheets one after the other, 25 cells each.
+    """Lines of sight on which the cells of a patch lie; of several sheets in turn, 25 cells each.
 
     Attributes:
         origin_mm: (3,) the camera.
@@ -165,7 +165,7 @@ class CheckedPhoto:
 
     Attributes:
         object, variant, pose_id: what it shows.
-        results: of its own gates; in a finding of `check_set`, of one gate over the set.
+        results: of its own gates; in a finding of `check_set`, of a gate over the set.
         lines: where its patch was seen; None without pose or patch.
         path: of the image, for people.
     """
@@ -200,7 +200,7 @@ def check_set(
 
 
 def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each pose of one object that has a photograph in the pair, whether it has both."""
+    """For each pose of an object that has a photograph in the pair, whether it has both."""
     poses = {
         variant: {photo.pose_id: photo for photo in photos if photo.variant == variant and photo.pose_id is not None}
         for variant in PAIR
@@ -224,7 +224,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
 
 
 def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each photograph of one object whose variant has a patch, how far it lies beside the others'.
+    """For each photograph of an object whose variant has a patch, how far it lies beside the others'.
 
     A variant in which no photograph shows its patch has no findings: its own gates say why.
     """
@@ -249,7 +249,7 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
 def find_wrong_sizes(
     photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]]
 ) -> list[CheckedPhoto]:  # fmt: skip
-    """For each variant of one object with a patch, whether it is as large as it should have been."""
+    """For each variant of an object with a patch, whether it is as large as it should have been."""
     findings = []
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
         group = [photo for photo in photos if (photo.object, photo.variant) == key]

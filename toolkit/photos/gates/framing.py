@@ -219,7 +219,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
     """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
 
     Returns:
-        The median over the edges of one direction, the worse of the two; None where too few edges are seen.
+        The median over the edges of each direction, the worse of the two; None where too few edges are seen.
     """
     light = LINEAR_OF_CODE[grey]
     places = zip(sighting.ids.tolist(), sighting.corners_px - 0.5, strict=True)
@@ -240,7 +240,7 @@ def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int],
 
     Args:
         found: corners (2,) by row and column of the inner corners.
-        step: rows and columns from one end of an edge to the other.
+        step: rows and columns from end to end of an edge.
         board: says which squares are white.
     """
     edges: list[Edge] = []

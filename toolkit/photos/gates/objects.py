@@ -134,7 +134,7 @@ class KnownObjects:
         return found
 
     def _compare(self, image: np.ndarray) -> dict[str, float]:
-        """Scores of one photograph, remembered until the next: it is asked about several objects."""
+        """Scores of a photograph, remembered until the next: it is asked about several objects."""
         from toolkit.photos.match_render import match_objects
 
         if self._last is None or self._last[0] is not image:

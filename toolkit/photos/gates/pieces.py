@@ -31,7 +31,7 @@ MOST_LOOKED_AT = 3
 LEAST_SQUARES, LEAST_FOUND = 3, 0.25
 """The wrap is judged where so many squares show, and is on the object where this share of them is found."""
 LEAST_OF_PIECE = 2
-"""Squares of one piece, none of them found, that say that it is missing."""
+"""Squares of a piece, none of them found, that say that it is missing."""
 STIFFNESS = 0.001
 """Stiffness for `fit_warp`; the bend of the surface itself is known."""
 

@@ -35,7 +35,7 @@ Group = tuple[str, str]
 
 @dataclass(frozen=True)
 class Evidence:
-    """One photograph, and what is known of it before a pose is chosen.
+    """A photograph, and what is known of it before a pose is chosen.
 
     Attributes:
         candidate: the photograph.
@@ -281,7 +281,7 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
     the numbers of all names together are the plan's poses, each once.
 
     Args:
-        candidates: of one object and variant.
+        candidates: of an object and variant.
         pose_ids: of the plan.
         always: believe every number that is a pose of the plan, as `match` = `name` asks for.
     """
@@ -299,7 +299,7 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
 def match_group_order(
     count: int, group: Group, plan: CapturePlan, steps: Sequence[ShotStep]
 ) -> list[CaptureKey] | str:  # fmt: skip
-    """What `count` photographs of one object and variant show if they follow the order of shooting.
+    """What `count` photographs of an object and variant show if they follow the order of shooting.
 
     That is the shot list's, where it has them, else the plan's.
 

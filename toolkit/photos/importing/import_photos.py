@@ -85,7 +85,7 @@ def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What there is of one object in one variant.
+    """What there is of an object in one variant.
 
     Attributes:
         object, variant: which.

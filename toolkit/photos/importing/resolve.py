@@ -18,7 +18,7 @@ Ask = Callable[[str, Sequence[str]], "str | None"]
 Resolved = tuple[Evidence, Decision]
 """A photograph that is to be stored."""
 MOST_LISTED = 10
-"""Other photographs of one pose that a line names."""
+"""Other photographs of a pose that a line names."""
 
 
 def resolve_photos(
@@ -40,7 +40,7 @@ def resolve_photos(
             refused.append((item.candidate.label, outcome.reason))
         else:
             resolved.append((item, outcome))
-    # "replace" says that the latest counts, so two of one pose need no question
+    # "replace" says that the latest counts, so two photographs of a pose need no question
     if not settings.replace:
         resolved = _resolve_doubles(resolved, refused, ask)
     return resolve_occupied(resolved, refused, index, settings, ask), refused

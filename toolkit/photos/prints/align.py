@@ -160,7 +160,7 @@ def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> n
 def _solve_step(
     jacobian: np.ndarray, miss: np.ndarray, weight: np.ndarray, bending: tuple[float, np.ndarray] | None
 ) -> np.ndarray:
-    """One step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
+    """A step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
 
     Args:
         jacobian: from `_jacobian`.

@@ -171,7 +171,7 @@ def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndar
 
 
 def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) -> PatchSighting | None:
-    """Align the patch with one place of the photo and measure how well it fits; None where it plainly does not."""
+    """Align the patch with a place of the photo and measure how well it fits; None where it plainly does not."""
     scale = min(1.0, ALIGN_PX / starts[0].side_px)
     small = shrink_image(image, scale).astype(np.float32) / 255
     colour, grey = patch_values(patch_pixels)

@@ -237,7 +237,7 @@ def view_photos(
     for number, photo in enumerate(fitted):
         with_hidden = _add_hidden(photo)
         for k in range(each):
-            # each window has its own draws: more views of one photograph do not change those of the others
+            # each window has its own draws: more views of a photograph do not change those of the others
             rng = Draws(seed, number * each + k, "found views").of("window")
             views.append(_view(photo, with_hidden, image_px, (size_px, size_mm), rng))
     from toolkit.boosters.mounted import stack_views  # torch, which only training needs

@@ -83,7 +83,7 @@ def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
 def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
     """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
     shots = {shot.variant: shot for shot in stop.shots}
-    # `unpatched` first, so that pictures of one kind stand below each other on every card
+    # `unpatched` first, so that pictures of the same kind stand below each other on every card
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
     # one picture keeps the size that it has beside another
     cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
@@ -194,14 +194,14 @@ def count_cards(height_mm: float) -> int:
 
 
 def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | Sequence[MountDrawing]]:
-    """The pages of one object: the first page, with its first sheet, then the other sheets, then its places."""
+    """The pages of an object: the first page, with its first sheet, then the other sheets, then its places."""
     more = session.mountings[1:]
     sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
     return [session.mountings[:1], *sheets, *lay_out_cards(session, height_mm)]
 
 
 def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
-    """Spread the places of one object over pages."""
+    """Spread the places of an object over pages."""
     many, stops = count_cards(height_mm), session.stops
     bands = name_bands(session)
     return [CardsPage(stops[i : i + many], tuple(bands[i : i + many])) for i in range(0, len(stops), many)]
@@ -226,7 +226,7 @@ def name_bands(session: ObjectSession) -> list[str]:
 
 def _draw_cards(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage) -> None:
     """The cards of a page, and between two of them a line that says what changes there."""
-    # all pages of an object have cards of one height, which is that of the page with most bands
+    # all pages of an object have cards of the same height, which is that of the page with most bands
     most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
     height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
     top = area.top

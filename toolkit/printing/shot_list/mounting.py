@@ -82,7 +82,7 @@ ROOM = 1.04
 
 @dataclass(frozen=True)
 class MountDrawing:
-    """One side of an object, drawn to be measured; the drawing's axes are `right` and `up`, seen from outside.
+    """A side of an object, drawn to be measured; the drawing's axes are `right` and `up`, seen from outside.
 
     Attributes:
         jpeg: the picture, the object cut out on white.

@@ -1,4 +1,4 @@
-"""All that the pages of one object show, and its first pages: sticking the patch, the walk, camera and table."""
+"""All that the pages of an object show, and its first pages: sticking the patch, the walk, camera and table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Papers:
 
 @dataclass(frozen=True)
 class ObjectSession:
-    """One object's part of the list.
+    """An object's part of the list.
 
     Attributes:
         item, camera: the object and the plan's camera.
