@@ -105,6 +105,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     """A yellow lattice tower crane: mast, slewing cab, jib towards +x, counter-jib with its ballast, hook."""
     yellow, grey = looks.plain((244, 178, 22)), looks.plain((150, 150, 148), "matte")
     half, step = 0.85, 2.0
+    # mast: legs, rungs and crossed rods
     foot = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     legs = np.column_stack([foot, np.zeros(4)])
     z = np.arange(0, height, step)
@@ -114,12 +115,14 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
         rungs += [((*a, level), (*b, level)) for level in z]
         rods += [((*(a if i % 2 else b), level), (*(b if i % 2 else a), level + step)) for i, level in enumerate(z)]
     lattice = np.array(rungs + rods)
+    # jib: a triangular truss of three chords
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
     ridge, left, right = (xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
+    # ties from the apex to jib and counter-jib, and the hook
     apex = np.array([0.0, 0.0, top + 7.0])
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
     hook = np.array([jib * 0.7, 0, top])
@@ -422,6 +425,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     """Open decks with parapets, parked cars to be seen between them, a ramp sign and a big P; a pad on top."""
     concrete, dark = wall(looks, "concrete", (168, 164, 156)), wall(looks, "concrete", (120, 118, 114))
     decks, floor_m = 5, 3.1
+    # decks with parapets
     z = floor_m * np.arange(1, decks + 1)
     full = np.array([(0.0, 0.0, width, depth)])
     low = xyz(0.0, 0.0, z - 0.35)
@@ -434,8 +438,10 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         ):  # fmt: skip
             rim.append([*a, level, *b, level + 1.0])
     edge = np.array(rim)
+    # columns along the outer edge
     xs, ys = np.linspace(0.5, width - 1.0, 6), np.linspace(0.4, depth - 0.9, 5)
     posts = np.array([(x, y, 0) for x in xs for y in ys if x in (xs[0], xs[-1]) or y in (ys[0], ys[-1])])
+    # signs
     c = Canvas(2.4, 2.4, 72, (20, 82, 170))
     c.text(1.2, 1.2, "P", 2.1, (244, 244, 244))
     big = sheet("big-p", looks, c, 0.9)
@@ -451,6 +457,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
         boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
     ]  # fmt: skip
+    # parked cars on the ground, the first deck and the roof
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
@@ -462,6 +469,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
 def filling_station(width: float, looks: Looks) -> House:
     """A canopy on posts over four pumps, and a kiosk behind."""
     red, white, dark = looks.plain((206, 26, 32)), looks.plain((240, 240, 238)), looks.plain((40, 42, 44))
+    # lettering and the face of a pump
     c = Canvas(8, 0.9, 64, (206, 26, 32))
     c.text(4, 0.45, "PETRA · FUEL", 0.7, (250, 250, 246))
     words = sheet("fuel", looks, c, 0.9)
@@ -474,6 +482,7 @@ def filling_station(width: float, looks: Looks) -> House:
     for k, tone in enumerate(((30, 140, 60), (30, 30, 30), (206, 160, 30))):
         p.rect(0.12 + 0.2 * k, 0.4, 0.28 + 0.2 * k, 0.62, tone)
     pump_face = sheet("pump", looks, p, 0.5)
+    # a pump with its face on both sides, a hose and a kerb
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
     pump = merge(
@@ -482,6 +491,7 @@ def filling_station(width: float, looks: Looks) -> House:
         bars(hose[:-1], hose[1:], 0.05, dark, F),
         box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
     )
+    # pumps under a lit roof
     middle = width / 2
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
     posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
@@ -497,6 +507,7 @@ def filling_station(width: float, looks: Looks) -> House:
             looks.plain((255, 250, 230), "lamp"), F, ("top",),
         ),
     ]  # fmt: skip
+    # the kiosk behind the pumps
     kiosk = merge(shop_row(11.0, looks, looks.rng("kiosk"), white), boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B))
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
     return House(

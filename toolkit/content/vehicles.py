@@ -783,8 +783,10 @@ def build_fleet(looks: Looks) -> Fleet:
         (SEDAN, (0, 1, 3, 4, 5)), (HATCH, (4, 9, 11, 2)), (WAGON, (5, 7, 8)), (SUV, (1, 0, 6, 10)), (MINIVAN, (3, 5)),
     ]  # fmt: skip
     names = {id(SEDAN): "sedan", id(HATCH): "hatch", id(WAGON): "wagon", id(SUV): "suv", id(MINIVAN): "minivan"}
+    # private cars in several bodies and colours
     private = [car(body, CAR_COLOURS[k], looks, f"{names[id(body)]}-{k}") for body, colours in makes for k in colours]
     private.append(car(SEDAN, (28, 29, 32), looks, "police", "police"))
+    # cabs, vans, buses, trams and lorries
     cabs = (car(SEDAN, CAB_YELLOW, looks, "cab", "cab"), car(MINIVAN, CAB_YELLOW, looks, "cab-van", "cab"))
     vans = (
         van(WHITE, "PARCELS", looks, "van-white"),

@@ -85,6 +85,7 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
     found = list_photos(folder)
     if not found.photos:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG, DNG or video files of the board")
+    # views of the board by camera, focal length and size
     views: dict[LensKey, list[tuple[str, BoardSighting]]] = {}
     without_board: list[tuple[str, str]] = []
     unreadable, seen = list(found.refused), set[tuple[str, int | None]]()
@@ -106,6 +107,7 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
             except UnreadableImage as error:
                 unreadable.append((name, error.reason))
             bar.advance(note=name)
+    # a lens for each
     lenses = [_calibrate(key, of_lens) for key, of_lens in views.items()]
     return CalibrationRun(tuple(lenses), tuple(without_board), tuple(unreadable))
 

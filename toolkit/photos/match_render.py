@@ -1,13 +1,13 @@
 """Which pose of the plan a photograph shows, where there is no board: the render that it looks most like.
 
 Each pose is rendered once, small. A photograph is compared with all of them in every place and at every size that the
-object may have in it, by the directions of its edges (histograms of oriented gradients: Dalal and Triggs, 2005) and by
-how its colours differ from place to place. Neither depends on how bright or how tinted the light is. What lies outside
-the object's outline counts for nothing.
+object may have in it. The comparison uses the directions of its edges (histograms of oriented gradients: Dalal and
+Triggs, 2005) and how its colours differ from place to place. Neither depends on the brightness or tint of the light.
+Pixels outside the object's outline do not count.
 
-Measured with the rig's own pictures of the four built-in objects at 18 poses each, in light, on tables and with lenses
-other than the templates', the camera a few degrees beside its pose: the right pose comes first in 262 of 288 (racer 69
-of 72, warplane 67, coffeepot 67, eggnog, whose sides are alike, 59). 189 are called unambiguous; 1 of these is wrong.
+The rig's pictures of the four built-in objects at 18 poses each differ from the templates in light, table and lens, and
+by a few degrees of the camera. The correct pose comes first in 262 of 288 (racer 69 of 72, warplane 67, coffeepot 67,
+eggnog, whose sides are alike, 59). 189 are called unambiguous; 1 of these is wrong.
 The thresholds were set on half of these pictures. Photographs of real objects are harder: the mesh is not exact.
 """
 

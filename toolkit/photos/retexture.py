@@ -122,6 +122,7 @@ def _retexture(
 ) -> tuple[str, dict[str, Any]]:  # fmt: skip
     """Name and facts of a photograph, its variants written."""
     photo = read_photo(file)
+    # pictures of an earlier run are kept if their inputs are the same
     inputs = {
         variant: sha256_bytes(
             repr((VERSION, photo.sha256, [patch_file.sha256 for patch_file in found], patch.sha256, seed)).encode()
@@ -134,6 +135,7 @@ def _retexture(
     first = records[next(iter(variants))]
     if first is not None and len(finished) == len(inputs):
         return photo.name, dict(first.made[RETEXTURED])
+    # fit the look of the photograph, then draw each patch by it
     fitted = fit_photo(file, found)
     facts = fitted.facts()
     made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
@@ -145,6 +147,7 @@ def _retexture(
                 root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made,
                 inputs_sha256=inputs[variant],
             )  # fmt: skip
+    # the photograph as it was taken, encoded like the others
     if AS_TAKEN not in finished:
         taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         _write(

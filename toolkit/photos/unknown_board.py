@@ -101,6 +101,7 @@ def identify_board(folder: Path) -> FoundBoard:
     listed = list_photos(folder).photos
     if not listed:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG or DNG files of the board")
+    # photographs spread evenly over the folder
     chosen = [listed[i] for i in np.unique(np.linspace(0, len(listed) - 1, MOST_PHOTOS).round().astype(int))]
     pictures = []
     with progress("reading photographs", len(chosen)) as bar:

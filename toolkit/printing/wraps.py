@@ -525,17 +525,20 @@ def _draw_piece(
 def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool) -> None:
     """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
     record, texel_mm = sheet.record, wrap.record.texel_mm
+    # the picture with its bleed, clipped to it
     picture, edge_px = _picture_to_bleed(wrap, index)
     height, width, _ = picture.shape
     area = Rect(-edge_px * texel_mm, -edge_px * texel_mm, width * texel_mm, height * texel_mm)
     bleed = sheet.outline.buffer(BLEED_MM)
     with pdf.clipped(_rings(bleed)):
         pdf.raster(f"piece{record.number}", picture, area)
+    # seam ticks and folds
     pdf.ink(SOFT, 0.15)
     for seam in record.seams:
         for end in (seam.from_mm, seam.to_mm):
             _draw_tick(pdf, end, bleed)
     _draw_folds(pdf, record, by_machine)
+    # cut lines: a layer for a machine, or a line for scissors
     rings = [ring[:-1].tolist() for ring in _rings(sheet.outline)]
     if by_machine:
         with pdf.layer(CUT):

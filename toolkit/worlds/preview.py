@@ -94,6 +94,7 @@ def draw_map(
     """
     image = Image.fromarray((picture * np.float32(0.8)).astype(np.uint8))
     draw = ImageDraw.Draw(image)
+    # the flight, and a circle of free ground round each place
     pads = {pad.name for pad in world.pads}
     if path is not None:
         draw.line(sheet.place(path), fill=PATH, width=2)
@@ -104,8 +105,10 @@ def draw_map(
         radius = max(spot.free_radius_m * sheet.px_per_m, 4)
         draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=ink, width=3)
         labels.append((x, y, spot.name, ink))
+    # camera positions
     for viewpoint in viewpoints:
         labels.append((*_draw_camera(draw, sheet, viewpoint), viewpoint.name, CAMERA))
+    # labels moved apart, each with a line to its point
     font = read_font("sans", LABEL_PX)
     sizes = [(draw.textlength(name, font) + 6, LABEL_PX + 4.0) for _, _, name, _ in labels]
     middles = spread_labels([(x, y) for x, y, *_ in labels], sizes, (image.width, image.height))

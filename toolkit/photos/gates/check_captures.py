@@ -318,6 +318,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
         view, why = (None, found) if isinstance(found, str) else (found, "")
         return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))
 
+    # results of an earlier check are kept for the same file and set-up
     photos: list[CheckedPhoto] = []
     unreadable = [(path.partition("/")[2], reason) for path, reason in folder.faults]
     with progress("checking photographs", len(captures)) as bar:

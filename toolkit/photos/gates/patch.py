@@ -186,6 +186,7 @@ def check_variant(
 ) -> GateResult:  # fmt: skip
     """Count what is wrong: a patch that does not belong there, or a missing patch."""
     own, was_found = patch.own, any(seen.own)
+    # a patch that does not belong there
     if seen.other is not None:
         should = f"the patch '{own}'" if own else "no patch"
         on_each = f" on each of its {len(patch.sheets)} sheets" if was_found else ""
@@ -194,10 +195,12 @@ def check_variant(
             f"the patch '{seen.other}' is seen, '{variant}' should show {should}{on_each}: change it, or sort the "
             "photo anew",
         )
+    # no patch where it should be
     if own is not None and not was_found:
         return VARIANT.judge(
             1, f"no patch is seen, '{variant}' should show '{own}': stick it on, uncover it, or sort the photo anew"
         )
+    # a sheet of several that faces the camera and is not found
     if own is not None and shown is not None:
         parts = enumerate(zip(patch.sheets, seen.own, shown, strict=True), 1)
         missing = [

@@ -38,9 +38,9 @@ WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All
 costs are negative logarithms of likelihoods: a difference of 1 makes one way e times as likely as another."""
 LIKE = 100.0
-"""Cost of a likeness to a shot's render that is less by 1. In 12 rehearsed shots of the racer and of the coffeepot the
-right one of two neighbours was ahead by 0.32 and 0.14 on average, with a standard deviation of 0.065 and 0.053: for two
-normal distributions, one on each side of 0, twice the mean over the variance is 150 and 100."""
+"""Cost of a likeness to a shot's render that is less by 1. In 12 rehearsed shots of racer and coffeepot, the
+correct of two neighbours leads by 0.32 and 0.14 on average, with a standard deviation of 0.065 and 0.053. For normal
+distributions on both sides of 0, twice the mean over the variance is 150 and 100."""
 SURE = 4.0
 """How much dearer every other way must be that has a photograph elsewhere: it is then a fiftieth as likely. At 3
 pictures of nothing were placed by likenesses that differ by 0.034."""
@@ -48,8 +48,8 @@ DEG = 0.4
 """Cost of a degree between the camera that the board shows and the pose: 15° are `WRONG`."""
 TURN_DEG, SHAPE = 10.0, 0.1
 """Corners in which a patch is seen may be turned by so much against those from the pose, and be out of shape by this
-share of their distance, before it costs. Beyond, costs grow slowly, as a Cauchy distribution's do: a sheet that bends
-round an edge is off by 10 to 27° and 0.2 at its own pose, by 20 to 130° and 0.3 to 1 at others."""
+share of their distance, before it costs. Beyond, costs grow slowly, as a Cauchy distribution's do. A sheet bent
+round an edge is off by 10 to 27° and 0.2 at its own pose. At other poses it is off by 20 to 130° and 0.3 to 1."""
 UNSEEN = 2.0
 """Cost of a patch that should be there and is not seen: it may be turned away."""
 EXTRA = 7.0
@@ -57,7 +57,7 @@ EXTRA = 7.0
 GAP = 0.25
 """Cost of a shot without a photograph."""
 DRIFT = 1
-"""Photographs too many or too few beyond the difference of the counts that are thought of."""
+"""Number of surplus or missing photographs, beyond the difference of the counts, that is considered."""
 NO_SHOT = -1
 MOST_SHOTS = 60
 """Largest number of possible shots of a photograph for which renders are compared; more would take minutes."""

@@ -90,6 +90,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
     if not listed and not unreadable:
         named = ", ".join(str(path) for path in paths)
         raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
+    # equal bytes are the same photograph, whatever the file's name
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
     kept: dict[str, str] = {}
@@ -107,10 +108,12 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
             except UnreadableImage as error:
                 unreadable.append((label, error.reason))
             bar.advance()
+    # other formats and copies of the same shot
     rest, companions = drop_companions(found)
     rest, copies = drop_twins(rest)
     kept |= {label: best for label, best, _ in (*companions, *copies)}
     duplicates += [(label, reason) for label, _, reason in (*companions, *copies)]
+    # videos become frames
     candidates: list[Candidate] = []
     for candidate in rest:
         try:
@@ -223,6 +226,7 @@ def _list_all(
     unreadable: list[tuple[str, str]] = []
     others: list[str] = []
     for path in map(Path, paths):
+        # a file that is named itself
         if not path.is_dir():
             if not path.exists():
                 raise ToolkitError(f"{path} does not exist: expected a photograph, a video, or a folder of them")
@@ -232,6 +236,7 @@ def _list_all(
             else:
                 unreadable.append((label, "no photograph or video by its name"))
             continue
+        # all photographs below a folder
         found = list_photos(path)
         unreadable += [(show_name(name), reason) for name, reason in found.refused]
         others += map(show_name, found.others)

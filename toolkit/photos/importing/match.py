@@ -144,9 +144,9 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     if len(claimed) > 1:
         return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)
     chosen = next(iter(claimed)) if claimed else match.pose_id
-    # far from every pose is forgiven where something else names this very pose: the user stood badly, but meant it
-    vouched = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
-    if (match.ambiguous and not claimed) or (match.far and not vouched):
+    # a camera far from every pose counts if the name or order gives the same pose: the user stood badly, but meant it
+    confirmed = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
+    if (match.ambiguous and not claimed) or (match.far and not confirmed):
         return Doubt(f"the board shows {match.describe()}", choices)
     return Decision(CaptureKey(*group, chosen), "board", match)
 

@@ -25,9 +25,9 @@ from toolkit.printing.page import Paper
 LEAST_CONFIDENCE, LEAST_OF_HALF = 0.65, 0.45
 """Below the first a patch of which less than half shows counts as not there; below the second any. Real prints of 50
 pixels and more had 0.85 to 0.98 (69 of 69 found); in 855 looks at real photographs without the patch chance came to
-0.55 and 0.56. Of 216 of the rig's photos at 640 × 480 (four objects, 18 poses; bare, with their patch, with another),
-all 122 that show half of a patch at less than 78° from straight on had it at 0.81 or more; of 720 looks for a patch
-that was not there none was over 0.38."""
+0.55 and 0.56. The rig took 216 photos at 640 × 480 (four objects, 18 poses; no patch, their patch, another patch).
+Of these, 122 show half of a patch at less than 78° from straight on, and all have 0.81 or more. None of 720 searches
+for an absent patch exceeds 0.38."""
 CELL_SHOWS = 0.4
 """A cell of the patch shows where photo and file correlate this much."""
 SEARCH_PX = 1600

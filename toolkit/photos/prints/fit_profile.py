@@ -260,15 +260,15 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
 
 
 def _find_blur(part: PrintedColours, file: np.ndarray, kept: np.ndarray) -> float:
-    """How much the lens blurs, pixels: at which a matrix fits the photo best."""
+    """Return the blur of the lens, pixels, at which a matrix fits the photo best."""
 
-    def misfit(blur_px: float) -> float:
+    def mean_square_error(blur_px: float) -> float:
         # a matrix is enough to compare blurs with: what it misses of the inks, it misses at each blur
         terms = np.c_[np.ones(len(kept)), part.draw(srgb_to_linear(file), blur_px)[kept]]
         fit = np.linalg.lstsq(terms, part.seen[kept], rcond=None)[0]
         return float(((part.seen[kept] - terms @ fit) ** 2).mean())
 
-    return min(BLURS_PX, key=misfit)
+    return min(BLURS_PX, key=mean_square_error)
 
 
 def _columns(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) -> np.ndarray:

@@ -5,8 +5,8 @@ The form of the model, from the file to the photograph:
 1. colour: a cube of nodes from the file's sRGB to that of a wide, evenly lit texel (`colour_cube`);
 2. light: a gain in linear light, for each channel the exponential of a quadratic in (u, v), 1 at the middle;
 3. place: the homography with its bend, each pixel the mean of linear light over its square;
-4. point spread: for luma and each chroma a kernel, and wide Gaussians beside it, on encoded values, as phones sharpen
-   after their tone curve, smooth colours far, and JPEG halves the chroma: least squares on the photograph itself;
+4. point spread: for luma and each chroma a kernel with wide Gaussians, on encoded values. Phones sharpen after their
+   tone curve and smooth colours widely, and JPEG halves the chroma. Least squares on the photograph fit the kernels;
 5. noise: normal, its deviation by luma, blurred until neighbours are as alike as the photograph's.
 
 What the known patch does not explain in its place (keys, fingers, tape, glare) hides it, and stays.
@@ -341,7 +341,7 @@ class Scene:
         mean = cv2.GaussianBlur(small, (0, 0), scale * texel_px) / near[..., None]
         size = np.linalg.norm(mean, axis=-1)
         size = cv2.resize(size, inside.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        # an absolute least, and a limit that follows this photograph's own misfit
+        # an absolute least, and a limit that follows this photograph's own error
         least = max(HIDES[0], HIDES[1] * float(np.median(size[inside])))
         # hysteresis, as Canny's: weak pixels count where they touch a strong pixel
         weak = ((size > least / 2) & inside).astype(np.uint8)
@@ -383,8 +383,8 @@ class Scene:
             parts.append(grain * sigma)
         return np.stack(parts, axis=-1)
 
-    def misfit(self) -> float:
-        """Mean distance of the photo's luma and the drawn patch's."""
+    def luma_error(self) -> float:
+        """Return the mean distance between the photo's luma and that of the drawn patch."""
         return float(np.abs(self.seen - self.drawn)[..., 0][self.cover > 0.99].mean())
 
     def grey_drawn(self) -> Drawn:
@@ -435,7 +435,7 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
         else:
             better = replace(best, warp=fit_warp(uv, pixels, best.warp, REFINE_STIFFNESS, 0.3))
         tried = Scene(small, better, patch_pixels)
-        if tried.misfit() < scene.misfit():
+        if tried.luma_error() < scene.luma_error():
             best, scene = better, tried
     inside = scene.cover > 0.99
     shown = float(1 - scene.hidden[inside].mean()) if inside.any() else 0.0

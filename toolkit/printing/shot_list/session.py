@@ -310,6 +310,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     legs = find_legs(session.stops)
     y = pdf.heading(area, "The order of the shots")
     shots = sum(len(stop.shots) for stop in session.stops)
+    # without rounds all shots of a pose follow each other
     if not session.rounds:
         words = (
             f"{shots} shots at {len(session.stops)} poses. At each pose all variants are shot one after the other, "
@@ -321,6 +322,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
     words = f"{shots} shots at {len(session.stops)} poses; the camera goes round {turns}. {explain_order(legs)}".strip()
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
+    # a row for each leg, and for each change of the sheet
     rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
     before: str | None = None
     for leg in legs:
