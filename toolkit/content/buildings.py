@@ -40,7 +40,7 @@ from toolkit.worlds.world import SceneClass
 ROOF = SceneClass.ROOF
 PARAPET_M = 0.9
 VARIANTS = 3
-"""Of each thing that stands on roofs."""
+"""Number of variants of each thing that stands on roofs."""
 BUILDING = SceneClass.BUILDING
 SIDES = ("front", "right", "back", "left")
 
@@ -105,6 +105,7 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
     """A pad with the helicopter H in a ring on a raised square deck, its lamps along the edge."""
     name = "pad"
     skin = looks.known(name)
+    # the painted square is made once for each world: ring, H and wear
     if skin is None:
         rng = looks.rng(name)
         canvas = Canvas(2, 2, 256, (84, 98, 92), low=(-1, -1))
@@ -119,6 +120,7 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         worn *= (1 + 0.1 * fractal(rng, shape, 4, 6) - 0.12 * (fractal(rng, shape, 8, 4) > 0.75))[..., None]
         skin = looks.add(Material(name, finish(worn), 0.8))
     r = radius
+    # the raised square, with lamps along its edge
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
@@ -427,6 +429,7 @@ def _apartments(
 
 def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """A curtain wall with mullions and spandrels over a lobby."""
+    # materials and proportions of the whole house
     panes = pane_sheet(looks, _pick(("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark"), rng))
     metal = looks.plain(_pick(((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234)), rng), "metal")
     spandrel = looks.plain(_pick(((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198)), rng), "gloss")
@@ -440,6 +443,7 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         open_side = side in lot.streets or lot.floors > 7
         count = max(2, round(width / bay_m))
         edges = np.linspace(0, width, count + 1)
+        # panes between the spandrels
         base = lobby + floor_m * np.arange(lot.floors + 1)
         cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in pairwise(edges)])
         bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
@@ -447,11 +451,13 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
             quads(upright(cells, 0.0), panes, BUILDING, pane_uv(rng, len(cells))),
             wall_quads(bands, 0.0, spandrel, BUILDING),
         ]
+        # fins run up the wall, rails along the floors
         low = xyz(edges[1:-1] - 0.05, -fin, lobby)
         pieces.append(boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
         z = np.r_[base, base + 0.9]
         low = xyz(0.0, -0.06, z - 0.04)
         pieces.append(boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
+        # the ground floor: shop or lobby on streets, else stone
         if open_side and side in lot.streets:
             pieces.append(
                 shop_row(width, looks, rng, stone)

@@ -54,7 +54,7 @@ class Filling:
     spots: list[Spot] = field(default_factory=list)
 
     def add(self, house: House, x: float, y: float, yaw: float = 0.0) -> None:
-        """Put a house with its lower left corner, or turned by 180 its upper right one, at a point of the ground."""
+        """Put a house with its lower left corner, or turned by 180 its upper right corner, at a point of the ground."""
         self.pieces.append(place(house.piece, (x, y, KERB_M), yaw))
         sign = -1 if yaw == 180 else 1
         # half a turn about z changes the sign of x and y: low and high corners change places
@@ -102,12 +102,14 @@ def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.ran
     """Build a block and everything on it."""
     looks, (width, depth), (x, y) = filling.looks, block.size, block.corner
     area, density = (x, y, width, depth), _density(block, filling.plan)
+    # the ground of the block
     yard: tuple[Skin, int] = (wall(looks, "roofing", (104, 104, 102)), SceneClass.GROUND)
     if landmark in ("square", "library"):
         yard = (plaza(looks), SceneClass.PAVEMENT)
     elif landmark in ("park", "church"):
         yard = (grass(looks), SceneClass.GRASS)
     filling.pieces.append(build_pavement(block, *yard, looks))
+    # what stands on it
     if landmark == "square":
         _square(area, filling)
     elif landmark == "park":
@@ -283,14 +285,17 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     fleet = build_fleet(looks)
     filling = Filling(plan, fleet, looks)
     landmarks = choose_landmarks(plan.blocks(), rng)
+    # each block has draws of its own: a change in a block moves nothing in others
     for block in plan.blocks():
         place_rng = np.random.default_rng([seed, 21, block.column, block.row])
         fill_block(block, landmarks.get((block.column, block.row)), filling, place_rng)
+    # places for objects and landing pads
     spots = [*filling.spots, *_street_spots(plan, rng)]
     pads = [
         Spot(f"pad-{k + 1}", "roof", (round(x, 3), round(y, 3), round(z, 3)), round(r - 0.2, 2), 0.0, "roof")
         for k, (x, y, z, r) in enumerate(filling.pads)
     ]
+    # the core lies between the outermost streets
     core = np.array([(plan.north[0].at, plan.east[0].at), (plan.north[-1].at, plan.east[-1].at)])
     pieces = [
         *filling.pieces, build_streets(plan, looks),
@@ -328,20 +333,24 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
 
 
 def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
+    # the ground beyond the modelled blocks
     low = np.array([plan.north[0].at - plan.north[0].half, plan.east[0].at - plan.east[0].half])
     high = np.array([plan.north[-1].at + plan.north[-1].half, plan.east[-1].at + plan.east[-1].half])
     pieces = [surround(np.stack([low, high]), HORIZON_M, junction(looks), SceneClass.ROAD)]
+    # block edges, carried on to the horizon
     columns = _carry_on(
         [(a.at + a.half, b.at - b.half) for a, b in zip(plan.north[:-1], plan.north[1:], strict=True)], low[0], high[0]
     )
     rows = _carry_on(
         [(a.at + a.half, b.at - b.half) for a, b in zip(plan.east[:-1], plan.east[1:], strict=True)], low[1], high[1]
     )
+    # streets run on beyond the last crossing
     for streets, k in ((plan.north, 1), (plan.east, 0)):
         for street in streets:
             for start, end in ((high[k], high[k] + FAR_STREET_M), (low[k], low[k] - FAR_STREET_M)):
                 a, b = np.array([(street.at, start), (street.at, end)])[:, :: 1 if k else -1]
                 pieces.append(carry_on(Stretch(a, b, street, street), looks))
+    # rows of plain towers on both sides of each outer block
     bases, lows, highs = [], [], []
     for x0, x1 in columns:
         for y0, y1 in rows:
@@ -358,6 +367,7 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
                     lows.append((x, min(y, y + d), 0.0))
                     highs.append((x + w, max(y, y + d), height))
                 x += w
+    # pavements under the towers
     base = np.array(bases)
     flat_low, flat_high = (
         np.column_stack([base[:, :2], np.zeros(len(base))]),

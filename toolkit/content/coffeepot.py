@@ -1,6 +1,6 @@
 """The coffeepot: tall and tapering, in speckled blue enamel, with a swan-neck spout, a looped handle and a hinged lid.
 
-Its front is its profile, as people photograph one: spout to the left, handle to the right. The lid is flat and its
+Its front is its profile, as people photograph a pot: spout to the left, handle to the right. The lid is flat and its
 thumb lift stands over the handle, so that a printed sheet can be taped on top.
 """
 
@@ -38,7 +38,7 @@ def enamel_paint(ground: Colour, specks: Colour, seed: int) -> Callable[[int, in
 BASE_RADIUS_MM = 72.5
 TOP_RADIUS_MM = 46.5
 HEIGHT_MM = 211.0
-"""Of the body, without the lid."""
+"""Height of the body without the lid, mm."""
 LID_RADIUS_MM = TOP_RADIUS_MM + 1.5
 LID_MM = HEIGHT_MM + 4.8
 """Where the lid lies on the rolled rim."""

@@ -255,7 +255,8 @@ def surround(
 
 
 def build_grass(seed: int = 0) -> World:
-    """A meadow with one landing pad in its middle, a fence, a track, and trees on the horizon."""
+    """A meadow with a landing pad in its middle, a fence, a track, and trees on the horizon."""
+    # meadow and landing pad
     looks, rng = Looks(seed), np.random.default_rng([seed, 30])
     meadow = grass(looks, meadow=True)
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
@@ -268,12 +269,14 @@ def build_grass(seed: int = 0) -> World:
         _fence(looks), tree_line(looks, rng, 95.0, 260.0, 260), hills(looks, rng), windsock(looks).moved(16, 14, 0),
         place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
     ]  # fmt: skip
+    # tufts of grass, away from pad and track
     at = rng.uniform(-58, 58, (420, 2))
     at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
     pieces.append(place(
         _tuft(looks), np.column_stack([at, np.zeros(len(at))]), rng.uniform(0, 360, len(at)),
         rng.uniform(0.5, 1.4, len(at)),
     ))  # fmt: skip
+    # places for objects, kept clear of tall grass
     spots = (
         Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
         *(
@@ -407,6 +410,7 @@ def windsock(looks: Looks) -> Piece:
 def build_apron(seed: int = 0) -> World:
     """An airfield's apron 260 m by 150 m: slabs, taxi lines, stands, hangars, a tower, vehicles, a runway."""
     looks, rng = Looks(seed), np.random.default_rng([seed, 31])
+    # concrete, stands and markings
     concrete = concrete_apron(looks)
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
     stands = np.array([-84.0, -28.0, 28.0, 84.0])
@@ -416,6 +420,7 @@ def build_apron(seed: int = 0) -> World:
         floor_quads([(-600, -190, 600, -145), (-130, -145, -105, -75.0)], 0.01, junction(looks), SceneClass.ROAD),
         _marks(looks, stands), _runway_marks(looks), _stand_numbers(looks, stands),
     ]  # fmt: skip
+    # buildings and their solids for collisions
     solids = []
     for k, x in enumerate((-92.0, -36.0, 30.0)):
         hangar = _hangar(looks, 46.0, 34.0, 13.0 + k, ((126, 142, 156), (188, 190, 186), (92, 116, 104))[k], k + 1)
@@ -424,6 +429,7 @@ def build_apron(seed: int = 0) -> World:
     pieces.append(_control_tower(looks).moved(92, 70, 0))
     solids += [[89.0, 67.0, 0, 95.0, 73.0, 22.0], [80.0, 62.0, 0, 104.0, 78.0, 7.0]]
     pieces += [_apron_things(looks, rng, stands), tree_line(looks, rng, 330.0, 480.0, 120), hills(looks, rng)]
+    # places for objects, and the landing pad
     spots = [Spot(f"stand-{k + 1}", "apron", (float(x), 8.0, 0.0), 15.0, 90.0, "ground") for k, x in enumerate(stands)]
     spots.append(Spot("taxiway", "apron", (14.0, -55.0, 0.0), 14.0, 0.0, "ground"))
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
@@ -491,15 +497,18 @@ def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
 def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Colour, number: int) -> Piece:
     """A hall with a round roof, big sliding doors half open, and its number; its front along y = 0, about x = 0."""
     skin, roof = wall(looks, "cladding", colour), wall(looks, "cladding", (164, 166, 166))
+    # an arched roof over upright walls
     eaves, half = 8.0, width / 2
     angle = np.linspace(0, np.pi, 15)
     arch = np.column_stack([half * np.cos(angle), eaves + (height - eaves) * np.sin(angle)])
     front = np.concatenate([[(half, eaves)], arch[1:]])
     ridge = xyz(arch[:, 0], 0.0, arch[:, 1])
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
+    # the number on the front
     canvas = Canvas(6, 3, 48, colour)
     canvas.text(3, 1.5, f"H{number}", 2.4, (244, 244, 240))
     name = sheet(f"hangar-{number}", looks, canvas)
+    # sliding doors, of which two leaves stand open
     leaves = np.linspace(-half + 1.0, half - 1.0, 9)
     open_from, open_to = 3, 5
     panels = [(a, b) for k, (a, b) in enumerate(pairwise(leaves)) if not open_from <= k < open_to]
@@ -507,6 +516,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     high = np.array([(b - 0.05, -0.05 - 0.2 * (k % 2), 7.2) for k, (_, b) in enumerate(panels)])
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
+    # a closed rear wall
     back = merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B))
     pieces = [
         boxes(low, high, skin, B),
@@ -549,6 +559,7 @@ def _control_tower(looks: Looks) -> Piece:
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
+    # vehicles of the ground crew, of which some stand twice
     fuel = lorry(looks, "fuel", (226, 226, 222), (206, 206, 204), "JET A-1 FUEL")
     follow = car(SEDAN, (248, 200, 20), looks, "follow")
     crew, fire = (
@@ -562,8 +573,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
         (parked.piece, (78, 52), 90.0), (parked.piece, (82, 52), 90.0), (fuel.piece, (118, -30), 0.0),
     ]  # fmt: skip
     pieces = [place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
+    # cones and barriers about the stands
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
     pieces += [place(traffic_cone(looks), cones), place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands])]
+    # floodlight masts
     steel, lamp = looks.plain((150, 154, 156)), looks.plain((255, 250, 230), "lamp")
     for x in (-112.0, -56.0, 0.0, 56.0, 112.0):
         heads = np.array([(x + dx, 44.0, 17.6) for dx in (-1.5, -0.5, 0.5, 1.5)])
@@ -572,6 +585,7 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
             boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
             boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
         ]
+    # stairs for passengers
     tread = np.array([(-60.0, 30.0 - 0.3 * k, 0.4 + 0.22 * k) for k in range(14)])
     pieces += [
         boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
@@ -580,6 +594,7 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
             looks.plain((40, 90, 160)), F,
         ),
     ]  # fmt: skip
+    # a train of baggage carts
     carts = np.array([(40.0 + 3.2 * k, 28.0, 0.0) for k in range(4)])
     pieces += [
         boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()),
@@ -587,6 +602,7 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
         boxes(carts + [0.2, 0.1, 0.0], carts + [0.5, 1.4, 0.4], looks.plain((24, 24, 26)), F),
         boxes(carts + [2.0, 0.1, 0.0], carts + [2.3, 1.4, 0.4], looks.plain((24, 24, 26)), F),
     ]
+    # edge markers and flags
     posts = np.array([(x, -76.0, 0) for x in np.arange(-100.0, 131.0, 5.0)])
     pieces.append(bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
     pieces += [place(flag(looks, k), (80.0 + 4 * k, 58.0, 0)) for k in range(3)]

@@ -100,7 +100,7 @@ def _fractal(shape: tuple[int, int], coarsest: int, octaves: int, fall: float, v
 
 
 def flat(shape: tuple[int, int], colour: Ink) -> np.ndarray:
-    """(h, w, 3) float32 of one colour, 0 to 255."""
+    """(h, w, 3) float32 of a single colour, 0 to 255."""
     return np.broadcast_to(np.array(colour, np.float32), (*shape, 3)).copy()
 
 
@@ -196,7 +196,7 @@ class Canvas:
 
 
 class Drawing:
-    """A flat drawing in millimetres, seen along one world axis.
+    """A flat drawing in millimetres, seen along a world axis.
 
     Args:
         right, up: unit vectors of the world that point to the right and up on the drawing.

@@ -43,7 +43,7 @@ class Facade:
     pilasters: bool = False  # whether flat piers stand between the bays
     string_course: bool = False  # whether a band runs round at each floor
     balconies: float = 0.0  # share of the bays with balconies
-    fire_escape: bool = False  # whether one hangs on the street's side
+    fire_escape: bool = False  # whether a fire escape hangs on the street's side
     air_conditioners: float = 0.0  # share of the windows with a box in it
 
 
@@ -175,17 +175,17 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     iron = looks.plain((40, 40, 42), "paint")
     half, out, n = 1.9, 1.05, len(base)
     floor = np.asarray(base, float) + 0.45
-    one = np.ones(n)
+    ones = np.ones(n)
     slats = np.linspace(-out, -0.08, 7)
     pieces = []
     for y in slats:
-        pieces.append(bars(xyz(one * (x - half), y, floor), xyz(one * (x + half), y, floor), 0.07, iron, BUILDING))
+        pieces.append(bars(xyz(ones * (x - half), y, floor), xyz(ones * (x + half), y, floor), 0.07, iron, BUILDING))
     for height in (0.5, 0.95):
-        left, right = xyz(one * (x - half), -out, floor + height), xyz(one * (x + half), -out, floor + height)
+        left, right = xyz(ones * (x - half), -out, floor + height), xyz(ones * (x + half), -out, floor + height)
         pieces += [bars(left, right, 0.045, iron, BUILDING)]
         pieces += [bars(end, end * [1, 0, 1], 0.045, iron, BUILDING) for end in (left, right)]
     for post in np.linspace(-half, half, 9):
-        foot = xyz(one * (x + post), -out, floor)
+        foot = xyz(ones * (x + post), -out, floor)
         pieces.append(bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]
@@ -266,7 +266,7 @@ def _mannequin(canvas: Canvas, x: float, floor: float, tone: Colour) -> None:
 
 
 def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.Generator) -> float:
-    """One thing on a shelf, its lower left corner at a point; returns the width it takes."""
+    """A thing on a shelf, its lower left corner at a point; returns the width it takes."""
     x, z = at
     if kind in ("books", "boxes", "papers"):
         w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
@@ -288,6 +288,7 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
         shape = [(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)]
         canvas.fill(shape, tone)
         return w + 0.03
+    # a jar of sweets
     canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
     for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):
         canvas.disc(fx, fz, 0.026, pick(rng, BRIGHT))
@@ -354,7 +355,7 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
 
 
 def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Generator) -> Piece:
-    """One shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
+    """A shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
     z = 3.05
@@ -447,6 +448,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     canvas = Canvas(FRONT_W, FRONT_H, PX_PER_M, trade.frame)
     lamps = Canvas(FRONT_W, FRONT_H, PX_PER_M / 4, (0, 0, 0))
     room = tuple(int(c) for c in rng.integers((50, 44, 38), (92, 84, 72)))
+    # two shop windows with goods, and the panels below them
     for x0, x1 in ((0.15, 2.35), (3.65, 5.85)):
         canvas.rect(x0, 0.55, x1, 2.75, room)
         canvas.rect(x0, 2.2, x1, 2.75, tuple(min(255, c + 26) for c in room))
@@ -465,6 +467,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
                 0.16, BLACK if sum(paper) > 400 else WHITE, fit_m=0.5,
             )  # fmt: skip
             canvas.line([(px + 0.06, py + 0.12), (px + 0.49, py + 0.12)], 0.03, (90, 90, 90))
+    # door with its glass, the sign on it and the handle
     canvas.rect(2.5, 0.0, 3.5, 2.75, (30, 28, 28))
     canvas.rect(2.62, 0.3, 3.38, 2.1, tuple(min(255, c + 10) for c in room))
     lamps.rect(2.62, 0.3, 3.38, 2.1, (230, 190, 130))
@@ -472,6 +475,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     canvas.rect(2.8, 1.3, 3.2, 1.55, WHITE)
     canvas.text(3.0, 1.425, "OPEN", 0.17, RED)
     canvas.disc(3.3, 1.05, 0.05, GOLD)
+    # reflections of sky and street on the glass, in slanted bands
     day = canvas.texture(0.04, rng).astype(np.float32)
     h, w = day.shape[:2]
     x, y = np.meshgrid(np.linspace(0, FRONT_W, w), np.linspace(FRONT_H, 0, h))
@@ -481,6 +485,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     share = (glass * band)[..., None]
     day += (mirrored - day) * share
     day[: round(0.06 * h)] *= 0.6
+    # the light at night is tinted by what stands in the window
     light = lamps.texture().astype(np.float32)
     bright = np.asarray(day[::4, ::4][: light.shape[0], : light.shape[1]]) / 160
     return finish(day), finish(light[: bright.shape[0], : bright.shape[1]] * np.clip(bright, 0.25, 1.1))

@@ -141,6 +141,7 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
 def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     """Fishing boats, a tug, yachts at moorings."""
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
+    # a fishing boat with house and mast
     fisher = merge(
         hull(15.0, 4.6, looks, side=2.0, draught=1.4, colours=((36, 96, 150), (150, 44, 36))),
         _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
@@ -151,11 +152,13 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
         ),
         box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
     )  # fmt: skip
+    # a tug with a funnel
     tug = merge(
         hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
         _house((-5, 5), 5.6, 2.5, 2, looks),
         revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
+    # a yacht, moored without sails or sailing with two
     jib = np.array([
         [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
         [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
@@ -185,6 +188,7 @@ def build_harbour(seed: int = 0) -> World:
     shed_x = (-120.0, -40.0, 70.0)
     solids = [[x, 62.0, 0, x + 44.0, 86.0, 9.0] for x in shed_x]
     stacks, stack_solids = _container_yard(looks, rng)
+    # quay, sheds, cranes and ships
     pieces = [
         _quay(looks), _sea(looks), _quay_marks(looks),
         *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
@@ -195,6 +199,7 @@ def build_harbour(seed: int = 0) -> World:
         boats(looks, rng), _pier(looks), lighthouse(looks).moved(150.0, -104.0, WATER_Z), _quay_things(looks),
         _town(looks, rng),
     ]  # fmt: skip
+    # places for objects, on land and on water
     spots = (
         Spot("quay-1", "quay", (62.0, 22.0, 0.0), 13.0, 0.0, "ground"),
         Spot("quay-2", "quay", (100.0, 22.0, 0.0), 12.0, 90.0, "ground"),
@@ -264,6 +269,7 @@ def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list
 
 def _gantry(looks: Looks) -> Piece:
     red, grey = looks.plain((186, 44, 36)), looks.plain((170, 172, 172))
+    # legs on bogies, braced across
     legs = np.array([(x, y, 0.9) for x in (-8, 8) for y in (-8, 8)], float)
     top = legs + [0, 0, 30]
     cross = [((x, -8, z), (x, 8, z)) for x in (-8, 8) for z in (12.0, 31.0)] + [
@@ -271,9 +277,11 @@ def _gantry(looks: Looks) -> Piece:
     ]
     cross += [((x, -8, 12), (x, 8, 31)) for x in (-8, 8)]
     braces = np.array(cross, float)
+    # a boom over the water, held by ties from the mast
     beam = np.array([((x, -46, 32.5), (x, 22, 32.5)) for x in (-2, 2)], float)
     ties = np.array([((x, 0, 46), (x, y, 33)) for x in (-2, 2) for y in (-42, -22, 18)], float)
     mast = np.array([((x, y, 31), (x * 0.25, 0, 46)) for x in (-8, 8) for y in (-8, 8)], float)
+    # trolley wires with a spreader
     rungs = np.array([((-2, y, 32.5), (2, y, 32.5)) for y in range(-46, 23, 4)], float)
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)

@@ -1,4 +1,4 @@
-"""Buildings of which a town has one: church, cinema, library, parking house, filling station, building site.
+"""Buildings of which a town has a single copy: church, cinema, library, parking house, filling station, building site.
 
 Each in its own frame, its front along y = 0 and facing -y, x from 0 to its width.
 """
@@ -35,7 +35,7 @@ from toolkit.worlds.world import SceneClass
 
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
 PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0
-"""Of the library: height of its podium and of its columns, width of its portico."""
+"""Dimensions of the library, metres: height of its podium and columns, width of its portico."""
 
 
 def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
@@ -44,10 +44,12 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     steel, timber = looks.plain((150, 84, 52)), looks.plain((186, 146, 96))
     x0, x1, y0, y1 = 8.0, width - 5.0, 7.0, depth - 6.0
     floors, floor_m = 5, 3.6
+    # floors; the top floor is half built
     z = floor_m * np.arange(1, floors + 1)
     low = xyz(x0, y0, z - 0.3)
     high = xyz(x1, y1, z)
     high[-1, 0] = (x0 + x1) / 2
+    # columns with reinforcement that sticks out, and props between the floors
     xs, ys = np.linspace(x0 + 0.3, x1 - 0.8, 6), np.linspace(y0 + 0.3, y1 - 0.8, 4)
     posts = np.array([(x, y, 0) for x in xs for y in ys])
     tops = np.where(posts[:, 0] < (x0 + x1) / 2, z[-1] + 1.2, z[-2] + 2.0)
@@ -61,11 +63,13 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
         bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
         _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
     ]  # fmt: skip
+    # railings along the edges, and piles of timber
     edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
     for rail in (0.55, 1.05):
         pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
     piles = np.array([(rng.uniform(x0, x1), 3.0, 0) for _ in range(5)])
     pieces.append(boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
+    # solids for collisions
     frame = np.array(
         [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
     )
@@ -101,6 +105,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     """A yellow lattice tower crane: mast, slewing cab, jib towards +x, counter-jib with its ballast, hook."""
     yellow, grey = looks.plain((244, 178, 22)), looks.plain((150, 150, 148), "matte")
     half, step = 0.85, 2.0
+    # mast: legs, rungs and crossed rods
     foot = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     legs = np.column_stack([foot, np.zeros(4)])
     z = np.arange(0, height, step)
@@ -110,12 +115,14 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
         rungs += [((*a, level), (*b, level)) for level in z]
         rods += [((*(a if i % 2 else b), level), (*(b if i % 2 else a), level + step)) for i, level in enumerate(z)]
     lattice = np.array(rungs + rods)
+    # jib: a triangular truss of three chords
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
     ridge, left, right = (xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
+    # ties from the apex to jib and counter-jib, and the hook
     apex = np.array([0.0, 0.0, top + 7.0])
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
     hook = np.array([jib * 0.7, 0, top])
@@ -181,11 +188,13 @@ def church(looks: Looks) -> House:
     slate = wall(looks, "tiles", (84, 88, 98))
     x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
     length = y1 - y0
+    # long sides with lancets and buttresses
     side = merge(
         wall_quads((0, 0, length, eaves), 0.0, stone, B),
         _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
         *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
     )
+    # gables and the two slopes of the roof
     middle = (x0 + x1) / 2
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
     y, low, high = (y0 - 0.3, y1 + 0.3), eaves - 0.5, ridge + 0.15
@@ -201,6 +210,7 @@ def church(looks: Looks) -> House:
         polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(slopes, slate, R),
         quads(slopes[:, ::-1] - [0, 0, 0.06], trim, R), _tower(looks, stone, trim).moved(middle, 3.2, 0),
     ]  # fmt: skip
+    # solids for collisions: nave, attic in steps, tower
     solids = [[x0, y0, 0, x1, y1, eaves]]
     for k in range(4):  # the attic in steps
         share = (k + 1) / 5
@@ -220,6 +230,7 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     half, top = 3.2, 22.0
     circle = _circle()
     dark = looks.plain((34, 34, 36), "matte")
+    # belfry windows: a dark arch behind louvres
     clock = _clock(looks)
     bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
     louvre = [
@@ -227,6 +238,7 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         for x in (-1.1, 1.1)
         for z in np.arange(17.8, 20.2, 0.35)
     ]
+    # a face with its clock, cornices and corner buttresses
     face = merge(
         wall_quads((-half, 0, half, top), 0.0, stone, B), *bell, *louvre,
         polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
@@ -241,9 +253,11 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         ),
     )  # fmt: skip
     front = _west_front(looks, trim)
+    # the same face on four sides
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     yaws = np.array([0.0, 90.0, 180.0, 270.0])
     at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
+    # spire with pinnacles and a cross
     slate = wall(looks, "tiles", (84, 88, 98))
     spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
     pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
@@ -310,11 +324,13 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
 
 def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
     """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
+    # materials and lettering
     render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
     trim = looks.plain((232, 224, 200), "matte")
     height, middle = 15.0, width / 2
     lit = looks.plain((255, 232, 170), "lamp")
     marquee, upright, bills = _cinema_sheets(looks)
+    # fins, doors, bulbs and bills are laid out about the middle
     fins = np.linspace(middle - 4.5, middle + 4.5, 7)
     low = xyz(fins - 0.22, -0.5, 5.6)
     doors = np.linspace(middle - 3, middle + 3, 5)
@@ -336,8 +352,10 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]  # fmt: skip
+    # bands on either side of the sign
     for x0, x1 in ((0.6, middle - 5.2), (middle + 6.6, width - 0.6)):
         pieces.append(wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
+    # plain brick on the other sides
     sides = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
     pieces += [sides, flat_roof(Roof(width, depth, height), brick, trim, looks, rng)]
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
@@ -367,15 +385,19 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
 def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     """Steps, six columns, an architrave with the name, a pediment; about x = 0, before y = 0."""
     half, top = PORTICO_M / 2, PODIUM_M + COLUMN_M
+    # columns with base and capital
     profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
     profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
     column = revolved(profile, 18, trim, B, 50)
     xs = np.linspace(-half + 1.1, half - 1.1, 6)
+    # steps before the portico
     steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
     tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
+    # the name over the columns
     c = Canvas(12, 1.1, 64, (200, 188, 164))
     c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
     words = sheet("library-name", looks, c)
+    # gable and roof
     eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
     gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])
     inner = np.array([(-half + 1.2, eaves + 0.3), (half - 1.2, eaves + 0.3), (0, eaves + 2.9)])
@@ -384,6 +406,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         [(-edge, 2, eaves), (-edge, -4.4, eaves), (0, -4.4, ridge), (0, 2, ridge)],
         [(edge, 2, eaves), (-edge, 2, eaves), (0, 2, ridge), (0, 2, ridge)],
     ]
+    # windows and door behind the columns
     windows = np.array([(-5.2, -0.1, PODIUM_M + 0.8), (3.4, -0.1, PODIUM_M + 0.8)])
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])
@@ -402,6 +425,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     """Open decks with parapets, parked cars to be seen between them, a ramp sign and a big P; a pad on top."""
     concrete, dark = wall(looks, "concrete", (168, 164, 156)), wall(looks, "concrete", (120, 118, 114))
     decks, floor_m = 5, 3.1
+    # decks with parapets
     z = floor_m * np.arange(1, decks + 1)
     full = np.array([(0.0, 0.0, width, depth)])
     low = xyz(0.0, 0.0, z - 0.35)
@@ -414,8 +438,10 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         ):  # fmt: skip
             rim.append([*a, level, *b, level + 1.0])
     edge = np.array(rim)
+    # columns along the outer edge
     xs, ys = np.linspace(0.5, width - 1.0, 6), np.linspace(0.4, depth - 0.9, 5)
     posts = np.array([(x, y, 0) for x in xs for y in ys if x in (xs[0], xs[-1]) or y in (ys[0], ys[-1])])
+    # signs
     c = Canvas(2.4, 2.4, 72, (20, 82, 170))
     c.text(1.2, 1.2, "P", 2.1, (244, 244, 244))
     big = sheet("big-p", looks, c, 0.9)
@@ -431,6 +457,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
         boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
     ]  # fmt: skip
+    # parked cars on the ground, the first deck and the roof
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
@@ -442,6 +469,7 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
 def filling_station(width: float, looks: Looks) -> House:
     """A canopy on posts over four pumps, and a kiosk behind."""
     red, white, dark = looks.plain((206, 26, 32)), looks.plain((240, 240, 238)), looks.plain((40, 42, 44))
+    # lettering and the face of a pump
     c = Canvas(8, 0.9, 64, (206, 26, 32))
     c.text(4, 0.45, "PETRA · FUEL", 0.7, (250, 250, 246))
     words = sheet("fuel", looks, c, 0.9)
@@ -454,6 +482,7 @@ def filling_station(width: float, looks: Looks) -> House:
     for k, tone in enumerate(((30, 140, 60), (30, 30, 30), (206, 160, 30))):
         p.rect(0.12 + 0.2 * k, 0.4, 0.28 + 0.2 * k, 0.62, tone)
     pump_face = sheet("pump", looks, p, 0.5)
+    # a pump with its face on both sides, a hose and a kerb
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
     pump = merge(
@@ -462,6 +491,7 @@ def filling_station(width: float, looks: Looks) -> House:
         bars(hose[:-1], hose[1:], 0.05, dark, F),
         box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
     )
+    # pumps under a lit roof
     middle = width / 2
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
     posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
@@ -477,6 +507,7 @@ def filling_station(width: float, looks: Looks) -> House:
             looks.plain((255, 250, 230), "lamp"), F, ("top",),
         ),
     ]  # fmt: skip
+    # the kiosk behind the pumps
     kiosk = merge(shop_row(11.0, looks, looks.rng("kiosk"), white), boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B))
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
     return House(

@@ -49,7 +49,7 @@ def paint_body(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     x, y, z = np.moveaxis(points, -1, 0)
     colours = np.broadcast_to(np.array(MAIN, float), points.shape).copy()
     top = np.clip((normals[..., 2] - 0.55) / 0.1, 0, 1)
-    # colours are laid by signed distances in millimetres: one over the other, as paint is
+    # colours are laid by signed distances in millimetres: in layers, as paint is
     arrow = x + 0.55 * np.abs(y) + 0.35 * (z - 20)  # chevrons: constant along lines swept back from the spine
     _cover(colours, TRIM, -arrow - 16)
     _cover(colours, TAIL, -arrow - 21)
@@ -232,7 +232,7 @@ def skin_paint(net: np.ndarray, sides: Sequence[Side], stations_mm: Sequence[flo
 
     Args:
         net: (rows, columns, 3) where the part ends up on the aeroplane, millimetres.
-        sides: drawings; a texel takes the one that looks at it most squarely.
+        sides: drawings; a texel takes the drawing that looks at it most squarely.
         stations_mm: x of lines across.
     """
     return partial(_paint_skin, net, tuple(sides), tuple(stations_mm))
@@ -336,7 +336,7 @@ def draw_star(sheet: Drawing, centre: Point, radius_mm: float, turn_deg: float =
 
 
 def draw_wing_lines(sheet: Drawing, side: int) -> None:
-    """Flaps, ailerons, spars and ribs of one wing and its stabilator; `side` +1 for the upper half of the drawing."""
+    """Flaps, ailerons, spars and ribs of a wing and its stabilator; `side` +1 for the upper half of the drawing."""
 
     def at(*points: Point) -> list[Point]:
         return [(x, side * y) for x, y in points]

@@ -124,7 +124,7 @@ def loft(
 ) -> list[Part]:
     """Skin a row of closed sections, each (k, 3) with the first point not repeated, and cap both ends.
 
-    Sections run counter-clockwise seen from beyond the last one (looking back along the loft).
+    Sections run counter-clockwise seen from beyond the last section (looking back along the loft).
     """
     net = np.stack([np.concatenate([section, section[:1]]) for section in sections])
     parts = [surface(net, paint, material)]
@@ -364,7 +364,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
 
 
 def finish(parts: Iterable[Part], atlas_px: int = 256) -> Mesh:
-    """One mesh from parts, `LENGTH_MM` long, on the table, centred.
+    """A mesh from parts, `LENGTH_MM` long, on the table, centred.
 
     Parts of one plain colour share a speck of the atlas, which leaves it to those that are painted.
     """
@@ -543,7 +543,7 @@ def wing(
     root: tuple[float, float, float], tip: tuple[float, float, float], chords: tuple[float, float], thickness: float,
     paint: Paint, material: str = "paint", upright: bool = False,
 ) -> list[Part]:  # fmt: skip
-    """A tapering wing between the leading edges `root` and `tip`; chords reach to -x. An upright one is a fin."""
+    """A tapering wing between the leading edges `root` and `tip`; chords reach to -x. An upright wing is a fin."""
     # an aerofoil of seven points: share of the chord behind the leading edge, share of the thickness
     shape = np.array([(0, 0), (-0.12, 0.45), (-0.35, 0.5), (-1, 0.06), (-1, -0.06), (-0.35, -0.5), (-0.12, -0.45)])
     rows = []

@@ -31,7 +31,7 @@ class Skin:
 
 
 class Looks:
-    """The materials of one world, each painted once, on its first use, from (seed, name)."""
+    """The materials of a world, each painted once, on its first use, from (seed, name)."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -101,7 +101,7 @@ class Piece:
     label: np.ndarray
 
     def labelled(self, label: int) -> "Piece":
-        """All of it of one class."""
+        """All of it of the same class."""
         return replace(self, label=np.full(len(self.faces), label, np.uint8))
 
     def moved(self, x: float = 0, y: float = 0, z: float = 0) -> "Piece":
@@ -127,7 +127,7 @@ EMPTY = Piece(
 
 
 def merge(*parts: Piece) -> Piece:
-    """One piece with the triangles of all, in order."""
+    """A piece with the triangles of all, in order."""
     pieces = [piece for piece in parts if len(piece.faces)]
     if not pieces:
         return EMPTY
@@ -161,7 +161,7 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
     Without `uv` (n, 4, 2) or (4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
     """
     quad = np.asarray(corners, np.float64).reshape(-1, 4, 3)
-    # of the diagonals: twice the area of a flat quad, and right for those with two corners in one place
+    # of the diagonals: twice the area of a flat quad, and right for those with two corners in the same place
     normal = cross(quad[:, 2] - quad[:, 0], quad[:, 3] - quad[:, 1])
     size = np.sqrt((normal**2).sum(axis=1))
     real = size > 1e-7
@@ -232,7 +232,7 @@ def boxes(low: ArrayLike, high: ArrayLike, skin: Skin, label: int, without: Sequ
 
 
 def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], skin: Skin, label: int) -> Piece:
-    """One box with all its faces."""
+    """A box with all its faces."""
     low, high = zip(x, y, z, strict=True)
     return boxes(np.array([low]), np.array([high]), skin, label, without=())
 
@@ -258,7 +258,7 @@ def revolved(
 
 
 def from_mesh(mesh: Mesh, material: int, label: int) -> Piece:
-    """A mesh as a piece of one material and class."""
+    """A mesh as a piece of a single material and class."""
     n = len(mesh.faces)
     return Piece(
         mesh.vertices, mesh.normals, mesh.uv, mesh.faces, np.full(n, material, np.int32), np.full(n, label, np.uint8)

@@ -469,15 +469,18 @@ def _plate(outline: np.ndarray, skin: Skin, back: Skin) -> Piece:
 
 def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
     size = {"one-way": (0.9, 0.9), "no-parking": (0.5, 0.5)}.get(kind, (0.78, 0.78))
+    # a sign is painted once for each world
     found = looks.known(f"sign-{kind}")
     if found:
         return *size, found
+    # the canvas reaches from -1 to 1 in both directions
     c = Canvas(2, 2, 64, WHITE, low=(-1, -1))
     red, black, blue = (196, 22, 30), (20, 20, 22), (20, 82, 170)
     if kind == "stop":
         c.disc(0, 0, 1.4, red)
         c.text(0, 0, "STOP", 0.75, WHITE, fit_m=1.6)
     elif kind == "speed":
+        # a white disc in a red ring
         c.disc(0, 0, 1.0, red)
         c.disc(0, 0, 0.76, WHITE)
         c.text(0, 0, "30", 1.0, black)
@@ -486,6 +489,7 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
         c.rect(-0.72, -0.17, 0.72, 0.17, WHITE)
     elif kind == "crossing":
         c.rect(-1, -1, 1, 1, (250, 196, 20))
+        # a walking figure: head, then body and legs
         c.disc(0.0, 0.42, 0.13, black)
         c.fill(
             [
@@ -499,9 +503,11 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
         c.fill([(-0.48, 0.3), (0.48, 0.3), (0, -0.55)], WHITE)
     elif kind == "one-way":
         c.rect(-1, -0.5, 1, 0.5, black)
+        # an arrow to the right that carries the words
         shape = [(-0.85, -0.32), (0.35, -0.32), (0.35, -0.45), (0.9, 0), (0.35, 0.45), (0.35, 0.32), (-0.85, 0.32)]
         c.fill(shape, WHITE)
         c.text(-0.2, 0, "ONE WAY", 0.36, black, fit_m=1.2)
+        # the sign is a wide strip: the rest of the square is grey
         c.rect(-1, 0.5, 1, 1, (140, 142, 142))
         c.rect(-1, -1, 1, -0.5, (140, 142, 142))
     elif kind == "parking":
@@ -513,6 +519,7 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
         c.rect(-0.5, 0.0, 0.5, 0.42, blue)
         c.text(0, -0.25, "BUS", 0.36, blue)
     else:
+        # no parking: a crossed letter in a ring, and the hours below
         c.rect(-0.95, -0.95, 0.95, 0.95, WHITE)
         c.disc(0, 0.25, 0.6, red, ring_m=0.12)
         c.text(0, 0.25, "P", 0.8, black)

@@ -48,7 +48,7 @@ TREE_VARIANTS = 4
 class Street:
     """A straight street."""
 
-    at: float  # x (of one that runs north) or y (of one that runs east) of its middle
+    at: float  # x (of a street that runs north) or y (of a street that runs east) of its middle
     avenue: bool  # whether it is wide and carries trams
     name: str  # on its signs
     trees: bool  # whether it is lined with them
@@ -65,7 +65,7 @@ class Stretch:
 
     start: np.ndarray  # start, end: (2,) middle of the carriageway at both junctions' edges
     end: np.ndarray
-    street: Street  # street, across: the street, and the one at `end`
+    street: Street  # street, across: the street, and the street at `end`
     across: Street
 
     @property
@@ -86,7 +86,7 @@ class Stretch:
 
     @property
     def yaw_deg(self) -> float:
-        """Of `ahead`, counter-clockwise from +x."""
+        """Bearing of `ahead`, degrees counter-clockwise from +x."""
         return float(np.degrees(np.arctan2(self.ahead[1], self.ahead[0])))
 
     def point(self, along: float, right: float) -> np.ndarray:

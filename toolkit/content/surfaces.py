@@ -42,13 +42,13 @@ TRACKS_M = (-2.4, -0.96, 0.96, 2.4)
 def _masonry(
     rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
 ) -> np.ndarray:
-    """(n, n, 3) courses of blocks, every second one set off by half, each block of its own shade."""
+    """(n, n, 3) courses of blocks, every second course set off by half, each block of its own shade."""
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
     row = (y * rows / n).astype(int)
     # running bond: every other course is set off by half a block
     across = x * columns / n + 0.5 * (row % 2)
-    # the last block of a course is the first one's other half: the texture repeats
+    # the last block of a course is the other half of the first: the texture repeats
     column = across.astype(int) % columns
     shade = rng.normal(1, spread, (rows, columns)) + rng.choice([0, 0, 0, -2 * spread], (rows, columns))
     hue = rng.normal(0, 5 * spread / 0.1, (rows, columns, 3))
@@ -203,7 +203,7 @@ def pane_uv(rng: np.random.Generator, count: int, mirror: bool = False) -> np.nd
 
 
 def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """One window by day, and the light it gives off in the evening."""
+    """A window by day, and the light it gives off in the evening."""
     width, height = style.size_m
     px_per_m = 96 / max(width, 1.0)
     canvas = Canvas(width, height, px_per_m, (0, 0, 0))
@@ -270,6 +270,7 @@ def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.
 def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
     width, height = style.size_m
     drawn = Canvas(width, height, canvas.size[0] / width, (0, 0, 0))
+    # outer frame, then bars
     white, f = (255, 255, 255), style.frame_m
     for x0, y0, x1, y1 in (
         (0, 0, width, f), (0, height - f, width, height), (0, 0, f, height), (width - f, 0, width, height),
@@ -283,9 +284,11 @@ def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
         y = height * k / (up + 1)
         thick = style.frame_m if up == 1 else style.bar_m
         drawn.rect(0, y - thick / 2, width, y + thick / 2, white)
+    # the mask has the size of the window's own canvas
     mask = drawn.texture()[..., 0].astype(np.float32) / 255
     if mask.shape != canvas.size[::-1]:
         mask = mask[: canvas.size[1], : canvas.size[0]]
+    # an arched window is filled outside of its half circle
     if style.arched:
         h, w = mask.shape
         y, x = np.mgrid[0:h, 0:w].astype(np.float32)
@@ -333,6 +336,7 @@ def road(looks: Looks, avenue: bool) -> Skin:
     name = "avenue" if avenue else "street"
     if found := looks.known(name):
         return found
+    # asphalt, darker where wheels run
     rng, width, n = looks.rng(name), AVENUE_M if avenue else STREET_M, 1024
     px = n / width
     base = _asphalt(rng, (n, n), px)
@@ -340,6 +344,7 @@ def road(looks: Looks, avenue: bool) -> Skin:
     lanes = np.abs((np.arange(n) + 0.5) / px - width / 2)
     wheel = sum(np.exp(-(((lanes - at) / 0.35) ** 2)) for at in ((4.2, 5.9) if avenue else (1.3, 2.9)))
     base *= (1 - 0.09 * wheel)[None, :, None].astype(np.float32)
+    # lane marks, worn in places
     middle, edge = 0.5, PARKING_M / width
     if avenue:
         _tram_tracks(base, px)
@@ -355,11 +360,13 @@ def road(looks: Looks, avenue: bool) -> Skin:
     else:
         for x in (middle - 0.16 / width, middle + 0.16 / width):
             _mark(base, (x - 0.055 / width, x + 0.055 / width), (0, 1), YELLOW_PAINT, worn)
+    # parking bays along both kerbs
     for x, far in ((edge, 0.0), (1 - edge, 1.0)):
         for y in (0.02, 0.5):
             _mark(base, (min(x, far), max(x, far)), (y, y + 0.1 / width), WHITE_PAINT, worn)
         for y in np.linspace(0.0, 0.9, 7):
             _mark(base, (x - 0.05 / width, x + 0.05 / width), (y, y + 0.07), WHITE_PAINT, worn)
+    # manholes, and dirt in the gutters
     _manhole(base, n * (0.3 if avenue else 0.36), n * 0.72, 0.36 * px)
     _manhole(base, n * 0.7, n * 0.2, 0.3 * px)
     gutter = np.clip(1 - np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.35 * px), 0, 1)

@@ -64,7 +64,7 @@ class Body:
 
     @property
     def height(self) -> float:
-        """Of the roof."""
+        """Height of the roof, metres."""
         return max(z for _, z in self.roof) + 0.03
 
     def top(self, x: np.ndarray | float) -> np.ndarray:
@@ -80,7 +80,7 @@ def _outline(knots: tuple[Point, ...]) -> Callable[[np.ndarray | float], np.ndar
 
 
 class Livery:
-    """The paint of one vehicle: a drawing of each view, and of the light it gives off."""
+    """The paint of a vehicle: a drawing of each view, and of the light it gives off."""
 
     def __init__(self, body: Body, colour: Colour) -> None:
         self.body, self.colour = body, colour
@@ -129,7 +129,7 @@ class Livery:
                 self.glow[view].text(x, y, words, height_m, colour, fit_m=fit_m)
 
     def sheet(self, name: str, looks: Looks, roughness: float = 0.22) -> "PaintMap":
-        """All views on one texture."""
+        """All views on the same texture."""
         rng = looks.rng(name)
         places, top, width = {}, 0, max(self.day["left"].size[0], 2 * self.day["front"].size[0]) + 4 * GUTTER_PX
         for view in ("left", "right", "top", "front"):
@@ -215,7 +215,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     vertices = net.reshape(-1, 3)
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # the signed volume, but for a factor: a negative one is inside out
+    # the signed volume, but for a factor: a negative volume is inside out
     if np.einsum("ij,ij->", corners[:, 0], normal) < 0:
         faces, corners, normal = faces[:, ::-1], corners[:, ::-1], -normal
     area = np.linalg.norm(normal, axis=1)
@@ -409,6 +409,7 @@ def ground_coat(paint: Livery) -> None:
 def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
     body = paint.body
     foot, head, head_front, foot_front = body.glass
+    # the flank's glass follows the roof; its rubber seal is a little larger
     x = np.linspace(foot + 0.18, foot_front - 0.2, 40)
     upper = np.maximum(body.top(x) - 0.1, body.belt + 0.05)
     outline = [(float(a), float(z)) for a, z in zip(x, upper, strict=True)]
@@ -418,10 +419,12 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
     ]  # fmt: skip
     paint.fill("left right", grown, (16, 17, 18))
     paint.fill("left right", glass, GLASS)
+    # the sky's reflection covers the upper part
     shine = [(a, z) for a, z in glass if z > body.belt + 0.25]
     if len(shine) > 2:
         shape = [(shine[0][0], body.belt + 0.3), *shine, (shine[-1][0], body.belt + 0.3)]
         paint.fill("left right", shape, (74, 88, 102))
+    # pillars between the panes
     for pillar in pillars:
         z = float(body.top(pillar))
         paint.fill(
@@ -429,6 +432,7 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
             [(pillar - 0.05, body.belt), (pillar + 0.05, body.belt), (pillar + 0.02, z), (pillar - 0.06, z)],
             (18, 18, 20),
         )
+    # windscreen and rear window, drawn from above and from their end
     w = body.width / 2
     for a, b in ((head_front, foot_front), (head, foot)):
         at_foot, at_head = w * 0.86, w * body.roof_share * 0.9
@@ -447,6 +451,7 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
 def car_ends(paint: Livery, rng: np.random.Generator) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
+    # grille with bars, and the air intake below it
     nose = float(body.top(half - 0.12))
     z0, z1 = nose - 0.2, nose - 0.02
     paint.rect("front", (-w * 0.5, z0 - 0.02), (w * 0.5, z1 - 0.01), (20, 20, 22))
@@ -454,6 +459,7 @@ def car_ends(paint: Livery, rng: np.random.Generator) -> None:
         z = z0 + 0.045 * k
         paint.line("front", [(-w * 0.48, z), (w * 0.48, z)], 0.014, (150, 152, 154))
     paint.rect("front", (-w * 0.62, 0.3), (w * 0.62, 0.44), (24, 24, 26))
+    # lamps on both sides, front and rear
     tail = min(float(body.top(-half + 0.1)), body.belt) - 0.02
     for side in (1, -1):
         lamp = [
@@ -511,6 +517,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     paint = Livery(body, colour)
     ground_coat(paint)
     seams = SEAMS[id(body)]
+    # a cab has a checkered band and lettering
     if kind == "cab":
         for k in range(2 * int(body.length / 0.24)):
             x, z = -body.length / 2 + 0.12 * k, body.belt - 0.3 + 0.1 * (k % 2)
@@ -521,9 +528,11 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     if kind == "police":
         paint.rect("left right", (-0.98, 0.25), (1.1, body.belt), (238, 238, 236))
         paint.text("left right", (0.06, body.belt - 0.3), "POLICE", 0.34, (20, 36, 96))
+    # glass, lamps and doors are the same for all kinds
     _car_glass(paint, tuple(seams[:-1]) + ((seams[0] - 0.75,) if body is not SEDAN and body is not HATCH else ()))
     car_ends(paint, rng)
     _doors(paint, seams)
+    # seams between roof and bonnet, roof and boot
     for x in (body.glass[3] + 0.05, body.glass[0]):
         w = body.width * 0.43
         if abs(x) < body.length / 2 - 0.3:
@@ -534,6 +543,7 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         wheels(body, looks, spokes=5 + int(rng.integers(4))),
         mirrors(body, colour, looks),
     ]
+    # roof signs and lights glow at night
     roof = float(body.top(-0.2))
     if kind == "cab":
         lit = looks.plain((255, 236, 170), "lamp")
@@ -612,34 +622,42 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
     body, paint = BUS, Livery(BUS, colour)
     half, w = body.length / 2, body.width / 2
     white = (236, 236, 232)
+    # skirt, roof band, waist line and roof
     paint.rect("left right", (-half, 0.0), (half, 0.45), (40, 42, 44))
     paint.rect("left right", (-half, 2.62), (half, 3.1), white if sum(colour) < 400 else shade(colour, 0.8))
     paint.rect("left right", (-half, 0.98), (half, 1.04), white)
     paint.rect("top", (-half, -w), (half, w), (222, 222, 218))
+    # wheel arches, seen from the side
     for axle in body.axles:
         angle, r = np.linspace(0, 2 * np.pi, 33), body.wheel_m * 1.2
         paint.fill("left right", [(axle + r * np.cos(a), body.wheel_m + r * np.sin(a)) for a in angle], RUBBER)
+    # windows, doors and lettering of the flanks
     _rows_of_windows(paint, -half + 0.35, half - 0.4, 8, (1.15, 2.5), doors=(4, 7))
     paint.text("left", (-1.0, 0.76), "METRO TRANSIT", 0.3, white)
     paint.text("right", (-3.6, 0.76), "METRO TRANSIT", 0.3, white)
     paint.rect("left", (-2.6, 0.5), (2.4, 0.97), (250, 210, 30))
     paint.text("left", (-0.1, 0.74), "CITY THEATRE · NOW OPEN", 0.34, (180, 20, 30), fit_m=4.6)
+    # windscreen with a reflection, and its middle post
     paint.rect("front", (-w * 0.93, 1.05), (w * 0.93, 2.6), GLASS, (90, 80, 60))
     paint.fill("front", [(-w * 0.8, 2.55), (-w * 0.3, 2.55), (w * 0.2, 1.1), (-w * 0.5, 1.1)], (76, 90, 102))
     paint.rect("front", (-0.02, 1.05), (0.02, 2.6), (20, 20, 20))
+    # destination displays, which glow at night
     paint.rect("front rear", (-w * 0.8, 2.64), (w * 0.8, 2.95), (14, 14, 15))
     paint.text("front", (0, 2.8), route, 0.26, (255, 170, 30), fit_m=1.9, lit=True)
     paint.rect("right", (half - 2.4, 2.64), (half - 0.6, 2.92), (14, 14, 15))
     paint.text("right", (half - 1.5, 2.78), route, 0.22, (255, 170, 30), fit_m=1.7, lit=True)
+    # rear window and engine grille
     paint.rect("rear", (-w * 0.8, 1.5), (w * 0.8, 2.5), GLASS)
     paint.rect("rear", (-w * 0.7, 0.55), (w * 0.7, 1.3), shade(colour, 0.6))
     for k in range(6):
         paint.line("rear", [(-w * 0.66, 0.62 + 0.11 * k), (w * 0.66, 0.62 + 0.11 * k)], 0.03, (30, 30, 32))
+    # lamps and number plate
     for side in (1, -1):
         paint.rect("front", (side * w * 0.55, 0.55), (side * w * 0.92, 0.75), HEAD, HEAD_GLOW)
         paint.rect("rear", (side * w * 0.78, 0.6), (side * w * 0.95, 1.4), TAIL, TAIL_GLOW)
     paint.rect("front", (-0.3, 0.42), (0.3, 0.54), (240, 238, 226))
     sheet = paint.sheet(name, looks)
+    # units on the roof, and mirrors
     units = looks.plain((196, 198, 196))
     low = np.array([(-4.6, -0.9, 3.08), (1.6, -0.8, 3.08)])
     pieces = [
@@ -648,6 +666,7 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
         box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
         box((half - 0.1, half + 0.3), (-w - 0.22, -w), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
     ]  # fmt: skip
+    # a trolleybus has poles on its roof
     if trolley:
         foot = np.array([(-1.0, 0.3, 3.25), (-1.0, -0.3, 3.25)])
         pieces += [
@@ -662,21 +681,26 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     body, paint = TRAM, Livery(TRAM, colour)
     half, w = body.length / 2, body.width / 2
     cream = (236, 226, 200)
+    # bands of the body, and its roof
     paint.rect("left right front rear", (-half, 2.72), (half, 3.3), cream)
     paint.rect("left right front rear", (-half, 1.0), (half, 1.14), cream)
     paint.rect("left right front rear", (-half, 0.0), (half, 0.5), (44, 46, 48))
     paint.rect("top", (-half, -w), (half, w), (150, 152, 150))
+    # windows, doors and lettering of the flanks
     _rows_of_windows(paint, -half + 1.0, half - 1.0, 9, (1.3, 2.6), doors=(0, 4, 8))
     paint.text("left right", (-1.6, 0.8), "CITY TRAMWAYS", 0.28, cream)
+    # both ends: windscreen with a reflection, and the display above it
     for end in ("front", "rear"):
         paint.fill(end, [(-w * 0.78, 1.35), (w * 0.78, 1.35), (w * 0.72, 2.7), (-w * 0.72, 2.7)], GLASS, (80, 70, 52))
         paint.fill(end, [(-w * 0.6, 2.6), (-w * 0.1, 2.6), (w * 0.2, 1.4), (-w * 0.4, 1.4)], (80, 94, 106))
         paint.rect(end, (-w * 0.6, 2.78), (w * 0.6, 3.06), (14, 14, 15))
         paint.text(end, (0, 2.92), route, 0.24, (255, 200, 60), fit_m=1.3, lit=True)
+    # lamps
     for side in (1, -1):
         paint.rect("front", (side * w * 0.45, 0.62), (side * w * 0.72, 0.86), HEAD, HEAD_GLOW)
         paint.rect("rear", (side * w * 0.45, 0.62), (side * w * 0.72, 0.86), TAIL, TAIL_GLOW)
     sheet = paint.sheet(name, looks)
+    # the pantograph's joints, from the roof upwards
     iron = looks.plain((56, 58, 60))
     arm = np.array([(0.3, -0.5, 3.3), (0.3, 0.5, 3.3), (1.5, -0.5, 4.3), (1.5, 0.5, 4.3)])
     tip = np.array([(1.5, -0.5, 4.3), (1.5, 0.5, 4.3), (0.6, -0.3, 5.45), (0.6, 0.3, 5.45)])
@@ -695,6 +719,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     """A lorry with a box body and lettering."""
     paint = Livery(LORRY_CAB, colour)
     w = LORRY_CAB.width / 2
+    # cab: bumper, glass, door seam, grille and lamps
     paint.rect("front left right", (-1.2, 0.0), (1.2, 0.75), (36, 37, 39))
     paint.rect("front", (-w * 0.9, 1.5), (w * 0.9, 2.4), GLASS)
     paint.fill("left right", [(-0.6, 1.5), (-0.6, 2.35), (0.5, 2.35), (0.85, 1.5)], GLASS)
@@ -706,6 +731,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
         paint.rect("front", (side * w * 0.66, 0.55), (side * w * 0.95, 0.78), HEAD, HEAD_GLOW)
     sheet = paint.sheet(name, looks)
     cab = merge(bodywork(LORRY_CAB, sheet, looks, 8)).moved(2.9)
+    # lettered box on the flanks
     canvas = Canvas(5.6, 2.5, 56, box_colour)
     canvas.rect(0, 0, 5.6, 0.35, shade(colour, 0.9))
     ink = colour if sum(box_colour) > 400 else (240, 240, 236)
@@ -714,6 +740,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     boards = looks.add(Material(f"{name}-box", canvas.texture(0.05, looks.rng(name)), 0.5), (5.6, 2.5))
     plain, dark = looks.plain(box_colour), looks.plain((34, 35, 37), "matte")
     flanks = wall_quads((-2.8, 1.0, 2.8, 3.5), 0.0, boards, VEHICLE, fit=True)
+    # box, its boards, underride guard and rear lamps
     pieces = [
         cab,
         box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
@@ -724,6 +751,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
             VEHICLE, (),
         ),
     ]  # fmt: skip
+    # the wheels belong to the whole lorry, which is longer than its cab
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))
     return Vehicle(merge(*pieces), 7.9, 2.45)
@@ -755,8 +783,10 @@ def build_fleet(looks: Looks) -> Fleet:
         (SEDAN, (0, 1, 3, 4, 5)), (HATCH, (4, 9, 11, 2)), (WAGON, (5, 7, 8)), (SUV, (1, 0, 6, 10)), (MINIVAN, (3, 5)),
     ]  # fmt: skip
     names = {id(SEDAN): "sedan", id(HATCH): "hatch", id(WAGON): "wagon", id(SUV): "suv", id(MINIVAN): "minivan"}
+    # private cars in several bodies and colours
     private = [car(body, CAR_COLOURS[k], looks, f"{names[id(body)]}-{k}") for body, colours in makes for k in colours]
     private.append(car(SEDAN, (28, 29, 32), looks, "police", "police"))
+    # cabs, vans, buses, trams and lorries
     cabs = (car(SEDAN, CAB_YELLOW, looks, "cab", "cab"), car(MINIVAN, CAB_YELLOW, looks, "cab-van", "cab"))
     vans = (
         van(WHITE, "PARCELS", looks, "van-white"),

@@ -80,7 +80,7 @@ def body_section(x: float, count: int = 96) -> np.ndarray:
 
 
 def build_fuselage(around: list[Side]) -> list[Part]:
-    """One smooth skin from the radome to the engines."""
+    """A smooth skin from the radome to the engines."""
     stations = np.r_[
         np.linspace(TAIL_X, -20, 29)[:-1], np.linspace(-20, 20, 25)[:-1], np.linspace(20, 110, 24)[:-1],
         NOSE_X - 16 * np.linspace(1, 0, 13) ** 1.6,
@@ -344,7 +344,7 @@ def wing_net(knots: list[tuple[float, ...]], per_mm: float = 0.3) -> np.ndarray:
 
 
 def build_surfaces(side: int, sides: dict[str, Side]) -> list[Part]:
-    """Wing, stabilator and fin of one side."""
+    """Wing, stabilator and fin of a side."""
     flat = [sides["top"], sides["bottom"]]
     wing = wing_net([(24, 4, -66, 5.2), (34.0, 22.4, -66, 5.0), (94, -48, -67, 2.2)])
     wing[..., 2] += 7.6 - 0.02 * (wing[..., 1] - 30)

@@ -18,7 +18,7 @@ from toolkit.corruptions.catalogue import choose_parameters, find_corruption
 @lru_cache(maxsize=2)
 def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
     # by process: the threads of a pool do not survive a fork, as of a data loader's workers
-    # all threads are started, and pinned to one thread each, before the process's own setting is put back
+    # all threads are started, and pinned to a thread each, before the process's own setting is put back
     ready = threading.Barrier(workers + 1)
 
     def keep_to_one_thread() -> None:
@@ -32,7 +32,7 @@ def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
         pool.submit(int)
     ready.wait()
     ready.wait()
-    # OpenMP keeps the setting by thread, torch also one for the process, which the workers have just changed
+    # OpenMP keeps the setting by thread, torch also a setting for the process, which the workers have just changed
     torch.set_num_threads(workers)
     return pool
 
@@ -52,7 +52,7 @@ def run_each(work: Callable[[int], object], count: int) -> None:
 
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2
-"""What is computed at once on one thread: more would not stay in its cache."""
+"""What is computed at once on a thread: more would not stay in its cache."""
 
 
 @torch.no_grad()
@@ -81,6 +81,7 @@ def corrupt(
         ToolkitError: unknown name, severity or parameters, images of another shape or smaller than 16 px, or not one
             seed per image.
     """
+    # check name, severity, shape and parameters before any work
     corruption = find_corruption(name, severity)
     _check_batch(images, seeds)
     if len(images) == 0:
@@ -95,8 +96,10 @@ def corrupt(
         draws = RandomStreams([int(seed) for seed in seeds[part]], name, severity, images.device)
         return corruption.apply(images[part], given, draws)
 
+    # a GPU takes the whole batch at once
     if images.device.type != "cpu":
         return apply(slice(None)).clamp_(0, 1)
+    # a CPU takes it in parts, one per thread
     result = torch.empty(images.shape)
     parts = split_evenly(len(images), images.shape[-2] * images.shape[-1])
     mode = torch.is_inference_mode_enabled()  # threads do not inherit it

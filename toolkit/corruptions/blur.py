@@ -44,7 +44,7 @@ def gaussian_matrix(length: int, sigma_px: float, border: str, truncate: float =
     matrix = np.zeros((length, length))
     rows = np.arange(length)
     for tap, weight in enumerate(weights):
-        # near an end several taps read one pixel: their weights add up
+        # near an end several taps read the same pixel: their weights add up
         np.add.at(matrix, (rows, source[tap : tap + length]), weight)
     return torch.from_numpy(matrix.astype(np.float32))
 
@@ -146,7 +146,7 @@ def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: Random
 
 
 def draw_neighbours(height: int, width: int, reach_px: int, draws: RandomStreams) -> torch.Tensor:
-    """(b, h × w) int64: the pixel that each one copies; those near the border copy themselves."""
+    """(b, h × w) int64: the pixel that each pixel copies; those near the border copy themselves."""
     side = 2 * reach_px
     # one draw for both shifts, from -reach to reach - 1: the published `randint` leaves its end out
     pick = (draws.uniform(height * width) * side**2).long()
@@ -158,8 +158,8 @@ def draw_neighbours(height: int, width: int, reach_px: int, draws: RandomStreams
 def trace_copies(neighbours: torch.Tensor, height: int, width: int, reach_px: int) -> torch.Tensor:
     """(b, h × w) int64: where each pixel's value was before the round, given which pixel it copies.
 
-    A pixel that copies one which the loop has passed, and so changed, holds what that one has copied, and so on. Every
-    step of this search goes twice as far as the one before.
+    A pixel that copies a changed pixel, which the loop has passed, holds what that pixel has copied, and so on. Every
+    step of this search goes twice as far as the step before.
     """
     own = torch.arange(height * width, device=neighbours.device)
     # `neighbours > own`: the loop goes from the bottom right, and has changed those by then

@@ -30,7 +30,7 @@ ELASTIC_PX = 244  # so published, for an image of 224
 
 @dataclass(frozen=True)
 class Corruption:
-    """One way of corrupting images.
+    """A way of corrupting images.
 
     Attributes:
         name: as in the published folders.
@@ -216,7 +216,7 @@ def choose_names(names: list[str]) -> list[str]:
     """Names of corruptions from names, families, `common` (the fifteen) and `all`, each once.
 
     Raises:
-        ToolkitError: one of them is none of these.
+        ToolkitError: a word is none of these.
     """
     chosen: list[str] = []
     for name in names:

@@ -46,7 +46,7 @@ class FolderSettings(BaseModel):
 
 
 class CorruptedFile(BaseModel):
-    """One finished file: its path below the folder, its hash, and the hash of the file it was made from."""
+    """A finished file: its path below the folder, its hash, and the hash of the file it was made from."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
     path: str
@@ -92,7 +92,7 @@ def read_finished(folder: Path) -> dict[str, CorruptedFile]:
 
 @dataclass(frozen=True)
 class SourceImage:
-    """One image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
+    """An image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
 
     file: Path
     path: str
@@ -134,7 +134,7 @@ MARGIN = (8, 7)
 """Published: the short side to 256, then the middle 224."""
 FORMATS = ("png", "jpg")
 JPEG_QUALITY = 85
-"""Of ImageNet-C's own files."""
+"""JPEG quality of ImageNet-C's own files."""
 MOST_SIZE_PX = 4096
 """What pictures are resized to at most: no network takes larger ones."""
 
@@ -167,10 +167,10 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
 
 
 def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
-    """Batches of images of one size, none of more than a million pixels but those of one image."""
+    """Batches of images of the same size, none of more than a million pixels but those of a single image."""
     sizes: dict[tuple[int, ...], list[LoadedImage]] = {}
-    for one in loaded:
-        sizes.setdefault(one.pixels.shape, []).append(one)
+    for image in loaded:
+        sizes.setdefault(image.pixels.shape, []).append(image)
     for shape, same in sizes.items():
         count = max(1, BATCH_PIXELS // (shape[0] * shape[1]))
         for start in range(0, len(same), count):
@@ -180,9 +180,9 @@ def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
 def render(
     batch: list[LoadedImage], name: str, severity: int, *, seed: int, image_format: str, device: str
 ) -> list[bytes]:
-    """Corrupt pictures of one size; the bytes of their files."""
-    images = from_bytes(np.stack([one.pixels for one in batch]), device)
-    seeds = [image_seed(seed, one.source.path) for one in batch]
+    """Corrupt pictures of the same size; the bytes of their files."""
+    images = from_bytes(np.stack([image.pixels for image in batch]), device)
+    seeds = [image_seed(seed, image.source.path) for image in batch]
     pixels = to_bytes(corrupt(images, name, severity, seeds))
     files = [b""] * len(batch)
 
@@ -242,7 +242,7 @@ def corrupt_images(
     source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
     image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
 ) -> CorruptResult:  # fmt: skip
-    """`corrupt_file` for one image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
+    """`corrupt_file` for an image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         return corrupt_file(source, out, corruptions, seed=seed, size_px=size_px, device=device)
     return corrupt_folder(
@@ -279,8 +279,9 @@ def corrupt_folder(
     single = len(plan) == 1
     sources, refused = _list_sources(source, out, image_format)
     skipped = skip or {}
-    refused = [*refused, *((one.path, skipped[one.path]) for one in sources if one.path in skipped)]
-    sources = [one for one in sources if one.path not in skipped]
+    refused = [*refused, *((source.path, skipped[source.path]) for source in sources if source.path in skipped)]
+    sources = [source for source in sources if source.path not in skipped]
+    # the settings of the folder, checked against those of an earlier run
     alone = plan[0] if single else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
@@ -290,15 +291,16 @@ def corrupt_folder(
     with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
         claim_folder(out, settings)
         known = read_finished(out)
+        # images are read in chunks; those of the same size are corrupted together
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result=result)
-            ticker.advance(len(chunk) * len(plan) - sum(len(one.wanted) for one in loaded))
+            ticker.advance(len(chunk) * len(plan) - sum(len(image.wanted) for image in loaded))
             for name, severity in plan:
-                ready = [one for one in loaded if (name, severity) in one.wanted]
+                ready = [image for image in loaded if (name, severity) in image.wanted]
                 for batch in split_batches(ready):
                     files = render(batch, name, severity, seed=seed, image_format=image_format, device=device)
-                    _write(out, [(one.wanted[name, severity], one.sha256) for one in batch], files, known, result)
+                    _write(out, [(image.wanted[name, severity], image.sha256) for image in batch], files, known, result)
                     ticker.advance(len(batch))
     return result
 
@@ -356,11 +358,12 @@ def _load(
         except OSError as error:
             trouble[index].append((source.path, (error.strerror or str(error)).lower()))
 
+    # results are merged in the order of the sources, whichever thread was first
     run_each(load, len(chunk))
     result.kept += sum(kept)
     result.failed += [line for lines in trouble for line in lines]
-    loaded = [one for one in slots if one is not None]
-    result.sizes.update((choose_parameters(*one.pixels.shape[:2]), *one.pixels.shape[:2]) for one in loaded)
+    loaded = [slot for slot in slots if slot is not None]
+    result.sizes.update((choose_parameters(*image.pixels.shape[:2]), *image.pixels.shape[:2]) for image in loaded)
     return loaded
 
 

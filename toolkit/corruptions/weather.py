@@ -42,7 +42,7 @@ def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tenso
     while step >= 2:
         half = step // 2
         corners = clouds[:, ::step, ::step]
-        # the plane wraps round: the neighbour beyond an edge is the one at the other
+        # the plane wraps round: the neighbour beyond an edge is the texel at the other
         pairs = corners + corners.roll(-1, 1)
         middles = settle(pairs + pairs.roll(-1, 2))
         clouds[:, half::step, half::step] = middles
@@ -129,7 +129,7 @@ def draw_pane(pane: Pane, rng: np.random.Generator) -> np.ndarray:
 
 
 def grow_feathers(pane: Pane, rng: np.random.Generator) -> np.ndarray:
-    """(side, side) float32: bright needles on black, each crystal a few needles from one point, with side branches."""
+    """(side, side) float32: bright needles on black, each crystal a few needles from a point, with side branches."""
     canvas = np.zeros((SIDE_PX + 2 * MARGIN_PX,) * 2, np.uint8)
     for _ in range(pane.feathers):
         root = rng.uniform(0, SIDE_PX, 2) + MARGIN_PX
@@ -144,7 +144,7 @@ def draw_crystal(
     canvas: np.ndarray, root: np.ndarray, angles: np.ndarray, lengths_px: np.ndarray, *, brightness: float,
     rng: np.random.Generator,
 ) -> None:  # fmt: skip
-    """Needles from one point, a little bent, and their branches, which grow shorter towards the tip."""
+    """Needles from a point, a little bent, and their branches, which grow shorter towards the tip."""
     along = np.linspace(0, 1, max(3, int(lengths_px.max() / BRANCH_STEP_PX)))
     steps = lengths_px[:, None] * along
     turned = angles[:, None] + rng.normal(0, 0.004, (len(angles), 1)) * steps
@@ -168,7 +168,7 @@ def _draw_lines(canvas: np.ndarray, lines: np.ndarray, brightness: float) -> Non
 
 
 def _fold(canvas: np.ndarray) -> np.ndarray:
-    """What crosses an edge comes in at the opposite one."""
+    """What crosses an edge comes in at the opposite edge."""
     for _ in range(2):
         middle = canvas[MARGIN_PX:-MARGIN_PX].copy()
         np.maximum(middle[-MARGIN_PX:], canvas[:MARGIN_PX], out=middle[-MARGIN_PX:])
@@ -328,7 +328,7 @@ def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: RandomStrea
     """Add clouds, and dim so that the brightest value stays; `shape` is the clouds' strength and smoothness."""
     strength, decay = shape
     height, width = images.shape[-2:]
-    # diamond-square makes squares whose side is a power of two; the image is a corner of one
+    # diamond-square makes squares whose side is a power of two; the image is a corner of that square
     side_px = 1 << (max(height, width) - 1).bit_length()
     clouds = draw_clouds(side_px, decay, draws)[:, None, :height, :width]
     brightest = images.amax((1, 2, 3), keepdim=True)

@@ -34,7 +34,7 @@ def _check_name(name: str) -> str:
 Ground = Literal["pads", "bare", "both"]
 Pool = Literal["average", "grid"]
 OwnName = Annotated[str, AfterValidator(_check_name)]
-"""Of a file or folder; empty where it follows from something else."""
+"""Name of a file or folder; empty if it follows from other settings."""
 WorldName = Annotated[str, Flag(metavar="NAME|FILE"), Field(description="Built-in world, or a mesh or kit file.")]
 WorldSeed = Annotated[int, Field(ge=0, description="Seed of the world."), Flag()]
 OneTime = Annotated[Time, Flag(metavar="NAME"), Field(description="Time of day.")]
@@ -156,7 +156,7 @@ class CollectConfig(Config):
 
     @property
     def folder_name(self) -> str:
-        """Of the data set."""
+        """Name of the data set's folder."""
         return self.name or (self.world if is_file_name(self.world) else Path(self.world).stem)
 
 
@@ -211,7 +211,7 @@ class LandingTrainConfig(Config):
     )
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:
-        """Of the loop."""
+        """Return the settings of the training loop."""
         steps = max(frames // self.batch, 1) * self.epochs
         return FitConfig(
             steps=steps, lr=self.lr, schedule=self.schedule, optimiser=self.optimiser, seed=seed,
@@ -237,7 +237,7 @@ class BoostConfig(Config):
         size_px: side of the picture.
         start: what it starts from.
         world, world_seed, places, ground, time: where its views are.
-        views: how many are rendered; none of them is one of a data set's or a flight's.
+        views: how many are rendered; none of them occurs in a data set or a flight.
         height_m, half_angle_deg: of the cameras.
         weathers, weather_probability: drawn for each view of each step.
         steps, batch, lr: of the training, by the sign of the gradient.
@@ -316,7 +316,7 @@ class DescentConfig(Config):
         rate: speed per metre of height between the two.
         align_m, align_share: it goes down while the pad is within align_m + align_share · height of straight below.
         blind_m: below this height over the pad it goes straight down and looks no more.
-        unseen_m: below this height a pad that is not found, as one that fills the picture, does not stop it.
+        unseen_m: below this height a missed pad, such as a pad that fills the picture, does not stop it.
     """
 
     fastest_m_s: Annotated[float, Field(gt=0, le=6), Flag("--descent")] = Field(
@@ -333,7 +333,7 @@ class DescentConfig(Config):
 
 
 class EpisodeConfig(Config):
-    """Where a landing begins, in which air, what the camera's mount does, and what counts as one.
+    """Where a landing begins, in which air, what the camera's mount does, and what counts as a landing.
 
     Attributes:
         start_height_m, start_angle_deg: height over the pad, and angle off its vertical, drawn evenly.

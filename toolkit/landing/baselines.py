@@ -30,7 +30,7 @@ class ClassicalFinder:
 
     Attributes:
         name: `features` or `apriltag`.
-        find: of one picture.
+        find: of a picture.
     """
 
     name: str
@@ -58,7 +58,7 @@ def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
         seen_points, seen = sift.detectAndCompute(_enlarge(image), None)
         if known is None or seen is None or len(seen) < 2:
             return np.full(2, np.nan)
-        # an H has each feature twice, one of them upside down: both of the nearest may be meant, and RANSAC chooses
+        # an H has each feature twice, one upside down: both of the nearest may be meant, and RANSAC chooses
         good = [match for pair in matcher.knnMatch(known, seen, k=2) for match in pair]
         if len(good) < LEAST_MATCHES:
             return np.full(2, np.nan)
@@ -82,9 +82,9 @@ def make_apriltag(pad: Pad, camera: Camera) -> ClassicalFinder:
 
     def find(image: np.ndarray) -> np.ndarray:
         corners, ids, _ = detector.detectMarkers(_enlarge(image))
-        for one, number in zip(corners, [] if ids is None else ids.ravel(), strict=True):
+        for corner, number in zip(corners, [] if ids is None else ids.ravel(), strict=True):
             if number == TAG:
-                return _locate(one[0] / ZOOM, pad.size_m * TAG_SHARE, camera)
+                return _locate(corner[0] / ZOOM, pad.size_m * TAG_SHARE, camera)
         return np.full(2, np.nan)
 
     return ClassicalFinder("apriltag", find)
@@ -127,7 +127,7 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
     rows = {"features": summarise_errors(make_features(pad, camera).predict(samples.images), samples)}
     tag = draw_pad("apriltag", config.size_m)
     collector = Collector(config, find_world(config.world, config.world_seed), tag, about.seed)
-    numbers = [one.index for one in samples.truths]
+    numbers = [truth.index for truth in samples.truths]
     collector.light_pads(numbers)
     images = []
     with progress("Shooting AprilTag frames", len(numbers)) as bar:

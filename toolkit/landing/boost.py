@@ -43,7 +43,7 @@ COMPARED = 48
 
 @dataclass(frozen=True)
 class PadView:
-    """One rendered view of the pad.
+    """A rendered view of the pad.
 
     Attributes:
         site, pose: from where.
@@ -92,8 +92,8 @@ class PadTask(TrainingTask[Patch]):
             return view.site.renderer.render_linear(view.site.camera, view.pose, texture), view.site.look(view.pose)[0]
 
         with progress("Rendering views", len(self.views)) as bar:
-            for one in map_frames(render, self.views):
-                made.append(one)
+            for linear_view in map_frames(render, self.views):
+                made.append(linear_view)
                 bar.advance()
         return made
 
@@ -257,7 +257,7 @@ def compare_pads(
                     (worn[id(view.site)], SiteView(view.pose, seed, 500_000 + k, weather))
                     for k, view in enumerate(plan)
                 ]
-                images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
+                images = np.stack(list(map_frames(lambda pair: pair[0].photograph(pair[1]), views)))
                 errors = np.linalg.norm(regressor.predict(images) - np.stack([view.offset for view in plan]), axis=1)
                 share = float((errors / [view.height for view in plan]).mean())
                 found[pad.name]["clear" if weather[0] == "clear" else f"{weather[0]}:{weather[1]}"] = round(share, 5)

@@ -86,7 +86,7 @@ class Collector:
 
     def split_of(self, index: int) -> Split:
         """Whether a frame is trained on or held out."""
-        # by place: frames of one place look alike, and would be known from training
+        # by place: frames of the same place look alike, and would be known from training
         if self.config.split == "place" and len(self.places) > 1:
             return "held_out" if index % len(self.places) in self.held_out_places else "train"
         drawn = Draws(self.seed, index, "landing").of("split").uniform()
@@ -101,7 +101,7 @@ class Collector:
         self.sites.light_pads(self.pad, (index % len(self.places) for index in indices))
 
     def shoot(self, index: int) -> Sample:
-        """One frame.
+        """A frame.
 
         Raises:
             ToolkitError: no free place is found in the cone.
@@ -168,15 +168,17 @@ def collect(
 
 
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
-    """The set's file, of this or an earlier run; what a killed one left half-written is removed."""
+    """The set's file, of this or an earlier run; what a killed run left half-written is removed."""
     world, pad, settings = collector.world, collector.pad, config.record()
     inputs = config.sha256(world.sha256, pad.sha256, collector.seed, VERSION)
     file = folder / DATASET
+    # remove what a restart or a killed run leaves
     if restart:
         for found in (*folder.glob("*.tar"), file):
             delete_file(found)
     for left in folder.glob(".*.partial"):
         delete_file(left)
+    # a set that is there must have the same settings
     if file.is_file():
         about = read_json(file, DatasetFile)
         if about.inputs_sha256 != inputs:
@@ -185,6 +187,7 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
                 {"name": config.folder_name},
             )
         return about
+    # a new set begins with its file, still incomplete
     places: dict[str, list[str]] = {"train": [], "held_out": []}
     for k, place in enumerate(collector.places):
         places["held_out" if k in collector.held_out_places else "train"].append(place.name)
@@ -202,7 +205,8 @@ FrameKey = tuple[str, int]
 
 
 def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine: Engine) -> Collected:
-    """Shoot shards that are not there; each is written when its frames are, and a set without one is not complete."""
+    """Shoot shards that are not there; each is written when its frames are, and a set with a gap is not complete."""
+    # what is wanted, and what earlier runs have written
     plan = plan_shards(collector.config, collector)
     wanted = {(name, index): name for name, _, some in plan for index in some}
     there = {name for name, _, _ in plan if (folder / name).is_file()}
@@ -214,19 +218,21 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
     made: list[str] = []
 
     def keep(key: FrameKey, name: str, sample: EncodedSample) -> None:
-        if shard and next(iter(shard))[0] != name:  # the one before lacks frames
+        if shard and next(iter(shard))[0] != name:  # the shard before lacks frames
             shard.clear()
         shard[key] = sample
         if len(shard) == sizes[name]:
             write_shard(folder / name, list(shard.values()))
             made.append(name)
 
+    # shoot the missing frames
     units = _list_units(collector, missing, engine)
     ran = run_resumable("Shooting frames", wanted, missing, units, keep, engine, folder)
     if ran.failed:
         if not made and not there:
             raise ToolkitError(ran.failed[0][1])
         return Collected(folder, about, len(made), ran.failed)
+    # the set is complete: its file lists the shards with their hashes
     shards = [
         ShardFile(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
     ]

@@ -32,7 +32,7 @@ Split = Literal["train", "held_out"]
 
 
 class Truth(BaseModel):
-    """What is known of one picture.
+    """What is known of a picture.
 
     Attributes:
         index: of it.
@@ -59,7 +59,7 @@ class Truth(BaseModel):
 
 
 class ShardFile(BaseModel):
-    """One tar file."""
+    """A tar file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     file: str
@@ -126,7 +126,7 @@ class DatasetFile(BaseModel):
 
 @dataclass(frozen=True)
 class Sample:
-    """One picture with what is known of it.
+    """A picture with what is known of it.
 
     Attributes:
         image: (h, w, 3) uint8 sRGB.
@@ -141,7 +141,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class SampleSet:
-    """The samples of one split in memory.
+    """The samples of a split in memory.
 
     Attributes:
         images: (n, h, w, 3) uint8 sRGB.
@@ -154,12 +154,12 @@ class SampleSet:
     @property
     def offsets(self) -> np.ndarray:
         """(n, 2) float32 x and y, metres."""
-        return np.array([(one.x_m, one.y_m) for one in self.truths], np.float32).reshape(-1, 2)
+        return np.array([(truth.x_m, truth.y_m) for truth in self.truths], np.float32).reshape(-1, 2)
 
     @property
     def heights(self) -> np.ndarray:
         """(n,) z, metres."""
-        return np.array([one.z_m for one in self.truths])
+        return np.array([truth.z_m for truth in self.truths])
 
 
 @dataclass(frozen=True)
@@ -314,11 +314,11 @@ def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedS
     """Data sets that one network can be trained on, with at most `most` training frames of each.
 
     Raises:
-        ToolkitError: one is named twice, or they differ in camera or pad; or as `read_split`.
+        ToolkitError: a set is named twice, or they differ in camera or pad; or as `read_split`.
     """
     abouts = [open_dataset(folder) for folder in folders]
     for k, (folder, about) in enumerate(zip(folders, abouts, strict=True)):
-        if about.inputs_sha256 in [one.inputs_sha256 for one in abouts[:k]]:
+        if about.inputs_sha256 in [earlier.inputs_sha256 for earlier in abouts[:k]]:
             raise ToolkitError(f"{folder}: this data set is named twice: name each once")
         for what, own, first in _compare_sets(about, abouts[0]):
             raise ToolkitError(
@@ -331,14 +331,14 @@ def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedS
     )
 
 
-def _compare_sets(one: DatasetFile, other: DatasetFile) -> Iterator[tuple[str, str, str]]:
+def _compare_sets(data: DatasetFile, other: DatasetFile) -> Iterator[tuple[str, str, str]]:
     """What differs between sets that a network cannot be trained on together, in words."""
-    if one.camera != other.camera:
-        yield "camera", _describe_camera(one.camera), _describe_camera(other.camera)
-    if one.size_m != other.size_m:
-        yield "pad's side", f"{one.size_m:g} m", f"{other.size_m:g} m"
-    if one.pad_sha256 != other.pad_sha256:
-        yield "pad", f"{one.pad} {one.pad_sha256[:8]}", f"{other.pad} {other.pad_sha256[:8]}"
+    if data.camera != other.camera:
+        yield "camera", _describe_camera(data.camera), _describe_camera(other.camera)
+    if data.size_m != other.size_m:
+        yield "pad's side", f"{data.size_m:g} m", f"{other.size_m:g} m"
+    if data.pad_sha256 != other.pad_sha256:
+        yield "pad", f"{data.pad} {data.pad_sha256[:8]}", f"{other.pad} {other.pad_sha256[:8]}"
 
 
 def _describe_camera(camera: dict[str, float]) -> str:
@@ -349,7 +349,7 @@ def join_samples(parts: Sequence[SampleSet]) -> SampleSet:
     """The samples of several in order."""
     if len(parts) == 1:
         return parts[0]
-    return SampleSet(np.concatenate([one.images for one in parts]), tuple(t for one in parts for t in one.truths))
+    return SampleSet(np.concatenate([part.images for part in parts]), tuple(t for part in parts for t in part.truths))
 
 
 def _explain_change(path: Path, about: DatasetFile, shard: ShardFile) -> None:

@@ -29,7 +29,7 @@ from toolkit.worlds.conditions import parse_weathers
 
 NAME = "demo"
 BOOSTED_IN = ("snow:1-4", "fog:4-5")
-"""Weather that the pad meets in training; under lying snow the plain one is lost."""
+"""Weather that the pad meets in training; under lying snow the plain pad is lost."""
 
 
 @dataclass(frozen=True)

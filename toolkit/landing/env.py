@@ -40,8 +40,8 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Build the world and light it.
 
         Args:
-            world: a built-in one, or a file.
-            pad: what is landed on; by default a plain one of 2 m.
+            world: a built-in world, or a file.
+            pad: what is landed on; by default a plain pad of 2 m.
             episode: starts, winds and what counts as a success.
             optics: the camera.
             weather: (name, severity).

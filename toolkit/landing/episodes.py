@@ -1,4 +1,4 @@
-"""Landing episodes: what each one draws, how they fly in lockstep, and how each of them ends."""
+"""Landing episodes: what each draws, how they fly in lockstep, and how each of them ends."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ STEP_S = 0.003
 GUST_STEP_S = 0.1
 FLYING = ""
 OUTCOMES = ("success", "missed", "crashed", "lost", "timed_out", "diverged")
-"""`success`: touchdown near the centre, slow and level; `missed`: one as soft, but too far off; `crashed`: against
+"""`success`: touchdown near the centre, slow and level; `missed`: as soft, but too far off; `crashed`: against
 something, or too fast or tilted; `lost`: the pad's centre out of view for too long; `diverged`: out of control."""
 FARTHEST_M = 200.0
 STEEPEST_DEG = 80.0
@@ -155,10 +155,10 @@ class Flights:
         self.pads = np.broadcast_to(np.asarray(pads, float), (len(indices), 3))
         draws = [EpisodeDraws.of(config, seed, index) for index in indices]
         self.episodes = [Episode(index) for index in indices]
-        self.yaw = np.array([one.yaw_rad for one in draws])
-        self._wind = np.array([one.wind for one in draws])
-        self._gusts, self._gimbal = np.array([one.gusts for one in draws]), np.array([one.gimbal for one in draws])
-        start = self.pads + np.array([one.offset for one in draws])
+        self.yaw = np.array([draw.yaw_rad for draw in draws])
+        self._wind = np.array([draw.wind for draw in draws])
+        self._gusts, self._gimbal = np.array([draw.gusts for draw in draws]), np.array([draw.gimbal for draw in draws])
+        start = self.pads + np.array([draw.offset for draw in draws])
         self.state = MultirotorState.at(start.T, self.yaw, vehicle.hover_signal)
         self._control = VelocityControl(len(indices), gains)
         self._command, self._waiting = np.zeros((3, len(indices))), []  # type: ignore[var-annotated]
@@ -168,7 +168,7 @@ class Flights:
     @property
     def flying(self) -> np.ndarray:
         """(m,) numbers of those that have not ended."""
-        return np.array([k for k, one in enumerate(self.episodes) if one.outcome == FLYING], int)
+        return np.array([k for k, episode in enumerate(self.episodes) if episode.outcome == FLYING], int)
 
     @property
     def time_s(self) -> float:
@@ -256,8 +256,8 @@ class Flights:
             elif down[j]:
                 hard = speed[j] > config.touchdown_m_s or tilt[j] > config.touchdown_tilt_deg
                 self._end(k, "crashed" if hard else "success" if level[j] <= config.radius_m else "missed")
-                one = self.episodes[k]
-                one.error_m, one.speed_m_s, one.tilt_deg = float(level[j]), float(speed[j]), float(tilt[j])
+                episode = self.episodes[k]
+                episode.error_m, episode.speed_m_s, episode.tilt_deg = float(level[j]), float(speed[j]), float(tilt[j])
 
     def _judge_sight(self, chosen: np.ndarray, before: np.ndarray) -> None:
         """End what flew against something, has the pad out of view for too long, or has no time left."""
@@ -285,10 +285,10 @@ class Flights:
         return np.array([east * sine - north * cosine, -east * cosine - north * sine]).T
 
     def _end(self, k: int, outcome: str) -> None:
-        one, place = self.episodes[k], self.state.position[:, k]
-        one.outcome, one.time_s = outcome, self.time_s
+        episode, place = self.episodes[k], self.state.position[:, k]
+        episode.outcome, episode.time_s = outcome, self.time_s
         if np.isfinite(place).all():
-            one.track.append(place.copy())
+            episode.track.append(place.copy())
 
 
 def place_cameras(places: np.ndarray, cosine: np.ndarray, sine: np.ndarray, tilt: np.ndarray) -> np.ndarray:

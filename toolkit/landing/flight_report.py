@@ -54,7 +54,7 @@ LOOP_PX, LOOP_QUALITY = 640, 60
 
 @dataclass(frozen=True)
 class CellResult:
-    """The episodes of one cell.
+    """The episodes of a cell.
 
     Attributes:
         cell: which.
@@ -71,7 +71,7 @@ class CellResult:
 
     def count(self, outcome: str) -> int:
         """Episodes that ended so."""
-        return sum(one.outcome == outcome for one in self.records)
+        return sum(record.outcome == outcome for record in self.records)
 
     @property
     def success(self) -> float:
@@ -85,14 +85,14 @@ class CellResult:
 
     def as_json(self) -> dict[str, Any]:
         """A row of `cells`."""
-        landed = [one for one in self.records if one.error_m is not None]
-        times = [one.time_s for one in self.records if one.outcome == "success"]
-        paths = [one.path_m for one in self.records if one.outcome == "success"]
+        landed = [record for record in self.records if record.error_m is not None]
+        times = [record.time_s for record in self.records if record.outcome == "success"]
+        paths = [record.path_m for record in self.records if record.outcome == "success"]
         return {
             **vars(self.cell), "n": self.n, "success": round(self.success, 4),
             "success_ci95": [round(value, 4) for value in self.success_ci95],
             **{outcome: self.count(outcome) for outcome in OUTCOMES if outcome != "success"},
-            "median_error_m": _median([one.error_m for one in landed]), "median_time_s": _median(times),
+            "median_error_m": _median([record.error_m for record in landed]), "median_time_s": _median(times),
             "median_path_m": _median(paths),
         }  # fmt: skip
 
@@ -130,31 +130,31 @@ class PairResult:
 def group_cells(flown: Flown) -> list[CellResult]:
     """Results in the order of the cells."""
     by_cell: dict[FlightCell, list[EpisodeRecord]] = {cell: [] for cell in flown.cells}
-    for one in flown.records:
-        by_cell[one.cell].append(one)
-    return [CellResult(cell, tuple(sorted(some, key=lambda one: one.index))) for cell, some in by_cell.items()]
+    for episode in flown.records:
+        by_cell[episode.cell].append(episode)
+    return [CellResult(cell, tuple(sorted(some, key=lambda record: record.index))) for cell, some in by_cell.items()]
 
 
 def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
     """Each pad against the first, each regressor against the first on the same pad, each gains against the first.
 
-    Where pad and regressor are both others, as with one trained again on a boosted pad, also against both first.
+    Where pad and regressor are both others, as for a regressor trained on a boosted pad, also against both first.
     """
-    known = {one.cell: one for one in results}
+    known = {result.cell: result for result in results}
     pairs = []
     for names in (("pad",), ("regressor",), ("gains",), ("pad", "regressor")):
         first = {name: getattr(results[0].cell, name) for name in names}
-        for one in results:
-            other = known.get(replace(one.cell, **first))
-            if other is not None and all(getattr(one.cell, name) != value for name, value in first.items()):
-                pairs.append(_compare(one, other))
+        for cell_result in results:
+            other = known.get(replace(cell_result.cell, **first))
+            if other is not None and all(getattr(cell_result.cell, name) != value for name, value in first.items()):
+                pairs.append(_compare(cell_result, other))
     return pairs
 
 
-def _compare(one: CellResult, other: CellResult) -> PairResult:
-    both = zip(other.records, one.records, strict=True)
+def _compare(result: CellResult, other: CellResult) -> PairResult:
+    both = zip(other.records, result.records, strict=True)
     outcomes = PairedOutcomes.count((before.outcome == "success", now.outcome == "success") for before, now in both)
-    return PairResult(one.cell, other.cell, outcomes)
+    return PairResult(result.cell, other.cell, outcomes)
 
 
 def place_results(config: FlyConfig, flown: Flown, seed: int) -> Flown:
@@ -168,7 +168,7 @@ def place_results(config: FlyConfig, flown: Flown, seed: int) -> Flown:
 def _hash_inputs(config: FlyConfig, flown: Flown, seed: int) -> str:
     # an episode's own hash stands for the world, the pads and the regressors' weights
     asked = {name: value for name, value in config.record().items() if name != "name"}
-    inputs = [asked, seed, sorted({one.inputs for one in flown.records})]
+    inputs = [asked, seed, sorted({record.inputs for record in flown.records})]
     return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
 
 
@@ -181,8 +181,8 @@ def write_summary(
     content = {
         "schema_version": SCHEMA_VERSION,
         "kind": "landing",
-        "cells": [one.as_json() for one in results],
-        "pairs": [one.as_json() for one in pairs],
+        "cells": [result.as_json() for result in results],
+        "pairs": [pair.as_json() for pair in pairs],
         "success_is": describe_success(config.episode),
         "camera_hz": config.episode.camera_hz,
         "places": [{"name": place.name, "centre": list(place.centre)} for place in flown.places],
@@ -192,9 +192,9 @@ def write_summary(
         INPUTS: _hash_inputs(config, flown, seed),
         "toolkit_version": __version__,
     }
-    rows = [one.as_json() for one in results]
+    rows = [result.as_json() for result in results]
     spread = [row | {"success_ci95": " ".join(map(str, row["success_ci95"]))} for row in rows]
-    episodes = [one.model_dump(exclude={"track", "seen", "inputs"}) for one in flown.records]
+    episodes = [record.model_dump(exclude={"track", "seen", "inputs"}) for record in flown.records]
     write_run(folder, content, {CELLS: _to_csv(spread), EPISODES: _to_csv(episodes)})
     return results, pairs
 
@@ -211,27 +211,41 @@ def describe_success(config: EpisodeConfig) -> str:
 @with_default_style
 def draw_success(results: Sequence[CellResult]) -> bytes:
     """PNG: success with its interval over severity, a panel for each weather, clear air at 0 in all."""
-    weathers = list(dict.fromkeys(one.cell.weather for one in results if one.cell.weather != "clear")) or ["clear"]
-    lines = list(dict.fromkeys((one.cell.pad, one.cell.regressor, one.cell.gains) for one in results))
+    weathers = list(dict.fromkeys(result.cell.weather for result in results if result.cell.weather != "clear")) or [
+        "clear"
+    ]
+    # a line for each combination that is flown, a panel for each weather
+    lines = list(dict.fromkeys((result.cell.pad, result.cell.regressor, result.cell.gains) for result in results))
     figure = make_figure(2 + 3.6 * len(weathers), 4.4)
     panels = figure.subplots(1, len(weathers), sharey=True, squeeze=False)[0]
     for panel, weather in zip(panels, weathers, strict=True):
         for number, line in enumerate(lines):
+            # clear air is severity 0 of every weather
             own = sorted(
-                (one for one in results if _line(one.cell) == line and one.cell.weather in (weather, "clear")),
-                key=lambda one: one.cell.severity,
+                (
+                    result
+                    for result in results
+                    if _line(result.cell) == line and result.cell.weather in (weather, "clear")
+                ),
+                key=lambda result: result.cell.severity,
             )
             if not own:
                 continue
-            x = [one.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for one in own]
-            low, high = ([100 * one.success_ci95[end] for one in own] for end in (0, 1))
+            # lines are moved apart a little, so that their intervals do not cover each other
+            x = [result.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for result in own]
+            low, high = ([100 * result.success_ci95[end] for result in own] for end in (0, 1))
             colour = LINE_COLOURS[number % len(LINE_COLOURS)]
             panel.vlines(x, low, high, color=colour, lw=1.4, alpha=0.6)
-            panel.plot(x, [100 * one.success for one in own], "o-", color=colour, lw=1.6, ms=5, label=" · ".join(line))
+            panel.plot(
+                x, [100 * result.success for result in own], "o-", color=colour, lw=1.6, ms=5, label=" · ".join(line)
+            )
         panel.set_title(weather, fontsize=11)
         panel.set_xlabel("severity")
-        panel.set_xticks(sorted({one.cell.severity for one in results if one.cell.weather in (weather, "clear")}))
+        panel.set_xticks(
+            sorted({result.cell.severity for result in results if result.cell.weather in (weather, "clear")})
+        )
         style_panel(panel, -2, 102)
+    # a shared legend above the panels
     panels[0].set_ylabel("success (%)")
     handles, labels = panels[0].get_legend_handles_labels()
     title = f"landings that succeed, 95 % Wilson intervals (n = {results[0].n} a point)"
@@ -251,6 +265,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
         results: of the cells.
         radius_m: of the circle that a success is in.
     """
+    # two rows of panels for each band: from above, and height over distance
     some = pick_cells(results, MOST_TRACKED)
     columns = min(len(some), TRACK_COLUMNS)
     bands = -(-len(some) // columns)
@@ -259,22 +274,25 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     for panel in panels.flat:
         panel.set_visible(False)
     # one range for all, so that a wide track looks wide
-    flown = [np.array(record.track) for one in some for record in one.records if record.track] or [np.zeros((1, 3))]
+    flown = [np.array(record.track) for result in some for record in result.records if record.track] or [
+        np.zeros((1, 3))
+    ]
     reach_m = 1.05 * max(radius_m, *(float(np.abs(track[:, :2]).max()) for track in flown))
     away_m = 1.05 * max(radius_m, *(float(np.hypot(track[:, 0], track[:, 1]).max()) for track in flown))
     top_m = 1.05 * max(1.0, *(float(track[:, 2].max()) for track in flown))
-    for k, one in enumerate(some):
+    # tracks, coloured by outcome
+    for k, cell_result in enumerate(some):
         above, aside = (panels[2 * (k // columns) + row][k % columns] for row in (0, 1))
         above.set_visible(True)
         aside.set_visible(True)
-        for record in one.records:
+        for record in cell_result.records:
             if record.track:
                 track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
                 above.plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
                 aside.plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
         title = (
-            f"pad {one.cell.pad}, regressor {one.cell.regressor}\n"
-            f"{one.cell.air}, {one.cell.gains} gains: {one.success:.0%} land"
+            f"pad {cell_result.cell.pad}, regressor {cell_result.cell.regressor}\n"
+            f"{cell_result.cell.air}, {cell_result.cell.gains} gains: {cell_result.success:.0%} land"
         )
         _frame(above, title, radius_m)
         above.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m))
@@ -291,7 +309,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
 def _explain_colours(figure: "Figure", results: Sequence[CellResult]) -> None:
     from matplotlib.lines import Line2D
 
-    met = {record.outcome for one in results for record in one.records if record.track}
+    met = {record.outcome for result in results for record in result.records if record.track}
     lines = [
         Line2D([], [], color=colour, label=name.replace("_", " "))
         for name, colour in OUTCOME_COLOURS.items()
@@ -327,11 +345,13 @@ def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int =
     def at(point: np.ndarray) -> tuple[int, int]:
         return round(float(middle[0] + scale * point[0])), round(float(middle[1] - scale * point[1]))
 
+    # a grid of metres, and the circle that counts as a landing
     for metres in range(-int(reach), int(reach) + 1):
         cv2.line(canvas, at(np.array([metres, -reach])), at(np.array([metres, reach])), (226, 228, 232), 1)
         cv2.line(canvas, at(np.array([-reach, metres])), at(np.array([reach, metres])), (226, 228, 232), 1)
     radius_m = config.episode.radius_m
     cv2.circle(canvas, at(np.zeros(2)), round(radius_m * scale), (0, 122, 90), 2, cv2.LINE_AA)
+    # the track so far, and where the regressor sees the pad
     for k in range(min(upto, len(track) - 1)):
         cv2.line(canvas, at(track[k]), at(track[k + 1]), (36, 87, 166), 2, cv2.LINE_AA)
     now = track[min(upto, len(track) - 1)]
@@ -339,6 +359,7 @@ def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int =
     if said is not None and now[2] >= config.descent.blind_m:  # lower down it does not look
         cv2.drawMarker(canvas, at(now[:2] + np.array(said)), (194, 65, 12), cv2.MARKER_TILTED_CROSS, 14, 2)
     cv2.circle(canvas, at(now), 6, (20, 24, 28), -1, cv2.LINE_AA)
+    # a height scale at the right edge
     top = max(float(track[:, 2].max()), 1.0)
     left, high = round(size_px * 0.93), round(size_px * (0.92 - 0.84 * max(now[2], 0) / top))
     cv2.line(canvas, (left, round(size_px * 0.08)), (left, round(size_px * 0.92)), (160, 166, 174), 2)
@@ -358,11 +379,11 @@ def _write(
 
 @dataclass(frozen=True)
 class Film:
-    """One episode: the drone's view beside the map, at the pace of the flight.
+    """An episode: the drone's view beside the map, at the pace of the flight.
 
     Attributes:
         title: of what.
-        frames: (n, h, w, 3) uint8 sRGB; the last one stays for a second.
+        frames: (n, h, w, 3) uint8 sRGB; the last frame stays for a second.
         hz: frames a second.
     """
 
@@ -417,7 +438,7 @@ def write_report(
     own = list_regressors(space)
     errors = [
         load_regressor(space, name).record
-        for name in dict.fromkeys(one.cell.regressor for one in results)
+        for name in dict.fromkeys(result.cell.regressor for result in results)
         if name in own
     ]
     context = {

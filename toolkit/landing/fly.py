@@ -56,7 +56,7 @@ class Pilot:
         # where no pad is said to be seen, the sum waits
         self._sum[chosen] += np.where(known[:, None], error, 0.0) * step_s
         slope = (error - self._last[chosen]) / step_s
-        # of a first picture, and after one without a pad, there is no slope
+        # of a first picture, and after a picture without a pad, there is no slope
         slope[~np.isfinite(slope)] = 0.0
         self._last[chosen] = error
         level = np.where(known[:, None], kp * error + ki * self._sum[chosen] + kd * slope, 0.0)
@@ -85,7 +85,7 @@ def fly(flights: Flights, look: Look, gains: tuple[float, float, float], descent
 
 @dataclass(frozen=True, order=True)
 class FlightCell:
-    """One combination that is flown."""
+    """A combination that is flown."""
 
     pad: str
     regressor: str
@@ -112,7 +112,7 @@ class FlightCell:
 
 
 class EpisodeRecord(BaseModel):
-    """One episode that has ended, a line of `episodes.jsonl`.
+    """An episode that has ended, a line of `episodes.jsonl`.
 
     Attributes:
         inputs: hash of all that decides it but cell and index.
@@ -163,7 +163,7 @@ class Flown:
     Attributes:
         folder: eval/landing/NAME.
         records: of all episodes of the cells.
-        cells: in order; one whose episodes failed is left out.
+        cells: in order; a cell whose episodes failed is left out.
         made: episodes of this run.
         places: where.
         seconds: what rendering, network and physics of this run took, of several processes all of theirs.
@@ -189,7 +189,7 @@ class Clock:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Of rendering, network, and the rest: physics and control."""
+        """Shares of the time for rendering, network, and the rest (physics and control)."""
         rest = self.whole - self.rendering - self.network
         return {"rendering_s": self.rendering, "network_s": self.network, "physics_s": rest, "whole_s": self.whole}
 
@@ -271,7 +271,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, en
     digests, numbers = {cell: setup.digest(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
     log = RecordLog(file, EpisodeRecord, required=False, compact=True)
-    cache = RecordCache(log, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
+    cache = RecordCache(log, lambda record: [((record.inputs, record.cell, record.index), record)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
     def keep(key: EpisodeKey, cell: FlightCell, flight: Flight) -> None:
@@ -324,7 +324,7 @@ def _load_predictors(
     for word in config.regressors:
         loaded = None if word in FINDERS else load_regressor(space, word, device)
         predictors[word if loaded is None else loaded.name] = loaded
-    trained = [one for one in predictors.values() if one is not None]
+    trained = [regressor for regressor in predictors.values() if regressor is not None]
     if not trained:
         optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
         return predictors, optics, config.size_m or 2.0
@@ -332,17 +332,17 @@ def _load_predictors(
     if config.image_px not in (None, first.image_px):
         raise FieldError(f"expected {first.image_px}, as {trained[0].name} was trained", {"image_px": config.image_px})
     optics = CameraConfig(image_px=first.image_px, fov_deg=first.fov_deg)
-    for one in trained:
-        one.check(optics)
+    for network in trained:
+        network.check(optics)
     return predictors, optics, config.size_m or first.size_m
 
 
 def _find_used(predictors: Mapping[str, Regressor | None], world: World) -> frozenset[str]:
     """Spots of a world that regressors were trained on."""
-    data = [one.record.data for one in predictors.values() if one is not None]
-    sets = [found for one in data for found in one.get("sets", [one])]
-    here = [one for one in sets if (one["world"], one.get("world_seed", world.seed)) == (world.name, world.seed)]
-    return frozenset(name.rpartition("-")[0] for one in here for name in one["places"]["train"])
+    data = [regressor.record.data for regressor in predictors.values() if regressor is not None]
+    sets = [found for recorded in data for found in recorded.get("sets", [recorded])]
+    here = [data for data in sets if (data["world"], data.get("world_seed", world.seed)) == (world.name, world.seed)]
+    return frozenset(name.rpartition("-")[0] for place in here for name in place["places"]["train"])
 
 
 def _choose_places(
@@ -413,7 +413,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
             (sites[int(index)], SiteView(pose, seed, int(index) * TICKS + tick, weather))
             for index, pose in zip(indices, poses, strict=True)
         ]
-        images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
+        images = np.stack(list(map_frames(lambda pair: pair[0].photograph(pair[1]), views)))
         seen = perf_counter()
         answers = finder.predict(images)
         clock.rendering += seen - begun
@@ -427,13 +427,15 @@ def _record(cell: FlightCell, inputs: str, places: Sequence[PadPlace], episode: 
     place = places[episode.index % len(places)]
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
-    seen = [tuple(one.round(3).tolist()) if np.isfinite(one).all() else None for one in episode.seen] if keep else []
+    seen = (
+        [tuple(sight.round(3).tolist()) if np.isfinite(sight).all() else None for sight in episode.seen] if keep else []
+    )
     return EpisodeRecord(
         inputs=inputs, pad=cell.pad, regressor=cell.regressor, world=cell.world, weather=cell.weather,
         severity=cell.severity, gains=cell.gains, index=episode.index, place=place.name, outcome=episode.outcome,
         error_m=_rounded(episode.error_m), time_s=round(episode.time_s, 3), path_m=round(episode.path_m, 3),
         speed_m_s=_rounded(episode.speed_m_s), tilt_deg=_rounded(episode.tilt_deg),
-        track=[tuple(one) for one in track], seen=seen,
+        track=[tuple(point) for point in track], seen=seen,
     )  # fmt: skip
 
 

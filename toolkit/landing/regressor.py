@@ -1,4 +1,4 @@
-"""A network that says where the pad is: two numbers from one picture; its record, its file, and what it looks at."""
+"""A network that says where the pad is: two numbers from a picture; its record, its file, and what it looks at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ SUFFIX = ".safetensors"
 CHUNK = 16
 """Pictures that are answered together, always so many: the last digits of a sum depend on the size of a batch."""
 STRIDE = 32
-"""Of the last features of a ResNet."""
+"""Stride of the last features of a ResNet, pixels."""
 SHOWN = 6
 
 
 class ErrorRow(BaseModel):
-    """Errors of one group of held-out frames.
+    """Errors of a group of held-out frames.
 
     Attributes:
         by, group: what they have in common, such as `height` and `2-4 m`.
@@ -58,7 +58,7 @@ class RegressorRecord(BaseModel):
         pool: what the last layer sees, see `build_module`.
         image_px, fov_deg: of the pictures that it takes.
         mean, std: of its normalisation, sRGB-encoded.
-        sigma_scale: factor on its uncertainty, from frames that it was not trained on; None without one.
+        sigma_scale: factor on its uncertainty, from frames that it was not trained on; None without an uncertainty.
         pad, pad_sha256, size_m: what it looks for.
         started_from: the weights that it was trained from.
         data: the set's inputs, seed, world and places; those of several below `sets`.
@@ -110,7 +110,7 @@ class Regressor:
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file without the suffix."""
         return self.record.name
 
     def outputs(self, batch: torch.Tensor) -> torch.Tensor:
@@ -144,7 +144,7 @@ class Regressor:
         return found
 
     def check(self, optics: CameraConfig) -> None:
-        """A `ToolkitError` where a camera is not the one that it was trained with."""
+        """Raise a `ToolkitError` if a camera differs from that of its training."""
         if (optics.image_px, optics.fov_deg) != (self.record.image_px, self.record.fov_deg):
             raise FieldError(
                 f"{self.name} was trained on pictures of {self.record.image_px} px and {self.record.fov_deg:g}°: "
@@ -263,9 +263,11 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
             name = f"over {low:g}{unit}" if np.isinf(high) else f"{low:g}-{high:g}{unit}"
             if within.any():
                 rows.append(_row(by, name, errors[within], heights[within]))
-    weathers = [one.weather if one.weather == "clear" else f"{one.weather}:{one.severity}" for one in samples.truths]
+    weathers = [
+        truth.weather if truth.weather == "clear" else f"{truth.weather}:{truth.severity}" for truth in samples.truths
+    ]
     for weather in sorted(set(weathers)):
-        within = np.array([one == weather for one in weathers])
+        within = np.array([kind == weather for kind in weathers])
         rows.append(_row("weather", weather, errors[within], heights[within]))
     return rows
 
@@ -288,7 +290,7 @@ def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
     """
     batch = as_batch(images).requires_grad_(True)
     answers = regressor.outputs(batch)
-    # pictures of a batch do not meet: the gradient of a sum over them holds each one's own
+    # pictures of a batch do not meet: the gradient of a sum over them holds that of each picture
     squares = sum(torch.autograd.grad(answers[:, k].sum(), batch, retain_graph=k == 0)[0].square() for k in range(2))
     assert isinstance(squares, torch.Tensor)
     return squares.sum(dim=1).sqrt().cpu().numpy()
@@ -311,7 +313,7 @@ def pick_samples(folder: Path) -> list[Sample]:
 def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[bytes, list[float]]:
     """PNG of frames with what the regressor looks at below each; and the share of it that lies on the pad."""
     saliency = find_saliency(regressor, np.stack([sample.image for sample in samples]))
-    shares = [float(one[sample.mask].sum() / one.sum()) for one, sample in zip(saliency, samples, strict=True)]
+    shares = [float(heat[sample.mask].sum() / heat.sum()) for heat, sample in zip(saliency, samples, strict=True)]
     figure = make_figure(1.9 * len(samples), 4.6)
     rows = figure.subplots(2, len(samples), squeeze=False)
     for k, sample in enumerate(samples):

@@ -55,7 +55,7 @@ class Pad:
     """A square sheet with a picture.
 
     Attributes:
-        name: `plain`, `apriltag`, `grey`, `noise`, or that of a trained one.
+        name: `plain`, `apriltag`, `grey`, `noise`, or that of a trained pad.
         picture: (n, n, 3) uint8 sRGB; its top is the pad's +y.
         size_m: side of the sheet, metres.
     """
@@ -70,12 +70,12 @@ class Pad:
 
     @cached_property
     def sha256(self) -> str:
-        """Of picture and size."""
+        """SHA-256 of picture and size."""
         return sha256_bytes(repr((self.picture.shape, self.size_m)).encode() + self.picture.tobytes())
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The sheet in its own frame, metres: its middle is the origin, it faces up; one for all places."""
+        """The sheet in its own frame, metres: its middle is the origin, it faces up; the same for all places."""
         half = self.size_m / 2
         corners = np.array([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], np.float32)
         return Mesh(

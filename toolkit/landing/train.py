@@ -1,4 +1,4 @@
-"""`toolkit landing train`: a network learns where the pad is, from given weights, by the one training loop."""
+"""`toolkit landing train`: a network learns where the pad is, from given weights, by the shared training loop."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ from toolkit.training.classifier_task import load_tensors
 from toolkit.training.loop import History, TrainingTask, fit
 
 RIDGE = 0.05
-"""Of the ridge regression, per frame, on standardised features."""
+"""Penalty of the ridge regression, per frame, on standardised features."""
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
@@ -125,7 +125,7 @@ def train_regressor(
 
     Args:
         space: the workspace; `rig/regressors` is written.
-        datasets: names of sets below captures/landing, or their folders; of one camera and pad.
+        datasets: names of sets below captures/landing, or their folders; of the same camera and pad.
         config: how.
         seed: of all draws.
         device: `auto`, `cpu` or `cuda`.
@@ -138,8 +138,8 @@ def train_regressor(
     words = [datasets] if isinstance(datasets, str) else datasets
     sets = read_sets([find_dataset(space, word) for word in words], config.frames)
     init = find_start(config.arch, config.init)
-    name = config.name or "-".join(one.name for one in sets)
-    digests = [shard.sha256 for one in sets for shard in one.about.shards]
+    name = config.name or "-".join(loaded.name for loaded in sets)
+    digests = [shard.sha256 for loaded in sets for shard in loaded.about.shards]
     inputs = config.sha256(digests, init.sha256, seed, name, 1)
     file = regressors_dir(space) / f"{name}{SUFFIX}"
     task = RegressorTask(config, sets, init, seed=seed, file=file, device=device, inputs=inputs)
@@ -170,7 +170,7 @@ class RegressorTask(TrainingTask[Regressor]):
         device: str, inputs: str,
     ) -> None:  # fmt: skip
         self.config, self.sets, self.init = config, sets, init
-        self.train = train = join_samples([one.train for one in sets])
+        self.train = train = join_samples([loaded.train for loaded in sets])
         self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
         self.title = f"Training {file.stem}"
         numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
@@ -264,18 +264,22 @@ class RegressorTask(TrainingTask[Regressor]):
         return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
 
     def _draw_batch(self, step: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        # epoch and position in it follow from the step, so that a resumed run draws the same batches
         per_epoch = max(len(self.chosen) // self.config.batch, 1)
         epoch, k = divmod(step, per_epoch)
         order = np.random.default_rng([self.seed, epoch, 64]).permutation(self.chosen)
         some = order[k * self.config.batch : (k + 1) * self.config.batch]
         batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
         if self.config.augment:
+            # augmentation: quarter turns, exposure, white balance and brightness
             rng = Draws(self.seed, step, self.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
-            # one gain for all channels, as exposure, and a small one for each, as white balance
+            # one gain for all channels, as exposure, and a small gain for each, as white balance
             gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))
             lift = rng.uniform(-0.05, 0.05, (len(some), 1, 1, 1))
-            batch = torch.stack([torch.rot90(one, int(turn), (1, 2)) for one, turn in zip(batch, turns, strict=True)])
+            batch = torch.stack(
+                [torch.rot90(image, int(turn), (1, 2)) for image, turn in zip(batch, turns, strict=True)]
+            )
             batch = (batch * torch.from_numpy(gain).float() + torch.from_numpy(lift).float()).clamp(0, 1)
             wanted = turn_offsets(wanted, turns)
         heights = torch.from_numpy(self.train.heights[some]).float()
@@ -285,6 +289,7 @@ class RegressorTask(TrainingTask[Regressor]):
         """Measure the weights on the held-out frames and write them, then their record."""
         from safetensors.torch import save
 
+        # the weights as bytes, and the camera they were trained with
         state = {name: value.detach().cpu().contiguous() for name, value in self.module.state_dict().items()}
         content, settings = save(state), self.config.record()
         about = self.sets[0].about
@@ -318,21 +323,21 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
-    """What a record says of the data: of one set, or of each below `sets`."""
+    """What a record says of the data: of a set, or of each below `sets`."""
     rows = [
-        {"inputs_sha256": one.about.inputs_sha256, "seed": one.about.seed, "world": one.about.world,
-         "world_seed": one.about.world_seed, "places": one.about.places}
-        for one in sets
+        {"inputs_sha256": loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
+         "world_seed": loaded.about.world_seed, "places": loaded.about.places}
+        for loaded in sets
     ]  # fmt: skip
     if len(sets) == 1:
         return rows[0] | {"n": n}
-    named = [row | {"name": one.name, "n": len(one.train.truths)} for one, row in zip(sets, rows, strict=True)]
-    return {"sets": named, "world": ", ".join(dict.fromkeys(one.about.world for one in sets)), "n": n}
+    named = [row | {"name": loaded.name, "n": len(loaded.train.truths)} for loaded, row in zip(sets, rows, strict=True)]
+    return {"sets": named, "world": ", ".join(dict.fromkeys(loaded.about.world for loaded in sets)), "n": n}
 
 
 def measure_errors(regressor: Regressor, sets: Sequence[LoadedSet]) -> list[ErrorRow]:
     """Errors of a regressor on held-out frames; of several sets together, then of each."""
-    samples = join_samples([one.held_out for one in sets])
+    samples = join_samples([loaded.held_out for loaded in sets])
     parts = []
     with progress("Testing on held-out frames", len(samples.truths)) as bar:
         for start in range(0, len(samples.truths), 64):
@@ -342,9 +347,11 @@ def measure_errors(regressor: Regressor, sets: Sequence[LoadedSet]) -> list[Erro
     answers = np.concatenate(parts)
     rows = summarise_errors(answers, samples)
     if len(sets) > 1:
-        ends = np.cumsum([len(one.held_out.truths) for one in sets])[:-1]
-        for one, own in zip(sets, np.split(answers, ends), strict=True):
-            rows.append(summarise_errors(own, one.held_out)[0].model_copy(update={"by": "data", "group": one.name}))
+        ends = np.cumsum([len(loaded.held_out.truths) for loaded in sets])[:-1]
+        for data_set, own in zip(sets, np.split(answers, ends), strict=True):
+            rows.append(
+                summarise_errors(own, data_set.held_out)[0].model_copy(update={"by": "data", "group": data_set.name})
+            )
     return rows
 
 

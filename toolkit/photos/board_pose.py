@@ -16,7 +16,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.markers import get_dictionary
 
 SEARCH_SIDE_PX = 1600
-"""Longer side of the picture in which markers are searched first; their corners are then refined in the full one."""
+"""Longer side of the picture in which markers are searched first; the full picture then refines their corners."""
 COARSE_SIDE_PX = 800
 LEAST_OTHERS = 4
 SMALL_SIDE_PX = 1000
@@ -28,13 +28,13 @@ LEAST_CORNERS = 6
 # all of OpenCV's helps: an exhaustive search, contrast evened first, corners to a part of a pixel
 CHESS_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
 CHESS_REACH = 0.35
-"""Of a square's shortest side, what is looked at round a corner to refine it."""
+"""Radius of the window that refines a corner, as a share of a square's shortest side."""
 SMALLEST_MARKER_SHARE = 0.006
 SMALLEST_MARKER_PX = 6
 """Side of the smallest marker that is searched, as a share of the picture's longer side and at least in pixels: it has
 six modules or more, and noise in a small picture is full of smaller squares."""
 TWICE_SHARE = 0.2
-"""Of the markers that were read; where more are there twice, two boards are in the picture."""
+"""Largest share of the read markers that may be there twice; above it, the picture shows two boards."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class BoardSighting:
 def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     """Find a board's corners, to a fraction of a pixel, however much of it the object covers.
 
-    Large photographs are searched at a reduced size first. Where little is found, a larger size, a coarser one (blur)
-    and one with evened-out contrast (light that falls unevenly, over-exposure) follow.
+    Large photographs are searched at a reduced size first. Where little is found, a larger size, a coarser size (blur)
+    and a picture with evened-out contrast (light that falls unevenly, over-exposure) follow.
 
     Args:
         image: (h, w, 3) uint8 sRGB, upright.
@@ -96,7 +96,7 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
 
 FAMILIES = ("DICT_4X4", "DICT_5X5", "DICT_6X6", "DICT_7X7")
 SIZES = (50, 100, 250, 1000)
-"""Markers in each size of a family: a smaller one is the larger one's beginning, where nearly every board begins."""
+"""Markers in each size of a family: a smaller dictionary begins a larger, as nearly every board does."""
 OTHERS = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h11")
 """Without `DICT_APRILTAG_16h5`, which is seen in any texture."""
 LEAST_MARKERS = 4
@@ -132,7 +132,7 @@ def read_markers(
         parameters.minMarkerPerimeterRate = max(parameters.minMarkerPerimeterRate, least)
     _, ids, _, of = cv2.aruco.ArucoDetector(dictionaries, parameters).detectMarkersMultiDict(grey)
     read: list[set[int]] = [set() for _ in names]
-    for number, k in zip(*(np.ravel(one) for one in (ids, of)), strict=True) if ids is not None else ():
+    for number, k in zip(*(np.ravel(array) for array in (ids, of)), strict=True) if ids is not None else ():
         read[int(k)].add(int(number))
     return read
 
@@ -156,7 +156,7 @@ def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
 
 
 def explain_absence(image: np.ndarray, board: Board) -> str:
-    """Why `find_board` finds none: it is there twice, mirrored, or another one; "no board is seen" where nothing is."""
+    """Return why `find_board` finds no board: twice there, mirrored, or another board; else "no board is seen"."""
     grey = shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
     finder = _make_finder(board)
     if finder.sees_two(grey):
@@ -207,7 +207,7 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def shrink(grey: np.ndarray, side_px: int) -> np.ndarray:
-    """(h, w) uint8 whose longer side is so many pixels at most, and whose shorter one is never none."""
+    """(h, w) uint8 whose longer side is so many pixels at most, and whose shorter side has at least a pixel."""
     share = side_px / max(grey.shape)
     if share >= 1:
         return grey
@@ -230,7 +230,7 @@ class _MarkerFinder:
         self._markers = cv2.aruco.ArucoDetector(dictionary, detector_parameters())
 
     def find(self, full: np.ndarray, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Corner numbers (n,) and pixels (n, 2) in the full picture, from markers found in the searched one.
+        """Corner numbers (n,) and pixels (n, 2) in the full picture, from markers found in the searched picture.
 
         Corner 4 k + i is corner i of the board's marker k.
         """
@@ -248,7 +248,7 @@ class _MarkerFinder:
     def list_others(self, grey: np.ndarray) -> list[int]:
         """Numbers of the markers of its dictionary that are seen and not on it."""
         ids = _detect(self._markers, grey)[1]
-        return sorted({int(one) for one in ids.ravel()} - set(self._places)) if ids is not None else []
+        return sorted({int(number) for number in ids.ravel()} - set(self._places)) if ids is not None else []
 
     def _read(self, full: np.ndarray, searched: np.ndarray) -> dict[int, np.ndarray]:
         """Corners (4, 2) of the board's markers by number; none where the board is there twice."""
@@ -308,7 +308,7 @@ class _ChessFinder:
             np.linalg.norm(np.diff(places, axis=1), axis=2).min(),
             np.linalg.norm(np.diff(places, axis=0), axis=2).min(),
         )
-        # a wider window would reach the next corner, a smaller one sees nothing but the blur of this
+        # a wider window would reach the next corner, a smaller window sees nothing but the blur of this corner
         reach = int(np.clip(CHESS_REACH * min(steps), 2, 10))
         start = np.ascontiguousarray(places.reshape(-1, 1, 2), np.float32)
         places = cv2.cornerSubPix(full, start, (reach, reach), (-1, -1), STOP).reshape(grid.shape).astype(float)
@@ -331,13 +331,13 @@ class _ChessFinder:
         return corners.reshape(size[1], size[0], 2).astype(float) if found else None
 
     def _orient(self, grey: np.ndarray, grid: np.ndarray) -> np.ndarray:
-        """The same corners from the board's upper left one, which is known by the black square beyond it."""
+        """The same corners from the board's upper left corner, which is known by the black square beyond it."""
         right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
         if right[0] * down[1] - right[1] * down[0] < 0:  # a board is never seen from behind
             grid = grid[:, ::-1]
         turned = grid[::-1, ::-1]
         if self._board.looks_the_same_turned:
-            # either reading is right: the one whose first corner lies upper left is at least the same always
+            # either reading is right: the reading whose first corner lies upper left is at least always the same
             return grid if grid[0, 0].sum() <= turned[0, 0].sum() else turned
         return grid if _starts_black(grey, grid) else turned
 
@@ -349,7 +349,7 @@ def _blank(grey: np.ndarray, grid: np.ndarray) -> np.ndarray:
 
 
 def _starts_black(grey: np.ndarray, grid: np.ndarray) -> bool:
-    """Whether the squares on the diagonal of the first inner one, which are like the upper left one, are the dark."""
+    """Whether the squares on the diagonal of the first inner corner, which are like the upper left square, are dark."""
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     at = centres.astype(np.float32)
     light = cv2.remap(grey, at[..., 0].copy(), at[..., 1].copy(), cv2.INTER_LINEAR).astype(float)

@@ -22,14 +22,14 @@ from toolkit.rig.board import Board
 
 VIDEO_EVERY_S = 1.0
 MOST_FRAMES = 30
-"""Of one video: more teach a lens little."""
+"""Largest number of frames taken from a video; more frames hardly improve the lens."""
 
 LensKey = tuple[str | None, float | None, tuple[int, int]]
 
 
 @dataclass(frozen=True)
 class LensResult:
-    """What came of the photographs of one camera, focal length and size.
+    """Result of the photographs of a camera at a focal length and size.
 
     Attributes:
         camera, focal_35mm_mm: as EXIF has them.
@@ -85,6 +85,7 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
     found = list_photos(folder)
     if not found.photos:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG, DNG or video files of the board")
+    # views of the board by camera, focal length and size
     views: dict[LensKey, list[tuple[str, BoardSighting]]] = {}
     without_board: list[tuple[str, str]] = []
     unreadable, seen = list(found.refused), set[tuple[str, int | None]]()
@@ -106,12 +107,13 @@ def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
             except UnreadableImage as error:
                 unreadable.append((name, error.reason))
             bar.advance(note=name)
+    # a lens for each
     lenses = [_calibrate(key, of_lens) for key, of_lens in views.items()]
     return CalibrationRun(tuple(lenses), tuple(without_board), tuple(unreadable))
 
 
 def stored_sighting(sighting: BoardSighting, turns: int) -> BoardSighting:
-    """A sighting in an upright picture, moved to the stored one: `turns` quarter turns clockwise bring it upright."""
+    """Move a sighting from the upright to the stored picture, which `turns` quarter turns clockwise set upright."""
     x, y = sighting.corners_px.T
     width, height = sighting.width, sighting.height
     places = {0: (x, y), 1: (y, width - x), 2: (width - x, height - y), 3: (height - y, x)}[turns % 4]
@@ -148,7 +150,7 @@ def _calibrate(key: LensKey, views: list[tuple[str, BoardSighting]]) -> LensResu
 
 LONGEST_NAME = 100
 ARROW_SHARE = 0.03
-"""Of the frame's width, how long the arrow of a usual error is drawn."""
+"""Length of the arrow of a usual error, as a share of the frame's width."""
 
 
 @with_default_style

@@ -42,7 +42,7 @@ def grow_corners(
         tried = {
             i: _see_corner(grey, board, i, anchors_mm, anchors_px) for i in range(len(world))
         }  # those known before too: they tell what contrast is usual
-        seen = {i: one for i, one in tried.items() if one is not None}
+        seen = {i: sight for i, sight in tried.items() if sight is not None}
         if not seen:
             break
         # most corners are true, so the upper quartile says what contrast this photograph's board has
@@ -82,7 +82,7 @@ def _see_corner(
         return None
     start = places[:1].astype(np.float32).reshape(1, 1, 2)
     place = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), STOP).reshape(2)
-    # `cornerSubPix` walks off to a stronger corner where there is none: what it returns far away is not this one
+    # `cornerSubPix` walks off to a stronger corner where there is none: what it returns far away is not this corner
     if np.linalg.norm(place - places[0]) > max(MOST_SHIFT * side, 1.0):
         return None
     return place, _contrast(grey, board, number, homography, place - places[0])
@@ -157,7 +157,7 @@ def refine_outline(grey: np.ndarray, corners: np.ndarray, reach: float) -> np.nd
     offset = (rise * (steps[1:] + steps[:-1]) / 2).sum(axis=2) / np.maximum(weight, 1e-9)
     if (weight.sum(axis=1) <= 0).any():
         return corners
-    ends = np.stack([_fit_line(one, by) for one, by in zip(offset, weight, strict=True)])
+    ends = np.stack([_fit_line(edge, by) for edge, by in zip(offset, weight, strict=True)])
     starts = corners + ends[:, :1] * outwards
     stops = corners + sides + ends[:, 1:] * outwards
     return _meet(np.roll(starts, 1, axis=0), np.roll(stops, 1, axis=0), starts, stops, corners)

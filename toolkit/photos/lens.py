@@ -15,23 +15,23 @@ from toolkit.photos.photo import Photo
 from toolkit.rig.camera import NO_DISTORTION, Camera, Distortion
 
 FULL_FRAME_DIAGONAL_MM = 43.2666
-"""Of 36 × 24 mm. A 35 mm-equivalent focal length is taken as the one with the same *diagonal* angle of view, as CIPA's
-DCG-001 has it and phones write it."""
+"""Diagonal of 36 × 24 mm. A 35 mm-equivalent focal length is read as the focal length with the same *diagonal*
+angle of view, as CIPA's DCG-001 defines it and phones write it."""
 
 SAME_ASPECT = 0.01
 """Relative difference of aspect ratios up to which two pictures are of the same frame at two sizes."""
 
 
-def same_aspect(one: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_aspect(first: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two picture sizes (width, height) have the same shape."""
-    return abs(one[0] * other[1] / (one[1] * other[0]) - 1) < SAME_ASPECT
+    return abs(first[0] * other[1] / (first[1] * other[0]) - 1) < SAME_ASPECT
 
 
 def scale_lens(lens: Camera, width: int, height: int) -> Camera:
     """The same lens in pictures of another size and the same shape.
 
     Raises:
-        ToolkitError: the shapes differ, so that one is a crop of the other in a way that is not known.
+        ToolkitError: the shapes differ, so that the crop between them is unknown.
     """
     if not same_aspect((lens.width, lens.height), (width, height)):
         raise ToolkitError(
@@ -53,7 +53,7 @@ def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
 
 
 SAME_FOCAL = 0.02
-"""Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of one lens of a phone."""
+"""Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of the same lens of a phone."""
 LESS_SURE = 1.1
 """Times by which a standard deviation must exceed another for a lens to be called worse: the same photographs with one
 more or less change it by less."""
@@ -62,7 +62,7 @@ SENSOR_TURNS = {6: 1, 3: 2, 8: 3}
 
 
 class LensRecord(BaseModel):
-    """One calibrated lens.
+    """A calibrated lens.
 
     Attributes:
         camera: maker and model as EXIF has them, None for a camera that writes none.
@@ -95,12 +95,12 @@ class LensRecord(BaseModel):
         return Camera.from_intrinsics(self.model_dump(), self.distortion)
 
     def same_lens(self, other: "LensRecord") -> bool:
-        """Whether both are of one camera, focal length and size, so that the newer one replaces the older."""
+        """Whether both are of the same camera, focal length and size, so that the newer lens replaces the older."""
         sizes = (self.width, self.height) == (other.width, other.height)
         return sizes and self.camera == other.camera and _same_focal(self.focal_35mm_mm, other.focal_35mm_mm)
 
     def is_surer_than(self, other: "LensRecord") -> bool:
-        """Whether its focal length is known better, by more than a tenth; no where one of the two does not say."""
+        """Whether its focal length is known better, by more than a tenth; False if either is unknown."""
         if self.focal_sigma_px is None or other.focal_sigma_px is None:
             return False
         # relative to fx, since the two may be of pictures of other sizes
@@ -117,7 +117,7 @@ class LensFile(BaseModel):
 
 @dataclass(frozen=True)
 class LensChoice:
-    """The lens of one photograph, upright as its pixels are read.
+    """The lens of a photograph, upright as its pixels are read.
 
     Attributes:
         lens: None where it is not known.
@@ -150,7 +150,7 @@ def write_lenses(
 ) -> tuple[Path, list[tuple[LensRecord, LensRecord]]]:
     """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced.
 
-    One that is less sure than the one that is there does not replace it, unless `replace`.
+    A less certain lens does not replace the stored lens, unless `replace`.
 
     Returns:
         The file, and (old, new) of the old lenses that were kept instead.
@@ -168,7 +168,7 @@ def write_lenses(
 
 
 def choose_lens(photo: Photo, records: list[LensRecord]) -> LensChoice:
-    """The lens that a photograph was taken with: a calibrated one, else what EXIF says, else none and why."""
+    """The lens that a photograph was taken with: the calibrated lens, else what EXIF says, else none and why."""
     turns = turns_upright(photo.path)
     stored = (photo.width, photo.height) if turns % 2 == 0 else (photo.height, photo.width)
     same_camera = [record for record in records if record.camera == photo.camera]
@@ -228,5 +228,5 @@ def _why_not_calibrated(
     )
 
 
-def _same_focal(one: float | None, other: float | None) -> bool:
-    return one is None or other is None or abs(one / other - 1) < SAME_FOCAL
+def _same_focal(first: float | None, other: float | None) -> bool:
+    return first is None or other is None or abs(first / other - 1) < SAME_FOCAL

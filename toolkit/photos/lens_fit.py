@@ -12,7 +12,7 @@ from toolkit.rig.camera import Camera
 
 LEAST_VIEWS = 6
 LEAST_CORNERS = 12
-"""Of a view that is used."""
+"""Smallest number of corners of a view that is used."""
 OUTLIER_SIGMAS = 4.0
 LEAST_OUTLIER_PX = 0.5
 BAD_VIEW = 3.0
@@ -28,7 +28,7 @@ MOST_FOCAL_SIGMA = 0.05
 """Less sure than that, what EXIF says is better."""
 SLANT = 0.1
 """By this share the camera's distance must change over the board for a view to count as slanted. Seen straight on, a
-long lens far away and a short one near by take the same picture."""
+long lens far away and a short lens near by take the same picture."""
 LEAST_SLANTED = 3
 GOOD_TILT_DEG = 25.0
 """`LEAST_SLANTED` views should see the board under so much; below it a board that is not quite flat bends the focal
@@ -41,7 +41,7 @@ UNEVEN_PIXELS, UNEVEN_SIGMAS = 0.01, 3.0
 """Sensors have square pixels: fx and fy that differ by more than 1 %, and by more than chance, are the print's."""
 BEND_SIGMAS = 3.0
 LEAST_BEND_SHARE = 1e-3
-"""Of the board's diagonal, a third of a millimetre of A4: less bend is no matter."""
+"""Smallest bend that counts, as a share of the board's diagonal; 0.3 mm on A4."""
 BEND_ROUNDS, BEND_STOP_MM = 5, 5e-3
 ROUNDS = 4
 
@@ -86,6 +86,7 @@ class Calibration:
         """What would make the calibration surer; empty where nothing is amiss."""
         lines = []
         lens = self.lens
+        # focal length: its uncertainty, and views at a slant that fix it
         if self.focal_sigma_px / lens.fx > GOOD_FOCAL_SIGMA:
             lines.append(
                 f"the focal length is known to {self.focal_sigma_px / lens.fx:.1%} only: add photos that see the "
@@ -98,6 +99,7 @@ class Calibration:
                 "farther away would take the same pictures, so focal length and distances may be off together; add "
                 "photos tilted by 30° to 60°"
             )
+        # the board: its squares, and whether it is flat
         if abs(lens.fy / lens.fx - 1) > max(UNEVEN_PIXELS, UNEVEN_SIGMAS * self.aspect_sigma):
             lines.append(
                 f"fx and fy differ by {abs(lens.fy / lens.fx - 1):.1%}, where sensors have square pixels: measure the "
@@ -108,6 +110,7 @@ class Calibration:
                 f"the board is not flat: its corners lie up to {self.bend_mm:.1f} mm out of one plane, which the lens "
                 f"allows for (as flat: {self.flat_px:.2f} px off), poses do not; tape it to glass or a board"
             )
+        # the frame: how much of it corners cover, and how well they fit
         if self.coverage < GOOD_COVERAGE:
             lines.append(
                 f"corners were seen in {self.coverage:.0%} of the frame: add photos with the board in its corners"
@@ -121,7 +124,7 @@ class Calibration:
 
 
 def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
-    """Fit focal lengths, principal point, distortion and the board's bend to views of it, in pictures of one size.
+    """Fit focal lengths, principal point, distortion and the board's bend to views of it, in pictures of the same size.
 
     Views, and then single corners, that do not agree with the rest are left out.
 
@@ -141,7 +144,7 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
     size = (views[0].width, views[0].height)
     coverage = cover([view.corners_px for view in used.values()], size)
     flags = 0 if len(used) >= K3_VIEWS and coverage >= GOOD_COVERAGE else cv2.CALIB_FIX_K3
-    # bounded: a round takes out one view, or corners, which may take a few rounds
+    # bounded: a round takes out a view, or corners; several rounds may be needed
     for _ in range(ROUNDS + len(views)):
         fit = _fit(list(used.values()), flags)
         # corners before views: one stray corner must not cost a whole photograph
@@ -254,25 +257,25 @@ class _Fit:
 
     @property
     def view_px(self) -> list[float]:
-        return [float(np.sqrt((one**2).sum(axis=1).mean())) for one in self.residuals]
+        return [float(np.sqrt((residual**2).sum(axis=1).mean())) for residual in self.residuals]
 
     @property
     def median_px(self) -> list[float]:
-        return [float(np.median(np.linalg.norm(one, axis=1))) for one in self.residuals]
+        return [float(np.median(np.linalg.norm(residual, axis=1))) for residual in self.residuals]
 
     def tilts(self) -> list[float]:
         """Degrees between the board's normal and the optical axis."""
         normals = [cv2.Rodrigues(rotation)[0][2, 2] for rotation in self.rotations]
-        return [float(np.degrees(np.arccos(min(abs(one), 1.0)))) for one in normals]
+        return [float(np.degrees(np.arccos(min(abs(normal), 1.0)))) for normal in normals]
 
     def spread(self) -> np.ndarray:
         """(k, k) covariance of fx, fy, cx, cy, the distortion and, last, the bend: the jackknife over views.
 
-        Corners of one view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
+        Corners of a view err together (motion, focus, a sheet that moved), so that the scatter of single corners, as
         OpenCV states it, is two to four times too sure. Without view v the least-squares solution is
         (H - H_v)⁻¹ (g - g_v) away; the sum of the squares of how it moves is the jackknife's variance (Efron and
         Tibshirani 1993, chapter 11). Few views make that unsure itself: by Student's t, two of the deviations that are
-        stated hold what two of a normal one do.
+        stated hold what two of a normal distribution do.
         """
         from scipy.stats import t as student
 

@@ -63,7 +63,7 @@ def locate_sighting(photo: Photo, sighting: BoardSighting | None, lenses: list[L
 
 
 AMBIGUOUS_MARGIN_DEG = 3.0
-"""Where the next pose's cost is no more than this above the best one's, which of them was meant is not known."""
+"""Largest lead of the best pose's cost over the next pose's at which the intended pose is unknown."""
 FAR_DEG = 10.0
 """From here on a photograph stands for no pose of the plan: half the way between two elevations of the default grid."""
 FAR_ROLL_DEG = 20.0
@@ -101,9 +101,9 @@ class PoseMatch:
         roll_deg: difference in roll, -180 to 180.
         azimuth_deg, elevation_deg: differences.
         distance_mm: difference of the distances from the object.
-        runner_up: id of the next pose, None in a plan of one.
+        runner_up: id of the next pose; None in a plan with a single pose.
         runner_up_deg: its angle.
-        margin_deg: how much dearer the next pose is; infinite in a plan of one.
+        margin_deg: how much dearer the next pose is; infinite in a plan with a single pose.
     """
 
     pose_id: int
@@ -124,7 +124,7 @@ class PoseMatch:
 
     @property
     def far(self) -> bool:
-        """Whether the photograph is too far from every pose to stand for one."""
+        """Whether the photograph is too far from every pose to show any of them."""
         return self.error_deg > FAR_DEG or abs(self.roll_deg) > FAR_ROLL_DEG
 
     def describe(self) -> str:
@@ -195,9 +195,9 @@ def _compare(T_world_camera: np.ndarray, pose: Pose) -> tuple[float, PoseMatch]:
     )
 
 
-def _roll_between(one: np.ndarray, other: np.ndarray) -> float:
-    """Degrees that `other` is turned about its line of sight against `one`, their difference in aim taken out."""
-    turn = one[:3, :3].T @ other[:3, :3]
+def _roll_between(first: np.ndarray, other: np.ndarray) -> float:
+    """Degrees that `other` is turned about its line of sight against `first`, their difference in aim taken out."""
+    turn = first[:3, :3].T @ other[:3, :3]
     # the angle of the nearest turn about z, which is the line of sight: the polar part of the upper 2 × 2 block
     return float(np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])))
 
@@ -206,7 +206,7 @@ def _wrap(degrees: float) -> float:
     return (degrees + 180) % 360 - 180
 
 
-def _angle(one: np.ndarray, other: np.ndarray) -> float:
+def _angle(first: np.ndarray, other: np.ndarray) -> float:
     """Degrees between two vectors, exact for small angles too."""
     # arctan2 of sine and cosine: arccos alone loses digits where vectors are nearly parallel
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, other)), first @ other)))

@@ -1,13 +1,13 @@
 """Which pose of the plan a photograph shows, where there is no board: the render that it looks most like.
 
 Each pose is rendered once, small. A photograph is compared with all of them in every place and at every size that the
-object may have in it, by the directions of its edges (histograms of oriented gradients: Dalal and Triggs, 2005) and by
-how its colours differ from place to place. Neither depends on how bright or how tinted the light is. What lies outside
-the object's outline counts for nothing.
+object may have in it. The comparison uses the directions of its edges (histograms of oriented gradients: Dalal and
+Triggs, 2005) and how its colours differ from place to place. Neither depends on the brightness or tint of the light.
+Pixels outside the object's outline do not count.
 
-Measured with the rig's own pictures of the four built-in objects at 18 poses each, in light, on tables and with lenses
-other than the templates', the camera a few degrees beside its pose: the right pose comes first in 262 of 288 (racer 69
-of 72, warplane 67, coffeepot 67, eggnog, whose sides are alike, 59). 189 are called unambiguous; one of them is wrong.
+The rig's pictures of the four built-in objects at 18 poses each differ from the templates in light, table and lens, and
+by a few degrees of the camera. The correct pose comes first in 262 of 288 (racer 69 of 72, warplane 67, coffeepot 67,
+eggnog, whose sides are alike, 59). 189 are called unambiguous; 1 of these is wrong.
 The thresholds were set on half of these pictures. Photographs of real objects are harder: the mesh is not exact.
 """
 
@@ -32,9 +32,9 @@ OBJECT_CELLS = 20
 """The object's longer side in the picture, in cells."""
 WINDOW_CELLS = OBJECT_CELLS + 2
 SHARES = tuple(float(share) for share in 1.08 * 0.87 ** np.arange(10))
-"""Sizes at which the object is looked for: its longer side as a share of the photograph's shorter one."""
+"""Sizes at which the object is looked for: its longer side as a share of the photograph's shorter side."""
 COLOUR_WEIGHT = 0.5
-"""Of colour against edges, for an object as colourful as `COLOURFUL`; less for a paler one."""
+"""Weight of colour against edges for an object as colourful as `COLOURFUL`; paler objects get less."""
 COLOURFUL = 0.12
 LEAST_SCORE = 0.3
 LEAST_MARGIN = 0.05
@@ -66,7 +66,7 @@ class RenderMatch:
 
     @property
     def runner_up(self) -> int | None:
-        """The next pose, None in a plan of one."""
+        """The next pose; None in a plan with a single pose."""
         return self.ranking[1][0] if len(self.ranking) > 1 else None
 
     @property
@@ -153,18 +153,18 @@ def match_objects(image: np.ndarray, templates: Mapping[str, PoseTemplates]) -> 
 
 
 def _score(image: np.ndarray, templates: Sequence[PoseTemplates]) -> list[np.ndarray]:
-    """Of each object (poses,) the score of the window that looks most like the pose."""
-    best = [np.full(len(one.ids), -1.0) for one in templates]
+    """Return for each object (poses,) the score of the window that looks most like the pose."""
+    best = [np.full(len(template.ids), -1.0) for template in templates]
     for edges, colours in _windows(image):
         # with the squares, the energy of each window within each mask is one matrix product
         squares = edges**2
-        for k, one in enumerate(templates):
-            score = edges @ one.edges.T
+        for k, compared in enumerate(templates):
+            score = edges @ compared.edges.T
             # a cosine: a window of strong edges is no more alike for that
-            score /= np.sqrt(np.maximum(squares @ one.edge_masks.T, 1e-6))
-            if one.colour_weight > 0:
-                score = score + one.colour_weight * _compare_colours(colours, one)
-                score /= 1 + one.colour_weight
+            score /= np.sqrt(np.maximum(squares @ compared.edge_masks.T, 1e-6))
+            if compared.colour_weight > 0:
+                score = score + compared.colour_weight * _compare_colours(colours, compared)
+                score /= 1 + compared.colour_weight
             best[k] = np.maximum(best[k], score.max(axis=0))
     return best
 

@@ -58,7 +58,7 @@ SUFFIXES = {
 """The suffix of a photograph of each kind in a capture folder; what has no viewer there is kept as JPEG."""
 RAW_SUFFIX = ".dng"
 MOST_BYTES = 512 << 20
-"""Limit on one photograph's file: the largest raw files are half of it."""
+"""Limit on a photograph's file: the largest raw files are half of it."""
 QUARTER_TURNED = (5, 6, 7, 8)
 
 
@@ -67,7 +67,7 @@ class ExifFacts:
     """The part of EXIF that matters here; what is missing or makes no sense is None.
 
     Attributes:
-        taken: when the shutter opened, with the camera's offset from UTC where it wrote one.
+        taken: when the shutter opened, with the camera's offset from UTC if the camera wrote it.
         camera: maker and model.
         focal_mm: true focal length.
         focal_35mm_mm: of a 35 mm camera with the same angle of view.
@@ -205,7 +205,9 @@ def find_preview(path: Path) -> Preview:
     path = Path(path)
     try:
         with path.open("rb") as file, _no_warnings():
-            found = [one for directory in _directories(file, MOST_DIRECTORIES) if (one := _jpeg_in(directory, file))]
+            found = [
+                preview for directory in _directories(file, MOST_DIRECTORIES) if (preview := _jpeg_in(directory, file))
+            ]
             file.seek(0)
             exif = Image.Exif()
             exif.load_from_fp(file)
@@ -215,7 +217,7 @@ def find_preview(path: Path) -> Preview:
     if not found:
         raise UnreadableImage(path, "a DNG without a JPEG preview: export it from your raw converter as JPEG or TIFF")
     # a DNG may hold a thumbnail beside the full preview
-    offset, length, width, height = max(found, key=lambda one: one[2] * one[3])
+    offset, length, width, height = max(found, key=lambda preview: preview[2] * preview[3])
     return Preview(offset, length, width, height, facts)
 
 
@@ -287,19 +289,19 @@ def _jpeg_in(directory: ImageFileDirectory_v2, file: BinaryIO) -> tuple[int, int
 
 def _numbers(value: object) -> list[int]:
     values = value if isinstance(value, tuple) else (value,)
-    return [one for one in values if isinstance(one, int) and one > 0]
+    return [value for value in values if isinstance(value, int) and value > 0]
 
 
 @dataclass(frozen=True)
 class Photo:
-    """What is known of one photograph without decoding it.
+    """What is known of a photograph without decoding it.
 
     Attributes:
         path: the file.
         sha256: of the file.
         kind: by content: jpeg, heif, avif, png, tiff, webp, bmp, gif, dng or video.
         width, height: pixels, upright.
-        taken: when, with the offset from UTC where the camera wrote one; None where it did not say.
+        taken: when, with the offset from UTC if the camera wrote it; None if unknown.
         camera: maker and model, or None.
         focal_mm, focal_35mm_mm: true and 35 mm-equivalent focal length, or None.
         frame: number of a video's frame, from 0; None for a photograph.
@@ -323,7 +325,7 @@ class Photo:
 
     @property
     def name(self) -> str:
-        """The file's name, and the frame where it is one of a video, as text that can be printed on one line."""
+        """The file's name, and the frame number for a video, as text that can be printed on one line."""
         shown = show_name(self.path.name)
         return shown if self.frame is None else f"{shown} frame {self.frame}"
 
@@ -430,7 +432,7 @@ def load_pixels(photo: Photo) -> np.ndarray:
 
 
 def check_file(path: Path) -> None:
-    """Check that a file is there, is a plain one and holds something, before anything opens it.
+    """Check that a plain file exists and is not empty, before anything opens it.
 
     Raises:
         UnreadableImage: says which of these it is not.

@@ -129,7 +129,7 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
         if again.sum() == kept.sum():
             break
         kept = again
-    # the rival is the best of the other cameras; starts that end at the same one do not count
+    # the rival is the best of the other cameras; starts that end at the same camera do not count
     best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
     angle = _angle_sigma_deg(best, world_mm[kept], lens)
     return PhotoPose(best.T_world_camera, best.rms_px, int(kept.sum()), angle, rival_px=rival.rms_px if rival else None)
@@ -161,7 +161,7 @@ def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.nd
     """(n,) which points agree with one homography, distortion taken out."""
     if len(pixels) < LEAST_POINTS:
         return np.zeros(len(pixels), bool)
-    # a homography holds only where straight lines are straight; in pixels again, so that the limit is one of pixels
+    # a homography holds only where straight lines are straight; in pixels again, so that the limit is in pixels
     flat = lens.undistort(pixels) * [lens.fx, lens.fy]
     limit = GROSS_SHARE * float(np.hypot(lens.width, lens.height))
     cv2.setRNGSeed(0)  # RANSAC draws: the same picture gives the same pose

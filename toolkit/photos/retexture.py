@@ -1,4 +1,4 @@
-"""Put another patch into photographs of a printed one, with their own paper, inks, light, lens and noise.
+"""Put another patch into photographs of a printed patch, with their own paper, inks, light, lens and noise.
 
 What `toolkit retexture` runs: `captures/retextured/OBJECT/VARIANT`, which `eval` reads as any capture folder.
 """
@@ -50,7 +50,7 @@ class RetextureRun:
         photos: (file's name, facts) of each photograph that was used.
         skipped: (path, reason) of those that could not be.
         bare: how many true photographs without a patch lie beside them.
-        paired: whether these are paired with the others, each with the one that was given at the same place.
+        paired: whether these are paired with the others, each with the patch that was given at the same place.
     """
 
     folder: Path
@@ -63,17 +63,17 @@ class RetextureRun:
 
 
 def make_controls(size_px: int, seed: int) -> dict[str, KnownPatch]:
-    """By variant: a grey patch, and one of random texels."""
+    """By variant: a grey patch, and a patch of random texels."""
     grey = np.full((size_px, size_px, 3), CONTROL_GREY, np.uint8)
     noise = Draws(seed, 0, "retexture").of("random patch").integers(0, 256, (size_px, size_px, 3), np.uint8)
     return {"grey-patch": KnownPatch("grey", grey), "random-patch": KnownPatch("random", noise)}
 
 
 def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureConfig) -> RetextureRun:
-    """Put other patches in the place of a printed one, into `captures/retextured/OBJECT/VARIANT`.
+    """Put other patches in the place of a printed patch, into `captures/retextured/OBJECT/VARIANT`.
 
-    Beside those that are asked for come a grey patch and one of random texels, and the photographs as they were taken;
-    `unpatched` are the true ones without a patch. One that was made from the same inputs before is kept.
+    Beside those that are asked for come a grey patch, a patch of random texels, and the photographs as they were taken;
+    `unpatched` are the true photographs without a patch. A picture from the same inputs is kept.
 
     Raises:
         ToolkitError: a patch is unknown, or none of the photographs shows it.
@@ -87,7 +87,7 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
     name = config.object or _name_object(photos[0])
     root = workspace.source_dir(RETEXTURED)
     done = read_manifest(root) if root.is_dir() else {}
-    # numbers are given before anything is opened: one that cannot be used leaves a gap, and moves no other
+    # numbers are given before anything is opened: an unusable photograph leaves a gap, and moves no other
     files, bare_files = (list_files(given)[0] if given else [] for given in (photos, config.bare))
     paired = len(files) == len(bare_files)
     number_of = {file: number for number, file in enumerate(files, 1)}
@@ -120,18 +120,22 @@ def _retexture(
     root: Path, name: str, number: int, file: Path, found: Sequence[KnownPatch], variants: dict[str, KnownPatch],
     seed: int, done: dict[str, CaptureRecord],
 ) -> tuple[str, dict[str, Any]]:  # fmt: skip
-    """Name and facts of one photograph, its variants written."""
+    """Name and facts of a photograph, its variants written."""
     photo = read_photo(file)
+    # pictures of an earlier run are kept if their inputs are the same
     inputs = {
-        variant: sha256_bytes(repr((VERSION, photo.sha256, [one.sha256 for one in found], patch.sha256, seed)).encode())
+        variant: sha256_bytes(
+            repr((VERSION, photo.sha256, [patch_file.sha256 for patch_file in found], patch.sha256, seed)).encode()
+        )
         for variant, patch in variants.items()
     }
     inputs[AS_TAKEN] = photo.sha256
     records = {variant: done.get(_path(name, variant, number, photo)) for variant in inputs}
-    finished = {variant for variant, one in records.items() if is_finished(root, one, inputs[variant])}
+    finished = {variant for variant, record in records.items() if is_finished(root, record, inputs[variant])}
     first = records[next(iter(variants))]
     if first is not None and len(finished) == len(inputs):
         return photo.name, dict(first.made[RETEXTURED])
+    # fit the look of the photograph, then draw each patch by it
     fitted = fit_photo(file, found)
     facts = fitted.facts()
     made = {"with": f"toolkit {__version__}", RETEXTURED: facts}
@@ -143,6 +147,7 @@ def _retexture(
                 root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made,
                 inputs_sha256=inputs[variant],
             )  # fmt: skip
+    # the photograph as it was taken, encoded like the others
     if AS_TAKEN not in finished:
         taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         _write(
@@ -200,7 +205,7 @@ BANDS = 4
 
 @dataclass(frozen=True)
 class PredictedPhoto:
-    """One true photograph, predicted from another.
+    """A true photograph, predicted from another.
 
     Attributes:
         source, truth: names of the photographs; the same where its own patch was put back.
@@ -269,7 +274,7 @@ def check_retexture(
 ) -> RetextureCheck:
     """Predict each photograph of a known patch from those of other patches in the same place, and compare.
 
-    Photographs are of one place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
+    Photographs are of the same place where their names differ only in the name of the patch: `bear1_3in_over.jpg` and
     `bear2_3in_over.jpg`.
 
     Raises:
@@ -282,9 +287,9 @@ def check_retexture(
         photos,
         lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches),
     )
-    fitted = {one.photo.path.stem: one for one in made}
-    answers = {stem: _ask(classifiers, one.image) for stem, one in fitted.items()}
-    places = {stem: _place(stem, one) for stem, one in fitted.items()}
+    fitted = {photo.photo.path.stem: photo for photo in made}
+    answers = {stem: _ask(classifiers, photo.image) for stem, photo in fitted.items()}
+    places = {stem: _place(stem, photo) for stem, photo in fitted.items()}
     apart = [(a, b) for a, b in itertools.permutations(fitted, 2) if places[a] == places[b]]
     pairs = [(stem, stem) for stem in fitted] + apart
     rows = []
@@ -298,9 +303,9 @@ def check_retexture(
     return RetextureCheck(others, own, same_scene, tuple(skipped))
 
 
-def _place(stem: str, one: FittedPhoto) -> str | None:
+def _place(stem: str, photo: FittedPhoto) -> str | None:
     """What a file's name says beside its patch's; where it does not name the patch, nothing else is of its place."""
-    return stem.replace(one.patch.name, "", 1) if one.patch.name in stem else f"\0{stem}"
+    return stem.replace(photo.patch.name, "", 1) if photo.patch.name in stem else f"\0{stem}"
 
 
 def _same_scene(
@@ -308,11 +313,14 @@ def _same_scene(
 ) -> dict[str, tuple[int, int]]:
     answers = {}
     for stem in dict.fromkeys(stem for pair in pairs for stem in pair):
-        one = fitted[stem]
-        (picture,) = one.with_patches([make_controls(one.patch.pixels.shape[0], 0)["grey-patch"]], draws)
-        answers[stem] = _ask(classifiers, decode_image(encode_like(one.photo, picture), one.photo.path))
+        photo = fitted[stem]
+        (picture,) = photo.with_patches([make_controls(photo.patch.pixels.shape[0], 0)["grey-patch"]], draws)
+        answers[stem] = _ask(classifiers, decode_image(encode_like(photo.photo, picture), photo.photo.path))
     both = [(answers[a], answers[b]) for a, b in pairs if a < b]
-    return {one.name: (sum(a[one.name] == b[one.name] for a, b in both), len(both)) for one in classifiers}
+    return {
+        classifier.name: (sum(a[classifier.name] == b[classifier.name] for a, b in both), len(both))
+        for classifier in classifiers
+    }
 
 
 def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]:
@@ -328,27 +336,27 @@ def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]
 
 
 def predict_texels(
-    one: FittedPhoto, other: FittedPhoto, draws: Draws
+    first: FittedPhoto, other: FittedPhoto, draws: Draws
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The other's patch put into one photograph, through JPEG and back; and its texels there and as they are.
+    """The other patch put into the first photograph, through JPEG and back; and its texels there and as they are.
 
     These are (n², 3) sRGB-encoded means, and (n²,) bool where they lie in both pictures.
     """
-    (picture,) = one.with_patches([other.patch], draws)
-    predicted = decode_image(encode_like(one.photo, picture), one.photo.path)
+    (picture,) = first.with_patches([other.patch], draws)
+    predicted = decode_image(encode_like(first.photo, picture), first.photo.path)
     (said, shows), (seen, also) = (
         # all cells count: what one photograph hides is not what the other hides
         read_texels(
             image, replace(of.sighting, agreement=np.ones_like(of.sighting.agreement)), len(other.patch.pixels), of.look
         )
-        for image, of in ((predicted, one), (other.image, other))
+        for image, of in ((predicted, first), (other.image, other))
     )
     return predicted, said, seen, (shows > 0) & (also > 0)
 
 
-def redraw(one: FittedPhoto, other: FittedPhoto, draws: Draws) -> np.ndarray:
-    """The other photograph, its own patch drawn anew in one's colours, light, sharpness and noise."""
-    (picture,) = other.with_patches([other.patch], draws, one.look)
+def redraw(first: FittedPhoto, other: FittedPhoto, draws: Draws) -> np.ndarray:
+    """The other photograph, its own patch drawn again in the colours, light, sharpness and noise of the first."""
+    (picture,) = other.with_patches([other.patch], draws, first.look)
     return decode_image(encode_like(other.photo, picture), other.photo.path)
 
 
@@ -356,21 +364,21 @@ def _predict(
     source: str, truth: str, fitted: dict[str, FittedPhoto], answers: dict[str, dict[str, str]],
     classifiers: Sequence[Classifier], draws: Draws,
 ) -> PredictedPhoto:  # fmt: skip
-    one, other = fitted[source], fitted[truth]
-    predicted, said, seen, good = predict_texels(one, other, draws)
+    first, other = fitted[source], fitted[truth]
+    predicted, said, seen, good = predict_texels(first, other, draws)
     difference = delta_e2000(*(lab_of_linear(srgb_to_linear(values[good])) for values in (said, seen)))
     lumas = [
         # straightened to one size, so that octaves mean the same in both
         cv2.cvtColor(
             rectify_patch(image, replace(of.sighting, warp=of.look.warp), RECTIFIED_PX), cv2.COLOR_RGB2GRAY
         ).astype(np.float32)
-        for image, of in ((predicted, one), (other.image, other))
+        for image, of in ((predicted, first), (other.image, other))
     ]
     spectra = [_octaves(luma) for luma in lumas]
     sharp = [float(np.sqrt((cv2.Laplacian(luma, cv2.CV_32F) ** 2).mean())) for luma in lumas]
     noise = [_within_texels(luma, len(other.patch.pixels)) for luma in lumas]
     asked = _ask(classifiers, predicted)
-    there = asked if source == truth or not classifiers else _ask(classifiers, redraw(one, other, draws))
+    there = asked if source == truth or not classifiers else _ask(classifiers, redraw(first, other, draws))
     return PredictedPhoto(
         source, truth, float(np.median(difference)), sharp[0] / max(sharp[1], 1e-6),
         tuple(a / max(b, 1e-6) for a, b in zip(*spectra, strict=True)), noise[0] / max(noise[1], 1e-6),

@@ -22,16 +22,16 @@ MOST_PHOTOS = 12
 FIRST_PHOTOS = 3
 """In which every dictionary is tried."""
 LEAST_MARKERS = 4
-"""In one photograph: fewer are found in any clutter."""
+"""Smallest number of markers in a photograph with a board; any clutter yields fewer."""
 LEAST_SHARE = 0.2
-"""Of the photographs with a board, that a marker must be seen in to count as one of its own."""
+"""Share of the photographs with a board in which a marker must be found to count as the board's own."""
 NEAR_SIDES = 4.0
-"""Marker sides up to which two markers' places relative to one another are read from the smaller frame of one."""
+"""Marker sides up to which the relative places of two markers are read from the frame of the smaller marker."""
 REFINEMENTS = 20
 LEAST_AGREE = 0.9
 """Share of the markers whose numbers must follow from their row and column."""
 WORST_FIT = 0.2
-"""Of the step from marker to marker, how far the markers may lie from their rows and columns."""
+"""Largest distance of a marker from its row and column, as a share of the step from marker to marker."""
 CHESS_SEED = (3, 3)
 FAMILIES = tuple(
     name for name in (
@@ -96,11 +96,12 @@ def identify_board(folder: Path) -> FoundBoard:
     """Tell the board in a folder's photographs.
 
     Raises:
-        ToolkitError: no photographs, no board in them, or one whose layout is none that the kit knows.
+        ToolkitError: no photographs, no board in them, or a board whose layout is unknown.
     """
     listed = list_photos(folder).photos
     if not listed:
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG or DNG files of the board")
+    # photographs spread evenly over the folder
     chosen = [listed[i] for i in np.unique(np.linspace(0, len(listed) - 1, MOST_PHOTOS).round().astype(int))]
     pictures = []
     with progress("reading photographs", len(chosen)) as bar:
@@ -138,7 +139,7 @@ def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
 
 def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
     """The board with markers; None where fewer than `LEAST_MARKERS` are seen in any picture."""
-    # all dictionaries in a few pictures tell the family; the rest are read by that one alone
+    # all dictionaries in a few pictures tell the family; the rest are read with that dictionary alone
     few = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, FIRST_PHOTOS).round().astype(int))]
     counted: Counter[str] = Counter()
     with progress("telling the board", len(few) + len(pictures)) as bar:
@@ -146,7 +147,7 @@ def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
             read = read_markers(picture, FAMILIES, _strict_parameters(picture))
             counted.update({family: len(numbers) for family, numbers in zip(FAMILIES, read, strict=True)})
             bar.advance()
-        # markers of one dictionary are seldom read in another: the one with most is meant
+        # markers of a dictionary are seldom read in another: the dictionary with most markers is meant
         family = max(FAMILIES, key=counted.__getitem__)
         views = []
         for picture in pictures if counted[family] >= LEAST_MARKERS else ():
@@ -177,8 +178,8 @@ def _read(picture: np.ndarray, family: str) -> Markers:
         return {}
     counts = Counter(ids.ravel().tolist())
     return {
-        number: refine_marker(picture, one.reshape(4, 2), dictionary.markerSize + 2)
-        for number, one in zip(ids.ravel().tolist(), corners, strict=True)
+        number: refine_marker(picture, corner.reshape(4, 2), dictionary.markerSize + 2)
+        for number, corner in zip(ids.ravel().tolist(), corners, strict=True)
         if counts[number] == 1
     }
 
@@ -187,7 +188,7 @@ UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
-    """Middle (2,) of each marker on the board, in marker sides, right and down from an arbitrary one.
+    """Middle (2,) of each marker on the board, in marker sides, right and down from an arbitrary marker.
 
     Neighbours are placed in the frame that a marker's own corners span, which gives all places roughly by least
     squares; then each photograph's homography and the places are fitted in turn.
@@ -294,7 +295,7 @@ def _fit_numbers(
         if not firsts:
             continue
         first, agree = firsts.most_common(1)[0]
-        # OpenCV's legacy pattern is another one only where the count of rows is even
+        # OpenCV's legacy pattern differs only where the count of rows is even
         if first < 0 or (starts_white and rows % 2):
             continue
         dictionary = _smallest(family, first + len(squares))

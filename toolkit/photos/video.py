@@ -26,13 +26,13 @@ STILL_SHARE = 0.3
 """In a video that moves, what changes less than this share of its fast parts is held still."""
 LEAST_STILL_S = 0.4
 BRIDGED_LOOKS = 3
-"""So many unsteady looks do not end a still moment, if the picture after them is the one before them."""
+"""So many unsteady looks do not end a still moment, if the picture after them equals the picture before them."""
 LEAST_CONTRAST = 4.0
 
 
 @dataclass(frozen=True)
 class FrameLook:
-    """What is kept of one frame: its number, a small blurred grey picture (float32), and how sharp the frame is."""
+    """What is kept of a frame: its number, a small blurred grey picture (float32), and how sharp the frame is."""
 
     frame: int
     small: np.ndarray
@@ -51,7 +51,7 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
     """The number of the sharpest frame of each moment of stillness of at least 0.4 s, in order."""
     if len(looks) < 2:
         return [look.frame for look in looks]
-    changes = np.array([measure_change(one.small, other.small) for one, other in pairwise(looks)])
+    changes = np.array([measure_change(before.small, other.small) for before, other in pairwise(looks)])
     # the ninth decile is the fast part of the video, of which a share counts as still
     limit = max(STILL_CHANGE, STILL_SHARE * float(np.quantile(changes, 0.9)))
     moments = _join(_find_runs(changes < limit), looks, limit)
@@ -62,11 +62,11 @@ def choose_still_frames(looks: list[FrameLook], fps: float) -> list[int]:
     return chosen
 
 
-def measure_change(one: np.ndarray, other: np.ndarray) -> float:
+def measure_change(first: np.ndarray, other: np.ndarray) -> float:
     """Mean absolute difference of two small grey pictures, as a share of their contrast; 0 for equal ones."""
     # the larger contrast of both, and never less than `LEAST_CONTRAST`: a blank wall's noise is no change
-    contrast = max(float(one.std()), float(other.std()), LEAST_CONTRAST)
-    return float(np.abs(one - other).mean()) / contrast
+    contrast = max(float(first.std()), float(other.std()), LEAST_CONTRAST)
+    return float(np.abs(first - other).mean()) / contrast
 
 
 def _find_runs(still: np.ndarray) -> list[tuple[int, int]]:
@@ -180,7 +180,7 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
 
 
 def load_frame(path: Path, frame: int) -> np.ndarray:
-    """One frame, (h, w, 3) uint8 sRGB, upright; frames asked for in ascending order are read in one pass.
+    """A frame, (h, w, 3) uint8 sRGB, upright; frames asked for in ascending order are read in one pass.
 
     Raises:
         UnreadableImage: the video does not decode so far.
@@ -305,7 +305,7 @@ def _find_box(file: BinaryIO, kind: bytes, start: int, end: int) -> tuple[int, i
         if len(head) < 8:
             return None
         size, body = int.from_bytes(head[:4], "big"), start + 8
-        # a size of 1 says that the true one follows in eight bytes, 0 that the box reaches to the file's end
+        # a size of 1 says that the true size follows in eight bytes, 0 that the box reaches to the file's end
         if size == 1:
             size, body = int.from_bytes(head[8:16], "big"), start + 16
         elif size == 0:

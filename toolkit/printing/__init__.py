@@ -80,7 +80,7 @@ class PrintSettings(Config):
 
     @property
     def states_size(self) -> bool:
-        """Whether one of them was asked for: else the object that the patch goes on decides."""
+        """Whether any of them was asked for: else the object that the patch goes on decides."""
         # None, not a default: a size that was typed counts before the object's spec, even where it is equal
         return (self.size_mm, self.scale_percent, self.dpi) != (None, None, None)
 

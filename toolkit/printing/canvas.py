@@ -141,7 +141,7 @@ class Pdf(ReportLabCanvas):
 
     @contextmanager
     def page(self, paper: Paper | None = None) -> Iterator[None]:
-        """Draw one page; of another paper than the one before where `paper` is given."""
+        """Draw one page; of another paper than the page before if `paper` is given."""
         if paper is not None:
             self.setPageSize(_page_size(paper))
         self.scale(POINTS_PER_MM, POINTS_PER_MM)
@@ -163,7 +163,7 @@ class Pdf(ReportLabCanvas):
             self._layers[name] = self._doc.Reference(group)
             layers = list(self._layers.values())
             shown = PDFDictionary({"ON": PDFArray(layers), "Order": PDFArray(layers), "BaseState": PDFName("ON")})
-            # ReportLab writes only the entries of the catalogue that it knows: the new one is added to its list
+            # ReportLab writes only the entries of the catalogue that it knows: the new entry is added to its list
             catalog = self._doc.Catalog
             catalog.OCProperties = PDFDictionary({"OCGs": PDFArray(layers), "D": shown})
             catalog.__NoDefault__ = [*type(catalog).__NoDefault__, "OCProperties"]

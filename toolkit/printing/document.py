@@ -59,7 +59,7 @@ def say_sizes(sizes_mm: Sequence[float]) -> str:
 def is_same_size(sizes_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
     """Whether sheets have the sizes of others, in order."""
     return len(sizes_mm) == len(others_mm) and all(
-        abs(one - other) < SAME_MM for one, other in zip(sizes_mm, others_mm, strict=True)
+        abs(size_mm - other) < SAME_MM for size_mm, other in zip(sizes_mm, others_mm, strict=True)
     )
 
 
@@ -100,7 +100,7 @@ def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
 
 @dataclass(frozen=True)
 class PrintPlan(PagePlan):
-    """Every page of one patch's file: the patch's side, and the white paper round it."""
+    """Every page of a patch's file: the patch's side, and the white paper round it."""
 
     side_mm: float
     margin_mm: float
@@ -197,14 +197,14 @@ def place_patch(pdf: Pdf, x: float, y: float, side_mm: float, n_px: int) -> None
 
 @dataclass(frozen=True)
 class PrintedDocument:
-    """A finished PDF and how it is laid out: a plan for each sheet of the object, one after the other."""
+    """A finished PDF and how it is laid out: a plan for each sheet of the object, in turn."""
 
     content: bytes
     plans: tuple[PrintPlan, ...]
 
     @property
     def plan(self) -> PrintPlan:
-        """Of the only sheet, or the first."""
+        """Plan of the only sheet, or of the first."""
         return self.plans[0]
 
 
@@ -216,7 +216,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     Args:
         patch: the patch.
         settings: paper and size; where they state no size, the wearer's count, else the record's.
-        wearer: the object that it is printed for: its name, and of several sheets which one it is, stand in the margin.
+        wearer: the object that it is printed for; its name, and the number among several sheets, stand in the margin.
 
     Raises:
         ToolkitError: the patch would be under 1 mm or over 5 m wide.
@@ -227,15 +227,15 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     sizes = (trained_mm,) if wearer is None else wearer.sizes_mm
     states = settings.states_size
     settled = [settings if states or size is None else settings.with_overrides(size_mm=size) for size in sizes]
-    sides_mm = [measure_side_mm(record.n_px, one) for one in settled]
-    plans = [plan_pages(side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
-    labels = [compose_label(record, side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
+    sides_mm = [measure_side_mm(record.n_px, settings) for settings in settled]
+    plans = [plan_pages(side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
+    labels = [compose_label(record, side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
     keywords = {
         "class": record.class_name, "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm), "n_px": record.n_px,
         "patch_sha256": record.png_sha256,
     }  # fmt: skip
     title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
-    subject = f"{labels[0].title}: {' and '.join(one.size for one in labels)}"
+    subject = f"{labels[0].title}: {' and '.join(label.size for label in labels)}"
     pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
     define_patch(pdf, patch.pixels)
     number, total = 0, sum(len(plan.pages) for plan in plans)

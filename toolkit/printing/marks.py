@@ -27,20 +27,20 @@ from toolkit.rig.markers import DICTIONARY, STRIP_FIRST_ID, add_rects, black_rec
 CELL_MM = 7.0
 ROW_GAP_MM = 1.0
 QUIET_MM = 2.0
-"""White on either side of a marker: more than one of its modules."""
+"""White on either side of a marker: more than a module of it."""
 MARKER_MM = 10.5
 FIDUCIALS = {
     STRIP_FIRST_ID: ("#######", "#....##", "#..#.##", "###.###", "#####.#", "#.###.#", "#######"),
     STRIP_FIRST_ID + 1: ("#######", "#....##", "#..####", "####..#", "#...###", "##.#.##", "#######"),
 }
-"""Modules of the two markers of `DICTIONARY`, left one first; written out, so that printing does not load OpenCV."""
+"""Modules of the two markers of `DICTIONARY`, left first; written out, so that printing does not load OpenCV."""
 COLOURS = {
     "red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255), "cyan": (0, 255, 255), "magenta": (255, 0, 255),
     "yellow": (255, 255, 0), "light skin": (194, 150, 130), "middle skin": (155, 110, 90), "dark skin": (115, 82, 68),
     "white": (255, 255, 255), "black": (0, 0, 0),
 }  # fmt: skip
 """The corners of the cube of colours, which a printer's own corners answer to, and skin: light and dark are those of
-the 24-patch ColorChecker in sRGB, the middle one lies halfway."""
+the 24-patch ColorChecker in sRGB, the middle swatch lies halfway."""
 GREY_STEPS = 11
 CAPTION = "Cut out with a white border; photograph it beside the object: the kit knows these colours."
 CAPTION_HEIGHT_MM = 3.5
@@ -74,7 +74,7 @@ LINE_HEIGHT_MM = 4.0
 
 @dataclass(frozen=True)
 class Swatch:
-    """One colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
+    """A colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
 
     name: str
     x: float
@@ -103,7 +103,7 @@ class ColourStrip:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the swatches."""
+        """Names of the swatches."""
         return tuple(swatch.name for swatch in self.swatches)
 
     @cached_property
@@ -141,7 +141,8 @@ class ColourStrip:
         width, height = (round((side + 2 * border_mm) * px_per_mm) for side in self.size_mm)
         picture = np.full((height, width, 3), 255.0)
         swatches = [
-            (np.array([[one.x, one.y, one.x + one.side_mm, one.y + one.side_mm]]), one.srgb) for one in self.swatches
+            (np.array([[swatch.x, swatch.y, swatch.x + swatch.side_mm, swatch.y + swatch.side_mm]]), swatch.srgb)
+            for swatch in self.swatches
         ]
         for rects, colour in [*swatches, (self.marker_rects_mm(), (0, 0, 0))]:
             ink = np.zeros((height, width))
@@ -170,7 +171,7 @@ def lay_out_strip() -> ColourStrip:
 STRIP = lay_out_strip()
 """102 × 15 mm; it fits across the smallest paper that a patch is printed on."""
 LONG_MM, SHORT_MM = STRIP.size_mm[0] + 2 * QUIET_MM, STRIP.size_mm[1] + CAPTION_HEIGHT_MM + 2 * QUIET_MM
-"""Of the strip with its caption and the white that its markers need."""
+"""Sides of the strip with its caption and the white that its markers need, mm."""
 
 
 def strip_area(place: StripPlace) -> Rect:
@@ -181,7 +182,7 @@ def strip_area(place: StripPlace) -> Rect:
 
 
 def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:
-    """Places for the strip and what each leaves of the page's room: along the lower edge, then up the right one."""
+    """Places for the strip and what each leaves of the page's room: along the lower edge, then up the right edge."""
     width, _ = STRIP.size_mm
     if content.width >= LONG_MM:
         x = content.x + (content.width - width) / 2
@@ -246,9 +247,9 @@ def draw_frame(pdf: Pdf, frame: PageFrame, label: PatchLabel, page: str, advice:
 def _draw_check_bar(pdf: Pdf, upright: bool) -> None:
     """A ruler to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm.
 
-    Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright one.
+    Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright bar.
     """
-    # the upright bar is drawn turned by 90°, so that its outer side is the other one
+    # the upright bar is drawn turned by 90°, so that its outer side is the other side
     outwards, baseline = (1, 3.0) if upright else (-1, -4.7)
     with pdf.moved(BARS_MM, BARS_MM, 90 if upright else None):
         pdf.rect(0, min(0, outwards * BAR_THICKNESS_MM), BAR_MM, BAR_THICKNESS_MM, stroke=0, fill=1)
@@ -362,7 +363,7 @@ class SheetDrawing:
 
 
 def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: str) -> None:
-    """Draw one of a sheet's pages; `which` says for the header which one it is."""
+    """Draw a page of a sheet; `which` names it in the header."""
     frame = plan.frame
     which = f"{frame.paper.describe()}, {which}"
     if isinstance(page, MapPage):
@@ -389,7 +390,7 @@ def _count(number: int, thing: str) -> str:
 
 
 def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
-    """One tile's part of a sheet, clipped to its window, and the marks round it."""
+    """A tile's part of a sheet, clipped to its window, and the marks round it."""
     window, part = page.window, page.tile.area
     pdf.saveState()
     clip = pdf.beginPath()

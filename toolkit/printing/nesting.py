@@ -59,7 +59,7 @@ def _count_cells(shape: "Polygon") -> tuple[int, int]:
 def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     """Place shapes on pages, each turned by quarters; each `fits` on a page.
 
-    Shapes are laid one after the other at the topmost free place, then the leftmost, of the first page that has one
+    Shapes are laid in turn at the topmost free place, then the leftmost, of the first page that has room
     (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
     """
     masks = [list(_draw_turns(shape)) for shape in shapes]
@@ -70,7 +70,7 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     # stable, so that equal shapes keep their order and the pages are the same on every machine
     found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
     # fewest pages, then the least of the last page in use: what is left of it stays whole
-    return min(found, key=lambda one: (len(one[0]), one[1]))[0]
+    return min(found, key=lambda packing: (len(packing[0]), packing[1]))[0]
 
 
 def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
@@ -95,19 +95,19 @@ def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
 def _fill(
     masks: Sequence[Sequence[_Mask]], order: Sequence[int] | np.ndarray, room: Rect
 ) -> tuple[list[list[Nested]], int]:
-    """Pages of shapes laid in an order, and how many rows of the last one are in use."""
+    """Pages of shapes laid in an order, and how many rows of the last page are in use."""
     rows, columns = int(room.height / CELL_MM), int(room.width / CELL_MM)
     taken: list[np.ndarray] = []
     pages: list[list[Nested]] = []
     for index in np.asarray(order).tolist():
         for number in range(len(taken) + 1):
-            # the page after the last is an empty one, on which every shape `fits`
+            # the page after the last is empty, and every shape `fits` there
             if number == len(taken):
                 taken.append(np.zeros((rows, columns), bool))
                 pages.append([])
             spots = [(*spot, mask) for mask in masks[index] if (spot := _find_spot(taken[number], mask.cells))]
             if spots:
-                # the one that reaches least far down
+                # the turn that reaches least far down
                 row, column, mask = min(spots, key=lambda spot: (spot[0] + len(spot[2].cells), spot[1], spot[0]))
                 break
         height, width = mask.cells.shape
@@ -123,7 +123,7 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
 
     if cells.shape[0] > taken.shape[0] or cells.shape[1] > taken.shape[1]:
         return None
-    # correlation; the page's rows run downwards, the shape's upwards, so that one of the two flips falls away
+    # correlation; the page's rows run downwards, the shape's upwards, so that a single flip is left
     shared = fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
     # the sums are whole numbers but for the transform's rounding
     free = np.flatnonzero(shared < 0.5)
@@ -135,11 +135,11 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class CutSheet:
-    """What is cut from one sheet.
+    """What is cut from a sheet.
 
     Attributes:
         width_mm, height_mm: of the sheet.
-        rings_mm: by number of a piece, its closed rings (k, 2), the outer one first, from the sheet's lower left.
+        rings_mm: by number of a piece, its closed rings (k, 2), the outer ring first, from the sheet's lower left.
     """
 
     width_mm: float

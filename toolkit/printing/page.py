@@ -51,7 +51,7 @@ class Paper:
 
 
 def parse_paper(text: str) -> Paper:
-    """A paper by name (`a4`, `letter`), or one's own as width × height (`200x300mm`).
+    """A paper by name (`a4`, `letter`), or your own as width × height (`200x300mm`).
 
     Raises:
         ToolkitError: the name is unknown, or the sheet is smaller than 135 mm or larger than 5 m on a side.
@@ -141,7 +141,7 @@ OVERLAP_MM = 10.0
 
 @dataclass(frozen=True)
 class SheetTile:
-    """One page's part of a sheet.
+    """A page's part of a sheet.
 
     Attributes:
         row, column: from the top left, zero-based.
@@ -208,7 +208,7 @@ class StripPlace:
 
 @dataclass(frozen=True)
 class CopiesPage:
-    """A page of whole copies: each one's cut line, in the page's millimetres, and the colour strip where it fits."""
+    """A page of whole copies: the cut line of each, in the page's millimetres, and the colour strip where it fits."""
 
     cuts: tuple[Rect, ...]
     strip: StripPlace | None = None
@@ -235,7 +235,7 @@ Page = CopiesPage | TilePage | MapPage
 
 @dataclass(frozen=True)
 class PagePlan:
-    """Every page of one sheet's file, in the order of printing, and what they share."""
+    """Every page of a sheet's file, in the order of printing, and what they share."""
 
     frame: PageFrame
     pages: tuple[Page, ...]
@@ -281,7 +281,7 @@ def lay_out(frame: PageFrame, cut_width: float, cut_height: float, copies: int =
 
 
 def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int) -> list[CopiesPage]:
-    """As many copies on a page as fit, the group centred; none where not even one fits."""
+    """As many copies on a page as fit, the group centred; none if no copy fits."""
     cell_width = max(cut_width + 2 * MARK_MM, NARROWEST_CELL_MM)
     cell_height = cut_height + 2 * MARK_MM + CAPTION_MM
     most_columns, most_rows = int(content.width // cell_width), int(content.height // cell_height)

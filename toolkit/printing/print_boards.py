@@ -1,4 +1,4 @@
-"""A board, a ring or the colour strip, on one page or tiled over several, at true size."""
+"""A board, a ring or the colour strip, on a single page or tiled over several, at true size."""
 
 import math
 from contextlib import nullcontext
@@ -166,7 +166,7 @@ def choose_board(
     """
     columns, rows = squares or (DEFAULT_BOARD.columns, DEFAULT_BOARD.rows)
     side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
-    # whole millimetres, which a ruler checks; the default board may take several pages, one's own only where it must
+    # whole millimetres, which a ruler checks; the default board may take several pages, your own only if it must
     if squares is not None and square_mm is None:
         for smaller in range(int(side), int(SMALLEST_SQUARE_MM) - 1, -1):
             board = CharucoBoard(columns, rows, float(smaller), smaller * MARKER_SHARE)
@@ -336,7 +336,7 @@ def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
 
 
 def _compare(workspace: Workspace, spec: Board) -> str | None:
-    """What to know where another sheet's spec, or a broken one, is about to be replaced."""
+    """What to know where another sheet's spec, or a broken spec, is about to be replaced."""
     if not board_file(workspace).is_file():
         return None
     try:

@@ -68,10 +68,10 @@ def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
 
 
 def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], list[str]]:
-    """Objects that wear a patch, and why specs could not be read; the one of the patch's name first, then one's own."""
+    """Return the objects that wear a patch, its namesake first, then your own; and why specs could not be read."""
     specs, broken = workspace.object_specs(), []
     wearers: list[Wearer] = []
-    # the object that bears the patch's own name is the one that it was trained for
+    # a patch bears the name of the object that it was trained for
     for name in sorted(specs, key=lambda name: (name != png_file.stem, specs[name].parent != workspace.objects_dir)):
         try:
             spec = read_spec(specs[name])
@@ -96,8 +96,8 @@ def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
         FieldError: several objects wear it in different sizes.
     """
     wearers, _ = find_wearers(workspace, png_file)
-    if not all(is_same_size(one.sizes_mm, wearers[0].sizes_mm) for one in wearers):
-        sizes = ", ".join(f"{one.object} {say_sizes(one.sizes_mm)}" for one in wearers)
+    if not all(is_same_size(wearer.sizes_mm, wearers[0].sizes_mm) for wearer in wearers):
+        sizes = ", ".join(f"{wearer.object} {say_sizes(wearer.sizes_mm)}" for wearer in wearers)
         raise FieldError(f"the patch '{png_file.stem}' is worn in different sizes ({sizes}): give {{size_mm}}", {})
     return wearers[0] if wearers else None
 
@@ -131,7 +131,7 @@ class PrintedPatch:
         recorded_mm: the side that the patch's record states.
         object: that it was printed for, whose spec states the size where the settings do not; None where none wears it.
         colour_strip: whether the strip of known colours is beside the patch.
-        sheets: of an object that has several; none where it has one.
+        sheets: of an object that has several; empty for a single sheet.
         total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
     """
 
@@ -175,7 +175,7 @@ class PrintedPatch:
         target = f" for {self.object}" if self.object not in (None, Path(self.file).stem) else ""
         size = f"{self.size_mm:.1f} × {self.size_mm:.1f} mm"
         if self.sheets:
-            each = (f"{number} on its {one.at} {one.size_mm:.1f} mm" for number, one in enumerate(self.sheets, 1))
+            each = (f"{number} on its {sheet.at} {sheet.size_mm:.1f} mm" for number, sheet in enumerate(self.sheets, 1))
             size = f"{len(self.sheets)} sheets, {', '.join(each)}"
         return f"{shorten(self.file)}{target}: {size}{copies}, {pages}{tiles}"
 
@@ -216,16 +216,16 @@ def print_patch(
     write_bytes(pdf_file, document.content)
     record, plan, plans = patch.record, document.plan, document.plans
     sheets = [
-        PrintedSheet(at, round(one.side_mm, 3), round(one.cut_mm, 3), len(one.pages), one.tiles)
-        for at, one in zip(wearer.sides if wearer else ("top",), plans, strict=True)
+        PrintedSheet(at, round(page_plan.side_mm, 3), round(page_plan.cut_mm, 3), len(page_plan.pages), page_plan.tiles)
+        for at, page_plan in zip(wearer.sides if wearer else ("top",), plans, strict=True)
     ]
     return PrintedPatch(
         file=str(pdf_file), name=png_file.stem, class_name=record.class_name, patch_sha256=record.png_sha256,
         n_px=record.n_px, size_mm=round(plan.side_mm, 3), cut_mm=round(plan.cut_mm, 3),
         scale_percent=round(effective_percent(record.n_px, plan.side_mm, settings.dpi or BASE_DPI), 3),
         dpi=settings.dpi or BASE_DPI, paper=plan.frame.paper.name, orientation=plan.frame.paper.orientation,
-        copies=settings.copies, pages=sum(len(one.pages) for one in plans), tiles=plan.tiles,
-        recorded_mm=record.size_mm, colour_strip=any(one.has_strip for one in plans),
+        copies=settings.copies, pages=sum(len(plan.pages) for plan in plans), tiles=plan.tiles,
+        recorded_mm=record.size_mm, colour_strip=any(plan.has_strip for plan in plans),
         object=wearer.object if wearer else None, sheets=tuple(sheets) if len(sheets) > 1 else (),
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )  # fmt: skip
@@ -241,7 +241,7 @@ def print_patches(
 
     Args:
         files: PNG files, each with its record beside it.
-        out: folder for the PDFs; for one page it may be a PDF.
+        out: folder for the PDFs; for a single page it may be a PDF.
         settings: of every page; a size in them counts before the specs'.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
         workspace: whose objects wear them; None: none does, and 250 % of 72 dpi unless `settings` say otherwise.
@@ -281,7 +281,7 @@ def print_for_objects(
     Args:
         workspace: whose objects and patches are meant.
         objects: names.
-        out: folder for the PDFs; for one object it may be a PDF.
+        out: folder for the PDFs; for a single object it may be a PDF.
         settings: of every page; a size in them counts before the specs'.
 
     Raises:
@@ -320,7 +320,7 @@ def print_chosen(
         more, failed = print_patches(chosen, out, settings, go_on=everything, workspace=workspace)
         printed += more
     compared = [] if objects else printed
-    notes = list(dict.fromkeys(note for one in compared for note in compare_with_rig(workspace, one)))
+    notes = list(dict.fromkeys(note for sheet in compared for note in compare_with_rig(workspace, sheet)))
     return printed, failed, notes + check_fits(workspace, printed)
 
 
@@ -357,14 +357,14 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
         return []
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
-    for one in wearers:
-        if printed.object not in (None, one.object) or is_same_size(one.sizes_mm, printed.sizes_mm):
+    for wearer in wearers:
+        if printed.object not in (None, wearer.object) or is_same_size(wearer.sizes_mm, printed.sizes_mm):
             continue
-        sheet = "sheet" if len(one.sizes_mm) == 1 else "sheets"
+        sheet = "sheet" if len(wearer.sizes_mm) == 1 else "sheets"
         notes.append(
-            f"the rig mounts {printed.name} on {one.object} at {say_sizes(one.sizes_mm)}, and photographs are judged "
-            f"by that: print the {sheet} of {one.object}, or set size_mm = {printed.size_mm:.1f} under [patch] in "
-            f"rig/objects/{one.object}.toml"
+            f"the rig mounts {printed.name} on {wearer.object} at {say_sizes(wearer.sizes_mm)}, and photographs are "
+            f"judged by that: print the {sheet} of {wearer.object}, or set size_mm = {printed.size_mm:.1f} under "
+            f"[patch] in rig/objects/{wearer.object}.toml"
         )
     return notes + broken
 
@@ -372,7 +372,7 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
 def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[str]:
     """Which sheets will not lie on their objects at the size that was printed, and where they would."""
     notes = []
-    for one in printed:
-        if one.object is not None and read_spec(workspace.object_spec(one.object)).mesh:
-            notes += describe_misfits(load_object(workspace.object_spec(one.object)), one.sizes_mm)
+    for sheet in printed:
+        if sheet.object is not None and read_spec(workspace.object_spec(sheet.object)).mesh:
+            notes += describe_misfits(load_object(workspace.object_spec(sheet.object)), sheet.sizes_mm)
     return notes

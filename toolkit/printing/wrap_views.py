@@ -13,7 +13,7 @@ from toolkit.printing.page import Rect
 from toolkit.rig.mount import SIDES
 
 SIX = {**{side: SIDES[side] for side in ("front", "left", "back", "right", "top")}, "bottom": ((1, 0, 0), (0, -1, 0))}
-"""Right and up of each side as one sees it."""
+"""Right and up of each side, seen from outside."""
 LONG_SIDE_PX = 420
 FINER = 2
 BARE = 228.0
@@ -21,7 +21,7 @@ BARE = 228.0
 PALER = 0.2
 """Share of white in what is on the pieces, so that numbers stand out."""
 LEAST_SEEN = 0.004
-"""Of a picture: a piece of which less is seen has its number on another side."""
+"""Smallest share of a picture in which a piece gets its number; smaller pieces have it on another side."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,7 @@ def _look(
     o3d = load_open3d()
     from scipy.ndimage import distance_transform_edt
 
+    # a ray for each pixel, parallel to the line of sight
     right, up = (np.array(axis, float) for axis in SIX[side])
     normal = np.cross(right, up)
     flat = mesh.vertices @ np.stack([right, up], axis=1)
@@ -83,15 +84,18 @@ def _look(
     away = float((mesh.vertices @ normal).max()) + 1.0
     start = x[None, :, None] * right + y[:, None, None] * up + away * normal
     rays = np.concatenate([start, np.broadcast_to(-normal, start.shape)], axis=-1).astype(np.float32)
+    # the face that each ray meets, and where on it (barycentric)
     hits = make_ray_scene(mesh).cast_rays(o3d.core.Tensor(rays))
     face = hits["primitive_ids"].numpy().astype(np.int64)
     met = np.isfinite(hits["t_hit"].numpy())
     weights = hits["primitive_uvs"].numpy()[met]
     face[~met] = 0
+    # number of the piece at each pixel: 0 bare, -1 beside the object
     number_of = np.zeros(len(mesh.faces), np.int64)
     for number, piece in enumerate(wrap.pieces, start=1):
         number_of[piece.faces] = number
     shown = np.where(met, number_of[face], -1)
+    # colour of the wrap's picture at each pixel, a little paler
     colour = np.full((len(weights), 3), BARE)
     on = shown[met] > 0
     corner_uv = wrap.corner_uv(len(mesh.faces))[face[met][on]]
@@ -101,24 +105,28 @@ def _look(
         n = len(wrap.pixels)
         column, row = np.clip((uv * [1, -1] + [0, 1]) * n, 0, n - 1).astype(np.int64).T
         colour[on] = (1 - PALER) * wrap.pixels[row, column] + PALER * 255
+    # shade by the angle between surface and line of sight
     cross = cross_products(mesh.vertices[mesh.faces])
     facing = np.abs(cross @ normal) / np.maximum(np.linalg.norm(cross, axis=1), 1e-20)
     colour *= (0.6 + 0.4 * facing[face[met]])[:, None]
     picture = np.full((height, width, 3), 255.0)
     picture[met] = colour
+    # dark lines wherever the number changes
     edge = np.zeros(met.shape, bool)
     for axis in (0, 1):
         step = np.diff(shown, axis=axis) != 0
         edge |= np.pad(step, [(0, 1), (0, 0)] if axis == 0 else [(0, 0), (0, 1)])
         edge |= np.pad(step, [(1, 0), (0, 0)] if axis == 0 else [(0, 0), (1, 0)])
     picture[edge] = 30
+    # a piece's number goes to the pixel that lies deepest inside it
     marks, counts = {}, {}
-    for one in np.unique(shown[shown > 0]).tolist():
-        part = np.pad(shown == one, 1)
+    for shown_number in np.unique(shown[shown > 0]).tolist():
+        part = np.pad(shown == shown_number, 1)
         depth = distance_transform_edt(part)[1:-1, 1:-1]
         deepest = divmod(int(depth.argmax()), width)
-        marks[one] = (float(x[deepest[1]] - low[0]), float(y[deepest[0]] - low[1]))
-        counts[one] = int(part.sum())
+        marks[shown_number] = (float(x[deepest[1]] - low[0]), float(y[deepest[0]] - low[1]))
+        counts[shown_number] = int(part.sum())
+    # pixels are averaged last, which smooths edges and lines
     small = Image.fromarray(picture.astype(np.uint8)).resize((width // FINER, height // FINER), Image.Resampling.BOX)
     size_mm = (width / FINER / px_per_mm, height / FINER / px_per_mm)
     return SideView(side, np.asarray(small), size_mm, {}), marks, counts
@@ -128,13 +136,13 @@ TITLE_MM = 4.5
 
 
 def place_sides(pdf: Pdf, room: Rect, views: Sequence[SideView]) -> None:
-    """Draw six sides at one scale, each with its name and the numbers of its pieces."""
+    """Draw six sides at the same scale, each with its name and the numbers of its pieces."""
     for view, cell in zip(views, _share_out(room, views), strict=True):
         _draw_view(pdf, view, cell)
 
 
 def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
-    """Cells for six views, all of one scale: three rows of two or two of three, whichever shows them larger."""
+    """Cells for six views, all of the same scale: three rows of two or two of three, whichever shows them larger."""
     best: tuple[float, list[Rect]] = (0.0, [])
     for columns in (2, 3):
         rows = len(views) // columns
@@ -149,7 +157,7 @@ def _share_out(room: Rect, views: Sequence[SideView]) -> list[Rect]:
             top = room.top - scale * sum(heights[:row]) - spare_y / rows * row
             height = scale * heights[row] + spare_y / rows
             cells.append(Rect(x, top - height, scale * widths[column], height))
-        best = max(best, (scale, cells), key=lambda one: one[0])
+        best = max(best, (scale, cells), key=lambda option: option[0])
     scale, cells = best
     return [
         Rect(cell.x + (cell.width - scale * view.size_mm[0]) / 2,

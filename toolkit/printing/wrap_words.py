@@ -140,9 +140,9 @@ def _find_free(
     x, y = np.tile(columns, len(rows)), np.repeat(rows, len(columns))
     boxes = shapely.box(x - half_w, y - half_h, x + half_w, y + half_h)
     free = np.ones(len(boxes), bool)
-    for one in taken:
-        shapely.prepare(one)
-        free[free] = ~shapely.intersects(one, boxes[free])
+    for box in taken:
+        shapely.prepare(box)
+        free[free] = ~shapely.intersects(box, boxes[free])
     if not free.any():
         return None
     x, y = x[free], y[free]

@@ -53,10 +53,10 @@ CUT_LINE_MM = 0.25 / 72 * 25.4
 ROOM_MM = 7.0
 """Paper round a piece's box: bleed, and its number outside it."""
 LEAST_ROOM_MM = 2.2
-"""Of a piece that nearly fills the page."""
+"""Paper round the box of a piece that nearly fills the page, mm."""
 LETTER_MM, NUMBER_MM = 1.9, 5.6
 HALO_MM, HAND_LINE_MM = 1.0, 0.35
-"""Of the line for scissors: white under black, so that it shows on any picture."""
+"""Widths of the line for scissors, mm: white under black, so that it shows on any picture."""
 FOLD_HALO_MM = 0.5
 MOUNTAIN, VALLEY = (1.2, 0.9), (2.4, 0.8, 0.3, 0.8)
 """Dashes and gaps of folds, mm: dashed where paper is folded back, dash and dot where it is folded towards you."""
@@ -76,8 +76,8 @@ class PlacedPiece:
 
     Attributes:
         number: of the piece.
-        page: of the PDF, from 1; of one that is tiled, that with the map of its tiles.
-        x_mm, y_mm: of its box's corner (0, 0) from the page's lower left; of a tiled one 0.
+        page: of the PDF, from 1; for a tiled piece, the page with the map of its tiles.
+        x_mm, y_mm: of its box's corner (0, 0) from the page's lower left; of a tiled piece 0.
         quarters: turns by 90 degrees about that corner, counter-clockwise.
         tiles: rows and columns of pages, (1, 1) for a piece in one.
     """
@@ -104,7 +104,7 @@ class PrintedWrap:
     Attributes:
         file: the PDF.
         name, object: of the wrap.
-        pages: of all, the first one shows how the pieces are stuck on.
+        pages: number of pages; the first shows how the pieces are stuck on.
         paper, orientation: of the pages with pieces.
         sizes_mm: width and height of each page.
         placed: where each piece is.
@@ -133,8 +133,8 @@ class PrintedWrap:
 
     def describe(self) -> str:
         """One line: what was made, on how many pages."""
-        tiled = [one for one in self.placed if one.tiles != (1, 1)]
-        tiles = "".join(f"; piece {one.number} in {one.tiles[0]} × {one.tiles[1]} tiles" for one in tiled)
+        tiled = [piece for piece in self.placed if piece.tiles != (1, 1)]
+        tiles = "".join(f"; piece {piece.number} in {piece.tiles[0]} × {piece.tiles[1]} tiles" for piece in tiled)
         pieces = f"{len(self.placed)} piece{'s' if len(self.placed) > 1 else ''}"
         width, height = self.sizes_mm[-1]
         paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
@@ -177,7 +177,7 @@ class _Sheet:
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Of its box with the paper round it."""
+        """Width and height of its box with the paper round it, mm."""
         (x, y), record = self.room_mm, self.record
         return record.width_mm + 2 * x, record.height_mm + 2 * y
 
@@ -272,16 +272,16 @@ def build_wrap_pdf(
         file="", name=wrap.record.name, object=wrap.record.object, pages=layout.total, paper=layout.frame.paper.name,
         orientation=layout.frame.paper.orientation,
         sizes_mm=tuple((paper.width_mm, paper.height_mm) for paper in papers),
-        placed=tuple(sorted(placed, key=lambda one: one.number)), order=tuple(order), roll_mm=roll_mm,
+        placed=tuple(sorted(placed, key=lambda piece: piece.number)), order=tuple(order), roll_mm=roll_mm,
         is_trained=wrap.record.booster is not None,
     )  # fmt: skip
-    return printed, pdf.finish(), {one.record.number: one.outline for one in layout.sheets}
+    return printed, pdf.finish(), {sheet.record.number: sheet.outline for sheet in layout.sheets}
 
 
 def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str, object]]:
     """What stands in the header of each page, and what the PDF says of itself."""
     record = wrap.record
-    pictures = sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
+    pictures = sha256_bytes("".join(piece.png_sha256 for piece in record.pieces).encode())
     label = PatchLabel(
         f"{record.class_name or record.object} wrap"
         + ("" if record.name == record.object else f" ({record.name})")
@@ -303,18 +303,18 @@ def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> 
 
     paper = layout.frame.paper
     for number, (nested, strip) in enumerate(layout.pages, start=2):
-        sheets = [layout.sheets[one.index] for one in nested]
+        sheets = [layout.sheets[place.index] for place in nested]
         places = [
-            PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
-            for one, sheet in zip(nested, sheets, strict=True)
+            PlacedPiece(sheet.record.number, number, place.x_mm, place.y_mm, place.quarters)
+            for place, sheet in zip(nested, sheets, strict=True)
         ]
         solids = [shapely.transform(sheet.solid, here.to_page) for sheet, here in zip(sheets, places, strict=True)]
         widths = [_number_width(sheet.record.number, sheet.way) for sheet in sheets]
         others = [] if strip is None else [_as_box(strip_area(strip))]
         numbers = place_numbers(_as_box(layout.frame.content), solids, widths, others)
         with pdf.page(paper):
-            for one, sheet, here, at in zip(nested, sheets, places, numbers, strict=True):
-                _draw_piece(pdf, wrap, one.index, sheet, here, at, layout.by_machine)
+            for spot, sheet, here, at in zip(nested, sheets, places, numbers, strict=True):
+                _draw_piece(pdf, wrap, spot.index, sheet, here, at, layout.by_machine)
                 yield here
             if strip is not None:
                 draw_strip(pdf, strip)
@@ -357,7 +357,7 @@ class _Layout:
 
     @property
     def total(self) -> int:
-        """Pages in all, with the first one."""
+        """Number of pages, with the first page."""
         return 1 + len(self.pages) + sum(len(plan.pages) for _, plan in self.tiled)
 
     @property
@@ -370,7 +370,7 @@ class _Layout:
 def _lay_out(
     wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None, by_machine: bool
 ) -> _Layout:
-    """Of upright and level pages those that are fewer."""
+    """Return the layout with fewer pages, upright or level."""
     if roll_mm is not None:
         # as long as a PDF page can be; what is not used is cut off below
         frames = [PageFrame(Paper(f"roll of {roll_mm:g} mm", roll_mm, LARGEST_MM))]
@@ -386,12 +386,12 @@ def _lay_out(
         ]  # fmt: skip
         shapes = [sheets[index].footprint for index in whole]
         if roll_mm is None:
-            pages: _Pages = [(one, None) for one in nest(shapes, frame.content)] if shapes else []
+            pages: _Pages = [(page, None) for page in nest(shapes, frame.content)] if shapes else []
         else:
             frame, pages = _cut_roll(frame, shapes)
-        named = [([replace(one, index=whole[one.index]) for one in nested], strip) for nested, strip in pages]
+        named = [([replace(place, index=whole[place.index]) for place in nested], strip) for nested, strip in pages]
         found.append(_Layout(frame, named, tiled, sheets, by_machine))
-    return min(found, key=lambda one: one.total)
+    return min(found, key=lambda layout: layout.total)
 
 
 def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame, _Pages]:
@@ -405,12 +405,14 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
     length = float(min(room.height, max(wanted, tallest + 1)))
     pages = nest(shapes, Rect(room.x, room.y, room.width, length)) if shapes else []
     lowest = [
-        affinity.translate(affinity.rotate(shapes[one.index], 90 * one.quarters, (0, 0)), one.x_mm, one.y_mm).bounds[1]
-        for nested in pages for one in nested
+        affinity.translate(
+            affinity.rotate(shapes[place.index], 90 * place.quarters, (0, 0)), place.x_mm, place.y_mm
+        ).bounds[1]
+        for nested in pages for place in nested
     ]  # fmt: skip
     spare = max(0.0, min(lowest, default=room.y) - room.y)
     height = max(frame.paper.height_mm - room.height + length - spare, SMALLEST_MM)
-    down = [[replace(one, y_mm=one.y_mm - spare) for one in nested] for nested in pages]
+    down = [[replace(place, y_mm=place.y_mm - spare) for place in nested] for nested in pages]
     paper = Paper(frame.paper.name, frame.paper.width_mm, height)
     return PageFrame(paper), [(nested, None if number else strip) for number, nested in enumerate(down)]
 
@@ -493,13 +495,14 @@ def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
 
 
 def order_pieces(pieces: Sequence[PieceRecord]) -> list[int]:
-    """Numbers in the order to stick them on: the largest first, then always the one with most edges at those there."""
-    left = {one.number: one for one in pieces}
+    """Return numbers in the order to stick on: the largest first, then the piece with most edges at those there."""
+    left = {piece.number: piece for piece in pieces}
     order: list[int] = []
     while left:
         there = set(order)
         chosen = max(
-            left.values(), key=lambda one: (sum(seam.piece in there for seam in one.seams), one.area_mm2, -one.number)
+            left.values(),
+            key=lambda piece: (sum(seam.piece in there for seam in piece.seams), piece.area_mm2, -piece.number),
         )
         order.append(chosen.number)
         del left[chosen.number]
@@ -513,7 +516,7 @@ def _rings(outline: "Polygon") -> list[np.ndarray]:
 def _draw_piece(
     pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece, number_at: Point | None, by_machine: bool
 ) -> None:
-    _draw_leaders(pdf, sheet, here, number_at)  # first: where one crosses the piece, the picture hides it
+    _draw_leaders(pdf, sheet, here, number_at)  # first: where a leader crosses the piece, the picture hides it
     with pdf.moved(here.x_mm, here.y_mm, 90 * here.quarters if here.quarters else None):
         _draw_flat(pdf, wrap, index, sheet, by_machine)
     _draw_words(pdf, sheet, here, number_at)
@@ -522,17 +525,20 @@ def _draw_piece(
 def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool) -> None:
     """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
     record, texel_mm = sheet.record, wrap.record.texel_mm
+    # the picture with its bleed, clipped to it
     picture, edge_px = _picture_to_bleed(wrap, index)
     height, width, _ = picture.shape
     area = Rect(-edge_px * texel_mm, -edge_px * texel_mm, width * texel_mm, height * texel_mm)
     bleed = sheet.outline.buffer(BLEED_MM)
     with pdf.clipped(_rings(bleed)):
         pdf.raster(f"piece{record.number}", picture, area)
+    # seam ticks and folds
     pdf.ink(SOFT, 0.15)
     for seam in record.seams:
         for end in (seam.from_mm, seam.to_mm):
             _draw_tick(pdf, end, bleed)
     _draw_folds(pdf, record, by_machine)
+    # cut lines: a layer for a machine, or a line for scissors
     rings = [ring[:-1].tolist() for ring in _rings(sheet.outline)]
     if by_machine:
         with pdf.layer(CUT):
@@ -571,7 +577,7 @@ def _list_mountains(record: PieceRecord) -> Iterator[tuple[Point, Point]]:
 def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
     """(h, w, 3) uint8 what is printed of a piece, and its texels beyond the box on each side.
 
-    Glue tabs and the bleed round them go on with the colour at the edge: where one shows in a gap, it is not white.
+    Glue tabs and the bleed round them go on with the colour at the edge: a tab that shows in a gap is not white.
     """
     import shapely
     from scipy.ndimage import distance_transform_edt
@@ -680,7 +686,7 @@ def _draw_assembly(
     room = Rect(area.x, words.top + 2, area.width, area.height - words.height - 2)
     place_sides(pdf, room, views)
     pdf.write("Stick them on in this order", words.x, words.top - 4, 3.4, room_mm=words.width, font=BOLD)
-    known = {one.number: one for one in pieces}
+    known = {piece.number: piece for piece in pieces}
     width = words.width / columns
     for step, number in enumerate(order):
         column, row = divmod(step, rows)
@@ -704,12 +710,12 @@ def _list_cuts(printed: PrintedWrap, outlines: "dict[int, Polygon]") -> list[tup
     sheets = []
     for page, (width, height) in enumerate(printed.sizes_mm, start=1):
         rings = {
-            one.number: [one.to_page(ring) for ring in _rings(outlines[one.number])]
-            for one in printed.placed if one.page == page
+            piece.number: [piece.to_page(ring) for ring in _rings(outlines[piece.number])]
+            for piece in printed.placed if piece.page == page
         }  # fmt: skip
         if not rings:
             continue
         # a tiled piece is larger than its page: the sheet grows to hold it
-        ends = np.concatenate([ring for one in rings.values() for ring in one]).max(axis=0)
+        ends = np.concatenate([ring for outline in rings.values() for ring in outline]).max(axis=0)
         sheets.append((page, CutSheet(max(width, float(ends[0])), max(height, float(ends[1])), rings)))
     return sheets

@@ -29,7 +29,7 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
         "shots": [describe_shot(shot) for shot in shots],
         "next": find_next(shots),
         # the page opens at the first that is not there, waits, or is to be taken again
-        "first": next((one.step.number for one in shots if one.status in ("waiting", "open") or one.retake), None),
+        "first": next((shot.step.number for shot in shots if shot.status in ("waiting", "open") or shot.retake), None),
         "done": sum(1 for shot in shots if shot.path),
         "lens": {"focal_mm": round(focal_mm), "zoom": round(focal_mm / PHONE_MM, 1)},
         "limit_mb": MOST_BYTES >> 20,
@@ -42,7 +42,7 @@ def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
 
 
 def find_next(shots: Sequence[Shot]) -> int | None:
-    """The shot to take now: one that waits for a yes, else the next open one, else one that was put off."""
+    """The shot to take now: a shot that waits for a yes, else the next open shot, else a shot that was put off."""
     for wanted in ("waiting", "open", "skipped"):
         for shot in shots:
             if shot.status == wanted:
@@ -51,7 +51,7 @@ def find_next(shots: Sequence[Shot]) -> int | None:
 
 
 def describe_shot(shot: Shot) -> dict[str, Any]:
-    """One step of the list in brief."""
+    """A step of the list in brief."""
     step = shot.step
     return {
         "number": step.number, "object": step.object, "variant": step.variant, "pose_id": step.pose_id,
@@ -60,7 +60,7 @@ def describe_shot(shot: Shot) -> dict[str, Any]:
 
 
 def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
-    """One shot with all that helps to take it, and what is known of the photograph that is there."""
+    """A shot with all that helps to take it, and what is known of the photograph that is there."""
     place = measure_place(session.find_pose(shot.step))
     record = session.find_record(shot)
     return {
@@ -77,7 +77,7 @@ def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
 
 
 def say_change(session: Session, step: ShotStep) -> str:
-    """What to do with object and sheets before this shot; empty where nothing changes since the one before."""
+    """What to do with object and sheets before this shot; empty if nothing changes since the shot before."""
     sheets = len(read_spec(session.workspace.object_spec(step.object)).mounts)
     before = session.find_step(step.number - 1) if step.number > 1 else None
     if before is None or before.object != step.object:
@@ -88,7 +88,7 @@ def say_change(session: Session, step: ShotStep) -> str:
 
 
 def describe_inspection(inspection: Inspection) -> dict[str, Any]:
-    """The verdict on one photograph."""
+    """The verdict on a photograph."""
     match = inspection.match
     return {
         "sha256": inspection.sha256,
@@ -105,7 +105,7 @@ def describe_inspection(inspection: Inspection) -> dict[str, Any]:
 
 
 def describe_gate(result: GateResult) -> dict[str, Any]:
-    """One gate's word; numbers that are none become null."""
+    """The verdict of a gate; numbers that are not finite become null."""
     # JSON has neither NaN nor infinity
     value = result.value if result.value is not None and math.isfinite(result.value) else None
     return {
@@ -115,10 +115,10 @@ def describe_gate(result: GateResult) -> dict[str, Any]:
 
 
 def say_moves(match: PoseMatch) -> list[str]:
-    """How to come nearer to the pose, as one who looks at the object does it; empty where it is near enough."""
+    """How to come nearer to the pose, for a person who looks at the object; empty if it is near enough."""
     moves = []
     if abs(match.azimuth_deg) > NEAR_DEG:
-        # azimuth grows counter-clockwise from above: towards the right of one who looks at the object
+        # azimuth grows counter-clockwise from above: towards the right of a person who looks at the object
         moves.append(f"go {abs(match.azimuth_deg):.0f}° round to the {'left' if match.azimuth_deg > 0 else 'right'}")
     if abs(match.elevation_deg) > NEAR_DEG:
         moves.append(f"go {abs(match.elevation_deg):.0f}° {'lower' if match.elevation_deg > 0 else 'higher'}")

@@ -45,7 +45,7 @@ class _Rendered:
 
 
 class _Stage:
-    """One object, as it is dressed in one variant; materials from `first_of_sheet` on are a sheet's."""
+    """An object, as it is dressed in one variant; materials from `first_of_sheet` on are a sheet's."""
 
     def __init__(self, mesh: Mesh, first_of_sheet: int) -> None:
         self._mesh, self._scene = mesh, make_ray_scene(mesh)
@@ -75,13 +75,13 @@ class _Stage:
         # barycentric: the weight of the first corner is what the other two leave
         uv = corners[:, 0] * (1 - at.sum(axis=1, keepdims=True)) + corners[:, 1] * at[:, :1] + corners[:, 2] * at[:, 1:]
         material, value = self._mesh.face_material[triangle], np.zeros(len(triangle), np.float32)
-        for number, one in enumerate(self._mesh.materials):
+        for number, layer in enumerate(self._mesh.materials):
             chosen = material == number
-            high, wide = one.texture.shape[:2]
+            high, wide = layer.texture.shape[:2]
             column = np.floor(uv[chosen, 0] * wide).astype(int) % wide
             # v counts up, rows count down; a texture repeats outside of [0, 1]
             row = np.floor((1 - uv[chosen, 1]) * high).astype(int) % high
-            value[chosen] = one.texture[row, column].astype(np.float32) @ LUMA / 255
+            value[chosen] = layer.texture[row, column].astype(np.float32) @ LUMA / 255
         return value
 
 
@@ -103,7 +103,7 @@ class GhostRenderer:
             return self._drawn(name, variant, pose_id)
 
     def _draw(self, name: str, variant: str, pose_id: int) -> bytes:
-        pose = next((one for one in self._plan.objects.get(name, []) if one.id == pose_id), None)
+        pose = next((pose for pose in self._plan.objects.get(name, []) if pose.id == pose_id), None)
         if pose is None:
             raise ToolkitError(f"the plan has no pose {pose_id} of '{name}': run 'toolkit plan --shot-list' again")
         seen = self._stage(name, variant).look(square_camera(self._plan.camera), pose.matrix())
@@ -132,7 +132,7 @@ def paint_lines(seen: _Rendered) -> np.ndarray:
     solid = np.isfinite(seen.depth)
     strong = _outlines(seen, solid)
     sheet = _steps(seen.is_paper)
-    # beside an outline no line of paint: the two would run into one
+    # beside an outline no line of paint: the two would merge
     paint = _paint_steps(seen, solid) & ~cv2.dilate(strong.astype(np.uint8), np.ones((5, 5))).astype(bool)
     line = np.maximum(_soften(strong, 1.0), 0.4 * _soften(paint, 0.6))
     amber = _soften(sheet, 1.1)

@@ -1,4 +1,4 @@
-"""What the gates say of one photograph of one shot, and how far its camera stood from the plan's pose."""
+"""What the gates say of a photograph of a shot, and how far its camera stood from the plan's pose."""
 
 from collections import OrderedDict
 from contextlib import suppress
@@ -34,7 +34,7 @@ class Inspection:
         located: where the camera stood; None without a board, and `no_board` says why.
         match: how far that is from the shot's pose.
         nearest: the pose of the plan that it is nearest to.
-        ghost_scale: how much larger than in a picture of the plan the object is in this one; None without a board.
+        ghost_scale: how much larger the object is here than in a picture of the plan; None without a board.
     """
 
     sha256: str
@@ -47,7 +47,7 @@ class Inspection:
 
     @property
     def wrong_pose(self) -> str | None:
-        """What speaks against the shot's pose: the board shows another one, or a camera that is far off."""
+        """What speaks against the shot's pose: the board shows another pose, or a camera that is far off."""
         if self.match is None or self.nearest is None:
             return None
         # an ambiguous neighbour is no proof: poses may lie close together
@@ -58,12 +58,12 @@ class Inspection:
     @property
     def checked(self) -> tuple[GateResult, ...]:
         """The gates that measured something: what was not checked is no reason for a retake."""
-        return tuple(one for one in self.results if one.status != "not checked")
+        return tuple(result for result in self.results if result.status != "not checked")
 
     @property
     def good(self) -> bool:
         """Whether no gate found it wanting."""
-        return self.wrong_pose is None and not any(one.failed for one in self.results)
+        return self.wrong_pose is None and not any(result.failed for result in self.results)
 
 
 class Inspector:
@@ -107,7 +107,7 @@ class Inspector:
             if not self._stopped and (step.object, step.variant) not in self._warm:
                 self._warm.add((step.object, step.variant))
                 expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
-                # a plain grey picture is enough to load what judges the real one
+                # a plain grey picture is enough to load what judges the real photograph
                 inspect_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
 
     def stop(self) -> None:

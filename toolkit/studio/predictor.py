@@ -38,8 +38,8 @@ class PredictorState:
 class Predictor:
     """A thread that loads a classifier once and then classifies each kept photograph once.
 
-    Photographs come here only after they were kept: whether one is good enough must not depend on what a network
-    says of it, or the comparison would measure the choosing.
+    Photographs come here only after they were kept. Whether a photograph is good enough must not depend on the
+    answer of a network, or the comparison would measure the choosing.
     """
 
     def __init__(self, session: Session, load: Load) -> None:
@@ -72,7 +72,7 @@ class Predictor:
             return self._state
 
     def list_rows(self) -> list[dict[str, Any]]:
-        """One row per kept photograph that was classified, in the list's order, ready for JSON."""
+        """A row per kept photograph that was classified, in the list's order, ready for JSON."""
         rows = []
         for shot in self._session.list_shots():
             key = self._key(shot.path)

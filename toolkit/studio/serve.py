@@ -50,7 +50,7 @@ PATIENCE_S = 20.0
 
 
 def make_token() -> str:
-    """A random token for one run of the server, 192 bits."""
+    """A random token for a run of the server, 192 bits."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
@@ -59,7 +59,7 @@ class Access:
     """Whom the server answers.
 
     Attributes:
-        hosts: values of the Host header that are this server; another one is a web site whose name was bent to this
+        hosts: values of the Host header that are this server; another value is a web site whose name was bent to this
             address (DNS rebinding).
         token: what every request must bring; None on loopback.
         cookie: name of the cookie that carries it.
@@ -70,7 +70,7 @@ class Access:
     cookie: str = "toolkit_studio"
 
     def is_this_host(self, headers: Headers) -> bool:
-        """Whether the request was meant for this server: exactly one Host header, and a known one."""
+        """Whether the request was meant for this server: exactly one Host header, and a known host."""
         named = headers.getlist("host")
         # two Host headers are read otherwise by different programs: neither is believed
         return len(named) == 1 and named[0].lower() in self.hosts
@@ -83,7 +83,7 @@ class Access:
         # browsers say where a request comes from, and no page can change that
         if origin is not None and origin.lower() not in {f"http://{host}" for host in self.hosts}:
             return False
-        # absent where no browser asks, such as curl: such a client brings the token, where there is one
+        # absent where no browser asks, such as curl: such a client brings the token, if the server has a token
         return headers.get("sec-fetch-site", "same-origin") in ("same-origin", "none")
 
     def knows(self, token: str | None) -> bool:
@@ -178,7 +178,7 @@ class Listener:
 
     @property
     def url(self) -> str:
-        """To open in a browser, with the token where there is one."""
+        """Address to open in a browser, with the token if there is one."""
         base = f"http://{self.address}:{self.port}/"
         return f"{base}?token={self.access.token}" if self.access.token else base
 
@@ -188,7 +188,7 @@ def listen(lan: bool = False, port: int | None = None, address: str | None = Non
 
     Args:
         lan: listen to the local network, with a token, instead of to this machine alone.
-        port: None tries the usual one, then takes any that is free.
+        port: None tries the usual port, then takes any that is free.
         address: of this machine in the local network; None finds it.
 
     Raises:

@@ -38,14 +38,14 @@ NOT_FOUND, CONFLICT = 404, 409
 
 @dataclass(frozen=True)
 class Shot:
-    """One step of the list, and how far it is.
+    """A step of the list, and how far it is.
 
     Attributes:
         step: of the list.
-        status: done: a photograph is in the captures. waiting: one is uploaded and nobody has said yes to it, which
-            may be a retake of one that is there. skipped: put off.
-        path: of the photograph that is there, below captures/SOURCE; None without one.
-        retake: whether a gate found that one wanting.
+        status: done: a photograph is in the captures. waiting: a photograph is uploaded and not yet accepted, which
+            may be a retake of a photograph that is there. skipped: put off.
+        path: of the photograph that is there, below captures/SOURCE; None without a photograph.
+        retake: whether that photograph failed a gate.
     """
 
     step: ShotStep
@@ -99,7 +99,7 @@ class Session:
             return [self._look_up(step, index) for step in self.shots.steps]
 
     def look_up(self, number: int) -> Shot:
-        """One step with its state."""
+        """A step with its state."""
         with self._lock:
             return self._look_up(self.find_step(number), self._index())
 
@@ -114,7 +114,7 @@ class Session:
             What was measured; None where this photograph is stored already, as after a lost answer.
 
         Raises:
-            Refused: no photograph (415), or one that belongs to another shot (409); the upload is deleted.
+            Refused: no photograph (415), or a photograph of another shot (409); the upload is deleted.
             ToolkitError: the disk is full.
         """
         step = self.find_step(number)
@@ -285,7 +285,7 @@ def undo_keep(session: Session, number: int) -> Shot:
             what = "was put there by hand: delete the file itself" if there else "is not there"
             raise Refused(CONFLICT, f"the photograph of shot {number} {what}")
         file = root / record.path
-        # a copy first: it is in one of the two folders at every moment
+        # a copy first: it is always in one of the two folders
         upload = write_bytes(session.folders.new_incoming(), file.read_bytes())
         session.folders.put_waiting(step, upload, read_photo(upload))
         before = _find_before(root, record)
@@ -298,14 +298,15 @@ def undo_keep(session: Session, number: int) -> Shot:
 
 
 def _find_before(root: Path, record: CaptureRecord) -> CaptureRecord | None:
-    """The record of the photograph that this one replaced; None where it was the first."""
+    """The record of the photograph that this photograph replaced; None if it was the first."""
     kept = [
-        one
-        for one in read_manifest(root / REPLACED).values()
-        if (one.object, one.variant, one.pose_id) == (record.object, record.variant, record.pose_id)
-        and (root / REPLACED / one.path).is_file()
+        kept_record
+        for kept_record in read_manifest(root / REPLACED).values()
+        if (kept_record.object, kept_record.variant, kept_record.pose_id)
+        == (record.object, record.variant, record.pose_id)
+        and (root / REPLACED / kept_record.path).is_file()
     ]
-    originals = [find_original(one) for one in kept]
+    originals = [find_original(photograph) for photograph in kept]
     own = find_original(record)
     kept = kept[: originals.index(own)] if own in originals else kept
     return kept[-1] if kept else None

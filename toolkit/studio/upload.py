@@ -20,7 +20,7 @@ from toolkit.rig.shot_order import ShotStep
 class Refused(ToolkitError):
     """A request that is answered with one clear line; `status` is HTTP's.
 
-    404: no such shot. 408: it stopped coming. 409: the state is another one than the page
+    404: no such shot. 408: it stopped coming. 409: the state differs from what the page
     thought. 413: too large. 415: no photograph.
     """
 
@@ -31,7 +31,7 @@ class Refused(ToolkitError):
 
 FOLDER = ".studio"
 HASH_DIGITS = 32
-"""Of a photograph's SHA-256 in its name, 128 bits."""
+"""Number of digits of a photograph's SHA-256 in its file name; 128 bits."""
 PART = ".part"
 
 
@@ -71,24 +71,24 @@ class UploadFolders:
         return max(self._list_waiting(step), default=None)  # the names begin with the time
 
     def put_waiting(self, step: ShotStep, upload: Path, photo: Photo) -> Path:
-        """Move an upload to its shot; the one that waited there before goes.
+        """Move an upload to its shot; the upload that waited there before is deleted.
 
         Raises:
             ToolkitError: the disk is full or not to be written.
         """
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         file = self.waiting_dir(step) / f"{stamp}-{photo.sha256[:HASH_DIGITS]}{SUFFIXES[photo.kind]}"
-        # listed before the move: the new one is not among those that go
+        # listed before the move: the new upload is not among those deleted
         old = list(self._list_waiting(step))
         move_file(upload, file, self.root)
-        for one in old:
-            delete_file(one)
+        for earlier in old:
+            delete_file(earlier)
         return file
 
     def drop_waiting(self, step: ShotStep) -> None:
         """Throw away what waits for a shot."""
-        for one in list(self._list_waiting(step)):
-            delete_file(one)
+        for waiting in list(self._list_waiting(step)):
+            delete_file(waiting)
 
     def set_skipped(self, step: ShotStep, skipped: bool) -> None:
         """Put a shot off, or call it back."""
@@ -101,13 +101,15 @@ class UploadFolders:
     def sweep(self) -> None:
         """Remove what uploads left that a stopped server never finished."""
         if self.incoming_dir.is_dir():
-            for one in self.incoming_dir.iterdir():
-                delete_file(one)
+            for file in self.incoming_dir.iterdir():
+                delete_file(file)
 
     def _list_waiting(self, step: ShotStep) -> Iterator[Path]:
         folder = self.waiting_dir(step)
         if folder.is_dir():
-            yield from (one for one in folder.iterdir() if one.is_file() and not one.name.startswith("."))
+            yield from (
+                waiting for waiting in folder.iterdir() if waiting.is_file() and not waiting.name.startswith(".")
+            )
 
 
 def hash_in_name(file: Path) -> str:
@@ -128,7 +130,7 @@ BLOCK_S = 30.0
 MOST_MEGAPIXELS = 64
 """Decoding takes up to 18 bytes a pixel, 1.2 GB; a phone's 50 megapixels are within."""
 _decoding = Lock()
-"""One at a time, however many phones send at once."""
+"""Lock that reads uploads in turn, however many phones send at once."""
 LEAST_SIDE_PX, MOST_ASPECT = 32, 20
 """What is smaller or longer shows nothing that could be measured."""
 
@@ -139,7 +141,7 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
     Args:
         blocks: of the request's body.
         folders: of the workspace.
-        announced: its Content-Length, None where it has none; a wrong one is not believed.
+        announced: its Content-Length, None where it has none; a wrong length is not believed.
         limit: most bytes.
 
     Raises:

@@ -24,11 +24,11 @@ from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 
 REQUEST, REPLY = 0, 1
 MOST_REPLY_BYTES = 256 << 20
-"""Of one reply: three pictures of 4096² with depth as text-book floats."""
+"""Largest size of a reply, bytes: three pictures of 4096² with depth as floats."""
 MOST_BYTES = 1 << 30
-"""Of one reply as Python holds it, where a byte may become an object of its own."""
+"""Largest size of a reply in Python, bytes; a byte may become a separate object."""
 MOST_LEVELS = 8
-"""Of an error's words within one another."""
+"""Largest depth of nested words in an error."""
 CHUNK_BYTES = 1 << 20
 LONGEST_WORDS = 300
 ARGUMENT_COUNT = re.compile(r"invalid number of arguments\. Expected: (\d+)")
@@ -85,7 +85,7 @@ class Connection:
 
     Attributes:
         where: the server's address as errors name it.
-        timeout_s: longest wait for one reply.
+        timeout_s: longest wait for a reply.
     """
 
     def __init__(self, host: str, port: int, where: str, timeout_s: float = 60.0) -> None:
@@ -191,13 +191,13 @@ class Connection:
 
 
 def _words_of(error: object, levels: int = MOST_LEVELS) -> str:
-    """A server's error in words: a text, or a list or map with one in it."""
+    """A server's error in words: a text, or a list or map that holds a text."""
     if isinstance(error, bytes):
         return error.decode("utf-8", errors="replace")
     if isinstance(error, dict):
         error = list(error.values())
     if isinstance(error, Sequence) and not isinstance(error, str):
-        return ", ".join(_words_of(one, levels - 1) for one in error[:MOST_LEVELS]) if levels else ""
+        return ", ".join(_words_of(part, levels - 1) for part in error[:MOST_LEVELS]) if levels else ""
     return str(error)
 
 
@@ -278,7 +278,9 @@ def read_fields(found: object, where: str) -> dict[str, object]:
     """A reply's map by text; a `ToolkitError` where it is none."""
     if not isinstance(found, dict):
         raise ToolkitError(f"{where}: expected a map, found {show(found)}")
-    return {key.decode("utf-8", "replace") if isinstance(key, bytes) else str(key): one for key, one in found.items()}
+    return {
+        key.decode("utf-8", "replace") if isinstance(key, bytes) else str(key): value for key, value in found.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -317,7 +319,7 @@ class Address:
             raise FieldError(f"no option called '{unknown[0]}': known: {', '.join(OPTIONS)}", {"renderer": text})
         given = {name: values[-1] for name, values in options.items()}
         try:
-            north, east, down = (float(one) for one in given.get("origin", "0,0,0").split(","))
+            north, east, down = (float(number) for number in given.get("origin", "0,0,0").split(","))
             is_finite = bool(np.isfinite([north, east, down]).all())
         except ValueError:
             is_finite = False
@@ -429,7 +431,7 @@ class AirSim:
             self._call("simSetSegmentationObjectID", r"[\w]*", 0, True)
 
     def place(self, name: str, T_world_object: np.ndarray | None) -> None:
-        """Put an actor where an object stands; one that is not in the level is spawned from the asset of its name.
+        """Put an actor where an object stands; an actor that is not in the level is spawned from the asset of its name.
 
         Args:
             name: of the actor or asset.
@@ -470,7 +472,7 @@ class AirSim:
             self._get_images(SCENE)
             replies = self._get_images(SCENE, DEPTH_PERSPECTIVE, SEGMENTATION)
             misses = [find_miss(reply.pose, pose) for reply in replies]
-            miss = next((one for one in misses if one), None)
+            miss = next((miss for miss in misses if miss), None)
             if miss is None:
                 picture, depth, segmentation = replies
                 return SimulatorShot(picture.decode(), depth.read_depth(), segmentation.decode())
@@ -563,7 +565,7 @@ class AirSim:
 
 @dataclass(frozen=True)
 class _Image:
-    """One reply of `simGetImages`; `where` names it in errors."""
+    """A reply of `simGetImages`; `where` names it in errors."""
 
     content: bytes
     numbers: list[float]
@@ -584,7 +586,7 @@ class _Image:
             )
         if not isinstance(content, bytes):
             listed = content if isinstance(content, list) else []
-            is_bytes = all(isinstance(one, int) and 0 <= one < 256 for one in listed)
+            is_bytes = all(isinstance(value, int) and 0 <= value < 256 for value in listed)
             content = bytes(listed) if is_bytes else b""
         pose = {b"position": fields.get("camera_position"), b"orientation": fields.get("camera_orientation")}
         return cls(content, numbers, (width, height), unpack_pose(pose, where), where)
@@ -611,4 +613,4 @@ class _Image:
 
 def _texts(found: object) -> list[str]:
     each = found if isinstance(found, list) else []
-    return [one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one or "") for one in each]
+    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text or "") for text in each]

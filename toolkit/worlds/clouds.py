@@ -177,7 +177,7 @@ def paint_noise(rng: np.random.Generator, side_px: int, slope: float, coarsest: 
 
 
 def paint_levels(rng: np.random.Generator, side_px: int, slope: float, coarsest: float) -> list[np.ndarray]:
-    """`paint_noise` and its averages, each half as large as the one before."""
+    """`paint_noise` and its averages, each half as large as the previous."""
     return build_pyramid(paint_noise(rng, side_px, slope, coarsest))
 
 

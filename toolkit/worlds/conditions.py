@@ -18,7 +18,7 @@ from toolkit.rig.renderers import IN_WORLDS, RAYCAST, check_world_renderer
 BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
 CLEAR = ("clear", 0)
 NAMES = ("fog", "dust", "rain", "snow")
-"""Of the weathers that have severities."""
+"""Names of the weathers that have severities."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ TIMES: dict[str, TimeOfDay] = {
 
 
 def check_time(time: str) -> str:
-    """The name of a time of day; an unknown one is a `ToolkitError`."""
+    """Return the name of a time of day; raise a `ToolkitError` for an unknown name."""
     if time not in TIMES:
         raise one_of("time of day", time, list(TIMES))
     return time
 
 
 def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of times of day; an unknown one is a `ToolkitError`."""
+    """Return names of times of day; raise a `ToolkitError` for an unknown name."""
     return tuple(check_time(time) for time in times)
 
 
@@ -107,9 +107,9 @@ def read_weathers(given: object) -> object:
         ToolkitError: there is no such weather or severity.
     """
     each = [given] if isinstance(given, str) else given
-    if not (isinstance(each, list | tuple) and all(isinstance(one, str | list | tuple) for one in each)):
+    if not (isinstance(each, list | tuple) and all(isinstance(item, str | list | tuple) for item in each)):
         return given
-    read = [parse_weathers([one]) if isinstance(one, str) else (one,) for one in each]
+    read = [parse_weathers([item]) if isinstance(item, str) else (item,) for item in each]
     return tuple(dict.fromkeys(tuple(pair) for pairs in read for pair in pairs))
 
 

@@ -17,7 +17,7 @@ SUN_KLX = 133.8
 SUN_COLOUR = np.array([1.118, 0.974, 0.911])
 """Outside the air: a black body of 5800 K, of luminance 1."""
 WAVELENGTHS_UM = np.array([0.61, 0.55, 0.465])
-"""Of red, green and blue."""
+"""Wavelengths of red, green and blue, micrometres."""
 OZONE_CM, OZONE_PER_CM = 0.35, np.array([0.128, 0.085, 0.008])
 
 PEREZ = np.array([
@@ -59,7 +59,7 @@ def clear_sky(directions: np.ndarray, sun: np.ndarray, turbidity: float) -> np.n
 
     def perez(row: np.ndarray, cosine: np.ndarray | float, gamma: np.ndarray | float) -> np.ndarray:
         a, b, c, d, e = row @ (turbidity, 1)
-        # Perez et al. 1993: a term of the angle from the zenith times one of the angle from the sun
+        # Perez et al. 1993: a term of the angle from the zenith times a term of the angle from the sun
         return (1 + a * np.exp(b / cosine)) * (1 + c * np.exp(d * gamma) + e * np.cos(gamma) ** 2)
 
     zenith = find_zenith(90 - np.degrees(zenith_angle), turbidity)
@@ -74,7 +74,7 @@ def clear_sky(directions: np.ndarray, sun: np.ndarray, turbidity: float) -> np.n
 
 
 def find_air_mass(elevation_deg: float) -> float:
-    """Of the path to the sun, 1 at the zenith (Kasten 1965); from 0° up."""
+    """Return the air mass of the path to the sun, 1 at the zenith (Kasten 1965); from 0° up."""
     elevation_deg = max(elevation_deg, 0.0)
     return 1 / (np.sin(np.radians(elevation_deg)) + 0.15 * (elevation_deg + 3.885) ** -1.253)
 

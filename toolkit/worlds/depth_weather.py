@@ -105,7 +105,7 @@ SNOW_BIN_MM = 0.2
 MELTED_MM = np.arange(0.3, 5.0, SNOW_BIN_MM) + SNOW_BIN_MM / 2
 """Diameters of the drops that flakes melt to."""
 FLAKE_DENSITY = 0.1
-"""Of water's."""
+"""Density of a flake as a share of the density of water."""
 FLAKE_LIGHT, COVER_LIGHT = 0.9, 0.85
 """Assumed: light of flakes over the mean of the air's and white ground's, and the albedo of lying snow; fresh snow has
 0.8 to 0.9."""
@@ -114,7 +114,7 @@ FLAT, STEEP = 0.8, 0.4
 TILE_M, TILE_PX, COARSEST = 40.0, 512, 10
 """The pattern in which the cover lies repeats after 40 m; its largest patches are a tenth of that."""
 SOFT = 0.08
-"""Of a patch's edge, in steps of that order."""
+"""Softness of the edge of a patch of snow, in steps of that order."""
 BLENDED_M = 1.0
 """Ground below a pixel across which patches are no longer told apart."""
 
@@ -260,7 +260,7 @@ def describe_weathers(weathers: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def weather_rng(seed: int, item: int, name: str, severity: int) -> np.random.Generator:
-    """The draws of one picture in one weather: they depend on these four alone."""
+    """The draws of a picture in one weather: they depend on these four alone."""
     return Draws(seed, item, "weather").of(f"{name}:{severity}")
 
 
@@ -287,7 +287,7 @@ def _on_ladder(value: float, ladder: Sequence[float]) -> float:
 
 def _fog_from_airsim(value: float, kind: type[DepthFog] | type[Dust]) -> Weather:
     # in extinction, which grows with the amount of fog; visibility falls with it
-    extinction = _on_ladder(value, [CONTRAST_LOG / one for one in LADDER_M])
+    extinction = _on_ladder(value, [CONTRAST_LOG / visibility_m for visibility_m in LADDER_M])
     return kind(visibility_m=CONTRAST_LOG / extinction)
 
 
@@ -306,7 +306,7 @@ TO_AIRSIM = {"fog": "Fog", "dust": "Dust", "rain": "Rain", "snow": "Snow"}
 
 
 def from_airsim(name: str, value: float) -> Weather:
-    """The weather that stands here for one of AirSim's parameters, see `AIRSIM`; 0 is clear air.
+    """The weather that stands here for a parameter of AirSim, see `AIRSIM`; 0 is clear air.
 
     Raises:
         ToolkitError: AirSim has no such parameter, or it has no counterpart here.

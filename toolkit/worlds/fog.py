@@ -45,7 +45,7 @@ def hang_veil(path: np.ndarray, extinction: np.ndarray, airlight: np.ndarray) ->
 
 
 def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.random.Generator) -> np.ndarray:
-    """(h, w) float32 length of even fog that takes as much light as the patchy one up to `depth_m`.
+    """(h, w) float32 length of even fog that takes as much light as the patchy fog up to `depth_m`.
 
     The extinction's factor is 1.05 plus four waves through the world in random directions, whose amplitudes add up to
     0.4, so that it stays from 0.65 to 1.45. A wave's integral along a ray has a closed form.
@@ -114,7 +114,7 @@ TAN = np.array([1.0, 0.68, 0.38])
 DUST_LIGHT = 0.65
 """Assumed: luminance of the dust's airlight over fog's."""
 GRAIN_SHARE = 0.05
-"""Assumed: share of the dust's mass in grains large enough to be seen one by one."""
+"""Assumed: share of the dust's mass in grains large enough to be seen individually."""
 GRAIN_MM, GRAIN_KG_PER_M3, GRAIN_FALL_M_S, GRAIN_LIGHT = np.linspace(0.3, 1.5, 13), 2650.0, 4.0, 0.5
 """Sand's diameters, density, rate of fall, and light over the dust's (assumed: its shaded side is seen)."""
 
@@ -144,12 +144,12 @@ class Dust(InWind):
 
     @property
     def mass_mg_per_m3(self) -> float:
-        """Of dust in the air: 56 / V^1.25 with V in km (Chepil and Woodruff 1957)."""
+        """Mass of dust in the air, mg/m³: 56 / V^1.25 with V in km (Chepil and Woodruff 1957)."""
         return 56.0 / (self.visibility_m / 1000) ** 1.25
 
     def describe(self) -> str:
         """`visibility 40 m, extinction 71.1 74.9 81.5 /km in red, green, blue, 3131 mg/m³`."""
-        colours = " ".join(f"{1e3 * one:.3g}" for one in self.extinction)
+        colours = " ".join(f"{1e3 * value:.3g}" for value in self.extinction)
         return (
             f"visibility {self.visibility_m:.4g} m, extinction {colours} /km in red, green, blue, "
             f"{self.mass_mg_per_m3:.0f} mg/m³"

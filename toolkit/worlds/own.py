@@ -246,7 +246,7 @@ def _gap_to_corners(world: World, places: np.ndarray) -> np.ndarray:
     """(n,) distance from places (n, 2) to the next corner of what stands there: posts slip between rays."""
     from scipy.spatial import cKDTree
 
-    things = ~np.isin(world.face_class, [int(one) for one in STANDING])
+    things = ~np.isin(world.face_class, [int(kind) for kind in STANDING])
     corners = world.mesh.vertices[np.unique(world.mesh.faces[things])]
     low = corners[:, 2] <= world.ground_height(corners) + KERB_M
     if low.all():
@@ -372,7 +372,7 @@ def _class_of(tile: KitPiece) -> SceneClass:
 
 @lru_cache(maxsize=2)
 def build_world(name: str, seed: int = 0) -> World:
-    """One of `WORLDS`; the last ones are kept.
+    """Return a world of `WORLDS`; the latest are kept.
 
     Raises:
         ToolkitError: there is no such world.
@@ -418,7 +418,7 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
         scale: from a mesh file's units to metres.
 
     Raises:
-        ToolkitError: there is no such world, or its file cannot be used as one.
+        ToolkitError: there is no such world, or its file cannot be used as a world.
     """
     own = list_own_worlds(space)
     file = own.get(world) or Path(world)

@@ -16,11 +16,11 @@ from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, orbit_direction, pixel_rays
 
 LOWEST_RISE = 1e-3
-"""Of a ray along the horizon: its path through a layer is a thousand times the height, for the earth is round."""
+"""Smallest rise of a ray. Its path through a layer is at most 1000 times the height, because the earth is round."""
 FAINTEST = 0.015
 """Share of a pixel's light below which a particle is not drawn."""
 APERTURE_MM = 2.0
-"""Of the lens, focused far away: a phone's of 4 mm at f/2. It blurs what is near into discs of f · 2 mm / z."""
+"""Aperture of the lens, mm: a phone's 4 mm at f/2, focused far away. It blurs near drops into discs of f · 2 mm / z."""
 NEAREST_M = 0.25
 MOST = 30_000
 """Particles in a picture; the farthest are left out where there would be more."""
@@ -116,7 +116,7 @@ class AffineLight:
         return light * self.factor + self.offset
 
     def then(self, later: "AffineLight") -> "AffineLight":
-        """Both, one after the other; what is `later` is nearer to the camera."""
+        """Both in turn; what is `later` is nearer to the camera."""
         return AffineLight(self.factor * later.factor, self.offset * later.factor + later.offset)
 
 
@@ -195,7 +195,7 @@ def draw_coverage(
     x, y, share, owner = _dot(streaks)
     column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    x, y, share, owner, column, row = (one[inside] for one in (x, y, share, owner, column, row))
+    x, y, share, owner, column, row = (array[inside] for array in (x, y, share, owner, column, row))
     # what is behind the surface is not seen
     free = view.depth_m[row, column] > streaks.range_m[owner]
     x, y, share = x[free] + np.float32(0.5), y[free] + np.float32(0.5), share[free]
@@ -250,7 +250,7 @@ def _scatter(
         camera.fx * (size + APERTURE_MM / 1e3) / z, np.pi / 4 * (camera.fx * size / z) ** 2,
         z * np.sqrt(1 + across**2 + down**2),
     )  # fmt: skip
-    return _Streaks(*(one.astype(np.float32) for one in values))
+    return _Streaks(*(array.astype(np.float32) for array in values))
 
 
 def _dot(streaks: _Streaks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -25,19 +25,19 @@ from toolkit.worlds.world import STANDING, SceneClass, Spot, World
 
 BURIED_M = 50.0
 SPECK_M = 0.01
-LAND = [int(one) for one in STANDING if one != SceneClass.WATER]
+LAND = [int(kind) for kind in STANDING if kind != SceneClass.WATER]
 """Classes that rain makes darker; on water no snow lies either."""
 
 
 def leave_empty(world: World, sky: Sky) -> Placed:
-    """A world without an object: a speck of one lies far below its ground, where no camera sees it."""
+    """A world without an object: a speck lies far below its ground, where no camera sees it."""
     place = (0.0, 0.0, float(world.bounds[0, 2]) - BURIED_M)
     spot = Spot("nowhere", "nowhere", place, 0.0, 0.0, "ground")
     return Placed(make_speck(), Stand(place), make_scene(world, sky), spot)
 
 
 def make_speck() -> Mesh:
-    """One grey triangle of a centimetre, in place of an object."""
+    """A grey triangle of a centimetre, in place of an object."""
     corners = np.array([[0, 0, 0], [SPECK_M, 0, 0], [0, SPECK_M, 0]], np.float32)
     up, grey = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)), np.full((4, 4, 3), 128, np.uint8)
     return Mesh(corners, up, np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32),
@@ -53,7 +53,7 @@ def see_through(
     renderer: Renderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray],
     weathers: Sequence[tuple[str, int]], seed: tuple[int, int] = (0, 0),
 ) -> list[np.ndarray]:  # fmt: skip
-    """(h, w, 3) uint8 sRGB pictures of one view, one for each weather, from one render.
+    """(h, w, 3) uint8 sRGB pictures of a view, one for each weather, from one render.
 
     Args:
         renderer: of the world, with an object or none.
@@ -122,7 +122,7 @@ FPS = 25
 
 
 def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], count: int) -> Path:
-    """Write an MP4; at `path` there is the old file or the whole new one.
+    """Write an MP4; `path` holds either the old file or the whole new file.
 
     Args:
         path: `.mp4`.

@@ -102,7 +102,7 @@ def make_scene(world: World, sky: Sky) -> Scene:
 
 
 def find_spot(world: World, name: str) -> Spot:
-    """The spot of that name; an unknown one is a `ToolkitError`."""
+    """Return the spot of that name; raise a `ToolkitError` for an unknown name."""
     spots = {spot.name: spot for spot in world.spots}
     if name not in spots:
         raise one_of(f"place in the world {world.name}", name, list(spots))
@@ -116,7 +116,7 @@ def choose_places(
     """Draw places that are free of walls and everything else for `radius_m` around.
 
     Streets, crossings, squares, roofs, water and so on take turns, in an order drawn by the seed, so that few places
-    are not all of one kind. The first of more places are those of fewer.
+    are not all of the same kind. The first of more places are those of fewer.
 
     Args:
         world: in which.
@@ -180,7 +180,7 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
     Args:
         mesh: at its real size, metres, its base's centre at the origin; see `scale_to_world`.
         world: in which.
-        spot: one of the world's; see `choose_places`.
+        spot: a spot of the world; see `choose_places`.
         sky: above it.
 
     Raises:
@@ -208,7 +208,7 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
 
 
 def stand_object(space: Workspace, world: World, item: ObjectInWorld, sky: Sky, seed: int = 0) -> Placed:
-    """Stand an object of a workspace in a world as is asked for; without a place, at one by `seed`.
+    """Stand an object of a workspace in a world as is asked for; without a place, at a spot drawn by `seed`.
 
     Raises:
         ToolkitError: an unknown object, variant or place, or nowhere is room for it.

@@ -34,7 +34,7 @@ from toolkit.worlds.world import World
 
 Ink = tuple[int, int, int]
 ALTITUDE = 10
-"""Of the map's camera, in sides of the map: what stands up leans outwards by a twentieth of its height at the edge."""
+"""Altitude of the map's camera, in sides of the map. At the edge, tall things lean outwards by 1/20 of their height."""
 MARGIN = 1.06
 KINDS: dict[str, Ink] = {"ground": (255, 214, 64), "roof": (255, 120, 200), "water": (90, 210, 255)}
 PAD: Ink = (120, 255, 120)
@@ -95,6 +95,7 @@ def draw_map(
     """
     image = Image.fromarray((picture * np.float32(0.8)).astype(np.uint8))
     draw = ImageDraw.Draw(image)
+    # the flight, and a circle of free ground round each place
     pads = {pad.name for pad in world.pads}
     if path is not None:
         draw.line(sheet.place(path), fill=PATH, width=2)
@@ -105,8 +106,10 @@ def draw_map(
         radius = max(spot.free_radius_m * sheet.px_per_m, 4)
         draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=ink, width=3)
         labels.append((x, y, spot.name, ink))
-    for one in viewpoints:
-        labels.append((*_draw_camera(draw, sheet, one), one.name, CAMERA))
+    # camera positions
+    for viewpoint in viewpoints:
+        labels.append((*_draw_camera(draw, sheet, viewpoint), viewpoint.name, CAMERA))
+    # labels moved apart, each with a line to its point
     font = read_font("sans", LABEL_PX)
     sizes = [(draw.textlength(name, font) + 6, LABEL_PX + 4.0) for _, _, name, _ in labels]
     middles = spread_labels([(x, y) for x, y, *_ in labels], sizes, (image.width, image.height))
@@ -123,7 +126,7 @@ def spread_labels(
 ) -> list[tuple[float, float]]:
     """Middles of labels that do not overlap, each as near as may be to where it is wanted.
 
-    Each label in turn takes the nearest free place on rings about the wanted one; where none is free, the wanted one.
+    Each label in turn takes the nearest free place on rings about the wanted place; if none is free, the wanted place.
 
     Args:
         wanted: (x, y) of the middles, pixels.
@@ -142,11 +145,11 @@ def spread_labels(
     return [(float(x), float(y)) for x, y in middles]
 
 
-def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, one: Viewpoint) -> tuple[float, float]:
+def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, viewpoint: Viewpoint) -> tuple[float, float]:
     """An arrow the way a camera looks; returns where its name goes."""
-    ahead = one.T_world_camera[:3, 2] * [1, 1, 0]
+    ahead = viewpoint.T_world_camera[:3, 2] * [1, 1, 0]
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    foot = one.position * [1, 1, 0]
+    foot = viewpoint.position * [1, 1, 0]
     aside = np.array([-ahead[1], ahead[0], 0.0])
     unit = 14 / sheet.px_per_m
     corners = [foot + 2.2 * unit * ahead, foot + 0.8 * unit * aside, foot - 0.8 * unit * aside]
@@ -158,7 +161,7 @@ def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, one: Viewpoint) -> 
 def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> None:
     """A bar of round length, north, and what the marks mean."""
     side = sheet.camera.width
-    length = max((one for one in BARS_M if one * sheet.px_per_m < 0.3 * side), default=BARS_M[0])
+    length = max((bar_m for bar_m in BARS_M if bar_m * sheet.px_per_m < 0.3 * side), default=BARS_M[0])
     font, left, low = read_font("sans", 20), 30, side - 34
     right = left + length * sheet.px_per_m
     draw.line((left, low, right, low), fill=PATH, width=5)
@@ -208,7 +211,7 @@ class PreviewSettings:
 
     @property
     def frames(self) -> int:
-        """Of the film; 0 where there is none."""
+        """Number of frames of the film; 0 without a film."""
         return round(self.film_s * FPS)
 
 
@@ -267,7 +270,7 @@ class _Show:
 
     @cached_property
     def viewpoints(self) -> tuple[Viewpoint, ...]:
-        """Of all pictures; what shows an object comes first."""
+        """Viewpoints of all pictures; those that show an object come first."""
         around: list[Viewpoint] = []
         if self.placed is not None:
             length = float(np.ptp(self.placed.mesh.bounds, axis=0).max())
@@ -279,16 +282,16 @@ class _Show:
 
     @cached_property
     def flight(self) -> Flight:
-        """Of the film."""
+        """Flight of the film's camera."""
         return plan_flight(self.world, self.viewpoints, self.settings.seed)
 
     @property
     def camera(self) -> Camera:
-        """Of all pictures."""
+        """Camera of all pictures."""
         return Camera.from_fov(*self.settings.resolution, FOV_DEG)
 
     def list_jobs(self) -> Iterator[_Job]:
-        """Every file, those of one sky side by side."""
+        """Every file, those of the same sky side by side."""
         for k, sky in enumerate(self.skies):
             weathers = (CLEAR, *self.settings.weathers) if k == 0 else (CLEAR,)
             for item, view in enumerate(self.viewpoints):
@@ -343,7 +346,7 @@ def preview_world(
 
     Args:
         world: which.
-        skies: each gives a picture from every viewpoint; the first one also the weathers, the map and the film.
+        skies: each gives a picture from every viewpoint; the first sky also the weathers, the map and the film.
         folder: where to.
         settings: see there.
         placed: an object in the world, under whatever sky.
@@ -357,12 +360,14 @@ def preview_world(
     if placed is not None:
         facts |= {"object_sha256": hash_mesh(placed.mesh), "place": placed.spot.name}
     show = _Show(world, skies, placed, settings, Path(folder), facts)
+    # pictures of an earlier run are kept if their inputs and bytes are the same
     jobs = list(show.list_jobs())
     known = _read_record(show.folder)
     record = {job.file: known[job.file] for job in jobs if _is_there(show, job, known)}
     missing = [job for job in jobs if job.file not in record]
     if not missing:
         return PreviewResult(show.folder, [], [job.file for job in jobs])
+    # the light of a sky is worked out once for all of its pictures
     work = LIGHT * len({job.sky for job in missing}) + sum(_cost(job, settings) for job in missing)
     with progress(f"preview of {world.name}", work) as bar:
         for k, of_sky in groupby(missing, key=lambda job: job.sky):
@@ -373,6 +378,7 @@ def preview_world(
                 for job, content in _make(show, renderer, list(group), bar.advance):
                     if content is not None:
                         write_bytes(show.folder / job.file, content)
+                    # the record grows with every picture, so that an interrupted run resumes
                     record[job.file] = (show.hash_inputs(job), sha256_file(show.folder / job.file))
                     _write_record(show, record)
                     bar.advance(0 if job.kind == "film" else _cost(job, settings), job.file)
@@ -390,7 +396,7 @@ def preview_request(
     space: Workspace, world: str, request: PreviewRequest, item: ObjectInWorld, *, scale: float = 1.0,
     out: Path | None = None, seed: int = 0,
 ) -> tuple[str, PreviewResult]:  # fmt: skip
-    """Open a world by name or file, stand an object in it where one is named, and make the pictures.
+    """Open a world by name or file, stand an object in it if it is named, and make the pictures.
 
     Returns:
         The world's name, and what was made; by default below the workspace's `rig/worlds`.
@@ -493,6 +499,6 @@ def _read_record(folder: Path) -> dict[str, tuple[str, str]]:
 
 
 def _write_record(show: _Show, record: dict[str, tuple[str, str]]) -> None:
-    cameras = {one.name: one.T_world_camera.round(6).tolist() for one in show.viewpoints}
+    cameras = {viewpoint.name: viewpoint.T_world_camera.round(6).tolist() for viewpoint in show.viewpoints}
     content = {"schema_version": 1, **show.facts, "camera": show.camera.intrinsics, "T_world_camera": cameras}
     write_json(show.folder / RECORD, {**content, "files": dict(sorted(record.items()))})

@@ -40,7 +40,7 @@ from toolkit.worlds.daylight import (
 
 SUN_RADIUS_DEG = 0.27
 GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
-"""Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
+"""Albedo of the panorama's lower half, linear RGB: asphalt, concrete, earth and leaves at a distance."""
 
 
 LAMPS = 0.06
@@ -130,7 +130,7 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     """A sky of a time of day; equal arguments give equal bytes.
 
     Args:
-        time: one of `TIMES`, or one's own.
+        time: one of `TIMES`, or your own.
         seed: of the clouds.
         height_px: of the panorama, which is twice as wide; 512 is 3 pixels a degree.
 
@@ -147,6 +147,7 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     directions = find_directions(height_px)
     above = directions[: height_px // 2].reshape(-1, 3)
     direct = sunlight(when.sun_elevation_deg, when.turbidity)
+    # cloud cover above 0.85 blends the sky into an overcast
     grey = np.clip((when.cloud_cover - 0.85) / 0.15, 0, 1)
     rng = np.random.default_rng([seed, 0x5C1])
     upper = np.zeros_like(above)
@@ -154,12 +155,14 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
         upper = _light_sky(above, when, direct, np.pi / height_px, rng) * (1 - grey)
     if grey > 0:
         upper = upper + _overcast(above, when, np.pi / height_px, rng) * grey
+    # upper half, sun, and the ground that both light
     panorama = np.zeros_like(directions)
     panorama[: height_px // 2] = upper.reshape(height_px // 2, -1, 3)
     sun = _make_sun(when.sun_azimuth_deg, when.sun_elevation_deg, direct * (1 - grey))
     if when.sun_elevation_deg >= 0:  # twilight's blue is left as it is
         panorama, sun = _balance(panorama, sun)
     _lay_ground(panorama, directions, illuminate(panorama, sun))
+    # dusk is exposed darker than a meter asks for
     dim = min(1.0, float(illuminate(panorama, sun) @ LUMINANCE) / DIM_KLX) ** DIM_POWER
     return Sky(f"{name}/{seed}", panorama, sun, meter_exposure(panorama, sun) * dim, when.lamps_on)
 
@@ -172,7 +175,7 @@ def _make_sun(azimuth_deg: float, elevation_deg: float, irradiance: np.ndarray) 
 def _balance(panorama: np.ndarray, sun: KeyLight) -> tuple[np.ndarray, KeyLight]:
     """Both as a camera's white balance leaves them: without half of the light's colour on open ground."""
     irradiance = illuminate(panorama, sun)
-    # a gain for each channel, then one for all, so that open ground stays as bright as it was
+    # a gain for each channel, then a gain for all, so that open ground stays as bright as it was
     # the power leaves the rest of the colour
     gain = (irradiance / (irradiance @ LUMINANCE)) ** -BALANCE
     gain *= (irradiance @ LUMINANCE) / (irradiance * gain @ LUMINANCE)

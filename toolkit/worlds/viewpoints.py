@@ -135,7 +135,7 @@ def rate_views(world: World, poses: list[np.ndarray], level: Level) -> np.ndarra
     rays = np.stack([pixel_rays(PROBE, pose, pixels) for pose in poses])
     hit = world.shape.rays.cast_rays(o3d.core.Tensor(rays))
     way, face = hit["t_hit"].numpy(), hit["primitive_ids"].numpy()
-    return np.array([_rate(world, *one, level) for one in zip(rays, way, face, strict=True)])
+    return np.array([_rate(world, *view, level) for view in zip(rays, way, face, strict=True)])
 
 
 def _rate(world: World, rays: np.ndarray, way: np.ndarray, face: np.ndarray, level: Level) -> float:
@@ -144,12 +144,12 @@ def _rate(world: World, rays: np.ndarray, way: np.ndarray, face: np.ndarray, lev
         return -np.inf
     kinds, total = world.face_class[face[met]], len(way)
     share = np.bincount(kinds, minlength=len(SceneClass)) / total
-    standing = [int(one) for one in STANDING]
+    standing = [int(kind) for kind in STANDING]
     things = np.delete(share, standing)
     seen = things[things > 0.01]
     # entropy of the classes in the picture: many, in even shares
     variety = -float((seen * np.log(seen)).sum())
-    # how many materials show, ground aside; one that fills over a fifth is a wall before the lens
+    # how many materials show, ground aside; a material that fills over a fifth is a wall before the lens
     look = np.unique(
         world.mesh.face_material[face[met & ~np.isin(world.face_class[np.where(met, face, 0)], standing)]],
         return_counts=True,
@@ -191,7 +191,7 @@ class Flight:
 
     @property
     def length_m(self) -> float:
-        """Of the path."""
+        """Length of the path, metres."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     def poses(self, count: int) -> list[np.ndarray]:
@@ -232,19 +232,23 @@ def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) -> Flight:
-    """From the air over the places of street views and up again, the last one first seen from afar.
+    """From the air over the places of street views and up again, the last place first seen from far away.
 
     Raises:
-        ToolkitError: there is no way from one to the next.
+        ToolkitError: there is no way from a place to the next.
     """
     grid = _Grid.over(world)
-    streets = [one for one in viewpoints if one.name.startswith("street")] or list(viewpoints)
+    streets = [viewpoint for viewpoint in viewpoints if viewpoint.name.startswith("street")] or list(viewpoints)
     middle = np.append(world.core.mean(axis=0), 0.0)
     half = np.append(np.ptp(world.core, axis=0) / 2, 0.0)
     rng = np.random.default_rng([seed, 61])
     corner = half * [*rng.choice([-0.55, 0.55], 2), 0]
     rise = min(HEIGHTS_M[-2], 0.35 * float(half.max()) + 12)
-    stops = [middle + corner + [0, 0, rise], *(one.position for one in streets), middle - corner + [0, 0, 0.7 * rise]]
+    stops = [
+        middle + corner + [0, 0, rise],
+        *(street.position for street in streets),
+        middle - corner + [0, 0, 0.7 * rise],
+    ]
     # streets by their distance from the start: the film does not fly back and forth
     order = [0, *sorted(range(1, len(stops) - 1), key=lambda k: float(np.linalg.norm(stops[k] - stops[0]))), -1]
     nodes = [grid.nearest(stops[k]) for k in order]
@@ -273,7 +277,7 @@ class _Grid:
 
     @classmethod
     def over(cls, world: World) -> "_Grid":
-        """Of a world's core, at `HEIGHTS_M` above its ground."""
+        """Return the grid over a world's core, at `HEIGHTS_M` above its ground."""
         from scipy.sparse import coo_array
 
         low, high = world.core
@@ -291,21 +295,21 @@ class _Grid:
         starts, ends, costs = [], [], []
         # half of the 26 neighbours: each way serves both directions
         for move in [(a, b, c) for a in (0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) > (0, 0, 0)]:
-            one, other = (number[_shifted(move, shape, side)].reshape(-1) for side in (0, 1))
-            usable = free[one] & free[other]
-            one, other = one[usable], other[usable]
-            length = np.linalg.norm(points[one] - points[other], axis=1)
-            starts.append(one)
+            near, other = (number[_shifted(move, shape, side)].reshape(-1) for side in (0, 1))
+            usable = free[near] & free[other]
+            near, other = near[usable], other[usable]
+            length = np.linalg.norm(points[near] - points[other], axis=1)
+            starts.append(near)
             ends.append(other)
-            costs.append(length * (cost_at[one] + cost_at[other]) / 2)
+            costs.append(length * (cost_at[near] + cost_at[other]) / 2)
         # graphs of SciPy 1.13 take no numbers of 64 bits
-        pairs = tuple(np.concatenate(one).astype(np.int32) for one in (starts, ends))
+        pairs = tuple(np.concatenate(indices).astype(np.int32) for indices in (starts, ends))
         ways = coo_array((np.concatenate(costs), pairs), (len(points), len(points))).tocsr()
         points = np.where(free[:, None], points, np.inf)
         return cls(points, ways)
 
     def nearest(self, place: np.ndarray) -> int:
-        """The number of the free place next to one."""
+        """Return the number of the nearest free place to a point."""
         gap = np.linalg.norm(np.where(np.isfinite(self.points), self.points, 1e9) - place, axis=1)
         return int(gap.argmin())
 

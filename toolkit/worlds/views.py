@@ -2,7 +2,7 @@
 
 None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle; here position,
 roll, field of view and aim are drawn from continuous ranges, and so are place and turn of the object. By default the
-world is another one (`TRAINED_SEED`). In the one that is evaluated, the places that an evaluation draws by default are
+world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are
 left out while there are others.
 """
 
@@ -101,7 +101,7 @@ class WorldSetting:
         )
 
     def divide(self, mesh: Mesh) -> tuple[list[Spot], list[Spot]]:
-        """Spots that are free for a mesh: those to train on, and those held out, the same where there is but one.
+        """Spots that are free for a mesh: those to train on, and those held out, the same if there is a single spot.
 
         Raises:
             ToolkitError: the mesh is larger than every place.

@@ -93,7 +93,7 @@ class World:
 
     def __getstate__(self) -> dict[str, object]:
         """Without the scenes that rays are cast at: another process makes its own."""
-        own = {one.name for one in fields(self)} | {"sha256"}
+        own = {field.name for field in fields(self)} | {"sha256"}
         return {name: value for name, value in self.__dict__.items() if name in own}
 
     @property
@@ -115,12 +115,12 @@ class World:
 
     @cached_property
     def _ground(self) -> "RaycastingScene":
-        standing = np.isin(self.face_class, [int(one) for one in STANDING])
+        standing = np.isin(self.face_class, [int(kind) for kind in STANDING])
         return _scene_of(self.mesh, standing)
 
     @cached_property
     def _buildings(self) -> "RaycastingScene":
-        standing = np.isin(self.face_class, [int(one) for one in STANDING])
+        standing = np.isin(self.face_class, [int(kind) for kind in STANDING])
         return _scene_of(self.mesh, ~standing)
 
     def ground_height(self, points: np.ndarray) -> np.ndarray:

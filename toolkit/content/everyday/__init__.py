@@ -1,4 +1,4 @@
-"""Random instances of everyday objects, to train a classifier on: `make_everyday(label, seed)` makes one."""
+"""Random instances of everyday objects, to train a classifier on: `make_everyday(label, seed)` makes an instance."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +20,7 @@ HUE_TURN_DEG = {"racer": (30, 180), "warplane": (30, 180), "coffeepot": (30, 180
 """By how much the hues of a shipped object turn; a drink stays one that a person would drink."""
 Maker = Callable[[np.random.Generator], Mesh]
 SHIPPED_SHARE = 0.35
-"""Of the instances of a kind that the package ships an object of: stretched and repainted ones of that object."""
+"""Share of stretched and repainted shipped objects among the instances of a kind that the package ships."""
 
 
 def vary_shipped(name: str, rng: np.random.Generator) -> Mesh:
@@ -96,7 +96,7 @@ Labels that ImageNet has are spelled as there (`pot` is its `pot, flowerpot`).
 
 
 def make_everyday(label: str, seed: tuple[int, ...] | int) -> Mesh:
-    """One random instance of a kind; the same seed makes the same bytes.
+    """A random instance of a kind; the same seed makes the same bytes.
 
     Raises:
         ToolkitError: an unknown label; names the nearest known ones.

@@ -1,4 +1,4 @@
-"""What stands about a house: furniture, lamps, candles, umbrellas; tools and weights; and what one plays with."""
+"""What stands about a house: furniture, lamps, candles, umbrellas; tools and weights; and toys."""
 
 from itertools import pairwise
 
@@ -70,11 +70,13 @@ def make_chair(rng: np.random.Generator) -> Mesh:
     half, deep, seat, back = draw(rng, 46, 58), draw(rng, 44, 56), draw(rng, 88, 115), draw(rng, 90, 140)
     colour, thick = _frame_colour(rng), draw(rng, 8, 12)
     grain: Paint = wood_grain(rng, colour) if chance(rng, 0.4) else colour
+    # legs and seat, some with a cushion
     parts = _legs(rng, (deep - 6, half - 6), seat, thick, colour, pick(rng, (0.0, 0.0, 0.12)))
     parts += block((2 * deep, 2 * half, 9), (0, 0, seat + 4), grain, "wood", 2)
     if chance(rng, 0.4):
         cloth = pick_colour(rng, "bright", "ceramic")
         parts += block((2 * deep - 8, 2 * half - 8, 10), (2, 0, seat + 12), cloth, "cloth", 4)
+    # the back: two posts, a top rail, and a filling
     rest: list[Part] = []
     for side in (-1, 1):
         rest += block((thick, thick, back), (0, side * (half - thick / 2), back / 2), colour, "wood")
@@ -91,6 +93,7 @@ def make_chair(rng: np.random.Generator) -> Mesh:
             (6, 2 * half - thick, back * 0.62), (0, 0, back * 0.6), pick(rng, (grain, shade(colour, 0.8))), "wood"
         )
     parts += moved(turned(rest, "y", -draw(rng, 2, 14)), -deep + thick / 2, 0, seat + 4)
+    # arms
     if chance(rng, 0.3):
         for y in (-half, half):
             parts += block((2 * deep - 4, 9, 6), (0, y, seat + 48), colour, "wood")
@@ -103,6 +106,7 @@ def make_dining_table(rng: np.random.Generator) -> Mesh:
     long, wide, high = draw(rng, 110, 135), draw(rng, 66, 95), draw(rng, 100, 130)
     colour = _frame_colour(rng)
     top: Paint = wood_grain(rng, colour) if chance(rng, 0.5) else colour
+    # table top
     kind = pick(rng, ("rectangle", "rectangle", "round", "oval"))
     if kind == "rectangle":
         parts = block((2 * long, 2 * wide, 9), (0, 0, high), top, "wood", 2)
@@ -111,6 +115,7 @@ def make_dining_table(rng: np.random.Generator) -> Mesh:
         turn = np.linspace(0, 2 * np.pi, 36, endpoint=False)
         outline = np.stack([long * np.cos(turn), wide * np.sin(turn)], 1).tolist()
         parts = moved(extrude(outline, 9, 2, top, "wood"), z=high - 4)
+    # what it stands on
     stand = pick(rng, ("legs", "legs", "pedestal")) if kind != "rectangle" else pick(rng, ("legs", "legs", "trestle"))
     reach = 0.62 if kind != "rectangle" else 0.9
     if stand == "legs":
@@ -124,6 +129,7 @@ def make_dining_table(rng: np.random.Generator) -> Mesh:
             parts += block((12, 2 * wide * 0.8, 8), (x * long, 0, 4), colour, "wood")
             parts += block((14, 34, high - 8), (x * long, 0, high / 2), colour, "wood")
         parts += block((1.4 * long, 6, 14), (0, 0, high * 0.4), colour, "wood")
+    # plates
     for x, y in ((0.55, 0), (-0.55, 0), (0, 0.6), (0, -0.6))[: pick(rng, (0, 0, 2, 4))]:
         plate = [*cylinder(13, 0, 3, (242, 240, 234), "ceramic", 20, 19)]
         parts += moved(plate, x * long, y * wide, high + 4.5)
@@ -213,6 +219,7 @@ def make_laptop(rng: np.random.Generator) -> Mesh:
         line = window & ((v * rows * 3) % 1 < 0.4) & (u > 0.24) & (u < 0.5 + 0.3 * np.sin(v * 40) ** 2)
         return np.where(frame, 0, np.where(line, 3, np.where(window, 2, 1)))
 
+    # base with keys, and the lid with its screen
     base = block((deep, 2 * half, thick), (deep / 2, 0, thick / 2), case, "metal", 1.5)
     top = _sheet(deep, half, pattern([case, keys, shade(case, 0.85)], board)).moved(z=thick + 0.3)
     ink = (70, 76, 90) if paper[0] > 99 else (150, 220, 160)
@@ -252,6 +259,7 @@ def make_candle(rng: np.random.Generator) -> Mesh:
     taper = chance(rng, 0.5)
     radius, long = (draw(rng, 10, 14), draw(rng, 110, 170)) if taper else (draw(rng, 30, 44), draw(rng, 80, 150))
     foot = draw(rng, 36, 110) if taper else 5.0
+    # the holder: a stick for a taper, a dish for some pillars
     parts: list[Part] = []
     if taper:
         width = draw(rng, 32, 46)
@@ -264,6 +272,7 @@ def make_candle(rng: np.random.Generator) -> Mesh:
             [(0, 0), (radius, 0), (radius + 20, 8), (radius + 20, 10), (radius, 5), (0, 5)],
             32, holder, "ceramic",
         ))  # fmt: skip
+    # the candle, with runs of wax
     top = foot + long
     profile = [(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)]
     parts.append(revolve(profile, 28, wax, "ceramic"))
@@ -272,6 +281,7 @@ def make_candle(rng: np.random.Generator) -> Mesh:
         x, y = radius * np.cos(bearing), radius * np.sin(bearing)
         path = [(x * 0.8, y * 0.8, top - 1), (x, y, top - 6), (x, y, top - run)]
         parts += rod(path, [2, 2.4, 2, 3.2], wax, "ceramic", 8, 8)
+    # wick and flame
     parts += rod([(0, 0, top - 5), (0, 0, top + 10)], 1.4, (24, 20, 18), "cloth", segments=6)
     if chance(rng, 0.8):
         flame = bands([(255, 150, 30), (255, 214, 80), (255, 246, 190), (255, 190, 50)], [0.2, 0.45, 0.8])
@@ -292,12 +302,12 @@ def make_mushroom(rng: np.random.Generator) -> Mesh:
     spotted = chance(rng, 0.75 if cap[0] > 180 and cap[1] < 70 else 0.15)
     for k in range(pick(rng, (1, 1, 2, 3))):
         size = 1.0 if k == 0 else draw(rng, 0.4, 0.75)
-        one = _one_mushroom(rng, cap, spotted)
+        mushroom = _one_mushroom(rng, cap, spotted)
         bearing = draw(rng, 0, 360)
-        one = turned(
-            [part.scaled(size, size, size) for part in one], "y", draw(rng, 0, 10) if k == 0 else draw(rng, 8, 25)
+        mushroom = turned(
+            [part.scaled(size, size, size) for part in mushroom], "y", draw(rng, 0, 10) if k == 0 else draw(rng, 8, 25)
         )
-        parts += turned(moved(one, x=0 if k == 0 else 46), "z", bearing)
+        parts += turned(moved(mushroom, x=0 if k == 0 else 46), "z", bearing)
     return finish(parts)
 
 
@@ -326,6 +336,7 @@ def _one_mushroom(rng: np.random.Generator, cap: Colour, spotted: bool) -> list[
 
 def make_umbrella(rng: np.random.Generator) -> Mesh:
     """An open umbrella, gored in one or more colours, with ribs, a shaft and a crook; upright or tipped over."""
+    # cloth: plain, gored or ringed
     radius, rise, gores = draw(rng, 120, 140), draw(rng, 48, 80), pick(rng, (6, 8, 8, 10))
     colour, other = pick_colour(rng, "bright", "dark", "ceramic"), pick_colour(rng, "pale", "bright")
     paint: Paint = pick(rng, (colour, stripes([colour, other], gores // 2)))
@@ -340,6 +351,7 @@ def make_umbrella(rng: np.random.Generator) -> Mesh:
                     2)  # fmt: skip
     top = net_part(list(net), paint, "cloth")
     under = net_part(list(net - [0, 0, 1.2]), shade(colour, 0.7), "cloth").flipped()
+    # shaft and ribs
     steel, grip = pick_colour(rng, "steel", "dark"), pick_colour(rng, "wood", "dark")
     parts = [top, under, *rod([(0, 0, rise + 16), (0, 0, rise - reach)], 2.6, steel, "metal")]
     for k in range(gores):
@@ -347,11 +359,13 @@ def make_umbrella(rng: np.random.Generator) -> Mesh:
         tip = np.array([radius * np.cos(a), radius * np.sin(a), 0])
         parts += rod([tip * 0.5 + [0, 0, rise * 0.72 - 1], (0, 0, rise * 0.2)], 1.1, steel, "metal", segments=5)
         parts.append(ball(2.4, steel, "metal", 8, 4).moved(*tip))
+    # crook
     foot = rise - reach
     crook = [
         (0, 0, foot + 40), (0, 0, foot), (6, 0, foot - 12), (16, 0, foot - 16), (27, 0, foot - 10), (30, 0, foot + 4),
     ]  # fmt: skip
     parts += rod(crook, 5, grip, "wood", 18)
+    # some lie on their side
     if chance(rng, 0.5):
         parts = turned(parts, "y", draw(rng, 100, 125))
     return finish(turned(parts, "z", draw(rng, 0, 360)))
@@ -549,10 +563,10 @@ def make_dice(rng: np.random.Generator) -> Mesh:
         ink = pick_colour(rng, "bright")
     parts: list[Part] = []
     for k in range(pick(rng, (1, 2, 2, 3))):
-        one = _one_die(rng, ground, ink)
-        one = turned(one, "z", draw(rng, 0, 90))
+        die = _one_die(rng, ground, ink)
+        die = turned(die, "z", draw(rng, 0, 90))
         place = (0, 0, 0) if k == 0 else (draw(rng, -20, 20), (2 * k - 3) * draw(rng, 92, 110), 0)
-        parts += moved(one, *place)
+        parts += moved(die, *place)
     return finish(parts, 512)
 
 

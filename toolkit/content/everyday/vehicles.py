@@ -157,11 +157,13 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
     colour, rim = pick_colour(rng, "bright"), pick_colour(rng, "bright", "pale")
     big, small = draw(rng, 58, 68), draw(rng, 28, 38)
     floor, rear, front = big * 0.75, -58.0, draw(rng, 78, 92)
+    # wheels, the rear pair with lugs
     parts = wheels([(rear, 54, big, 34), (front, 44, small, 22)], rim, rim_share=0.55)
     for side in (1, -1):
         for k in range(16):
             lug = turned(block((9, 17, 9), (0, 9 if k % 2 else -9, big), RUBBER, "rubber"), "y", 22.5 * k)
             parts += moved(lug, rear, side * 54, big)
+    # chassis, hood and axles
     parts += block((150, 34, 26), (18, 0, floor - 8), (64, 66, 70), "metal", 3)
     stations = [(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)]
     hood = hull(stations, colour, count=6)
@@ -170,6 +172,7 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
     parts += rod([(front, -44, small), (front, 44, small)], 5, (64, 66, 70), "metal")
     parts += rod([(rear, -54, big), (rear, 54, big)], 9, (64, 66, 70), "metal")
     parts += mirrored(moved(turned(cylinder(6, 0, 4, LAMP, "glass", 14), "y", 90), front + 15, 14, floor + 32))
+    # mudguards over the rear wheels
     for y in (1, -1):
         guard = np.linspace(0.2, np.pi - 0.25, 10)
         rows = [
@@ -178,6 +181,7 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
         ]  # fmt: skip
         skin = net_part(rows, colour, "paint")
         parts += [skin.flipped(), skin.moved(z=-0.8)]
+    # exhaust stack, seat and steering wheel
     path = [(front * 0.5, 12, floor + 40), (front * 0.5, 12, floor + 96)]
     stack = rod(path, [4, 6, 6, 3.5], (40, 40, 42), "metal", 8)
     parts += [*stack, *block((36, 36, 10), (rear + 6, 0, floor + 20), (30, 30, 32), "rubber", 3)]
@@ -473,17 +477,20 @@ def make_airliner(rng: np.random.Generator) -> Mesh:
         index = np.where(level < -0.5, 1, np.where(stripe, 2, 0))
         return np.where(windows | cockpit, 3, np.where(doors, 4, index))
 
+    # fuselage
     paint = pattern([white, belly, accent, (40, 46, 56), (140, 144, 150)], shader)
     d = 2 * radius
     body = hull([(-135, 3, 4, radius * 0.55, 2), (-95, d * 0.62, d * 0.66, radius * 0.3, 2), (-60, d, d, 0, 2),
                  (100, d, d, 0, 2), (120, d * 0.8, d * 0.82, -0.8, 2), (131, d * 0.45, d * 0.44, -2.4, 2),
                  (135, 1, 1, -3, 2)], paint, count=28)  # fmt: skip
     grey = (176, 180, 186)
+    # wing
     half = wing(
         (38, radius * 0.5, -radius * 0.5),
         (38 - span * draw(rng, 0.55, 0.75), span, draw(rng, 2, 12)),
         (56, 14), 5, grey,
     )  # fmt: skip
+    # fin and tail; engines at the rear allow a high tail
     rear = chance(rng, 0.25)
     high_tail = rear and chance(rng, 0.6)
     fin_top = radius * 0.8 + draw(rng, 42, 54)
@@ -491,6 +498,7 @@ def make_airliner(rng: np.random.Generator) -> Mesh:
     root = (-118, 0, fin_top - 3) if high_tail else (-98, 3, radius * 0.4)
     tail = wing(root, (root[0] - 26, 46, root[2] + 4), (28, 12), 3, grey)
     parts = [*body, *fin, *mirrored([*half, *tail])]
+    # engines, below the wing or at the rear
     engine = hull([(-14, 5, 5, 0, 2), (-4, 12, 12, 0, 2), (12, 14, 14, 0, 2), (16, 12, 12, 0, 2)],
                   pick(rng, (white, accent, grey)), count=8, around=16)  # fmt: skip
     engine += turned(cylinder(5, 15, 16.6, (24, 24, 28), "metal", 16), "y", 90)
@@ -499,6 +507,7 @@ def make_airliner(rng: np.random.Generator) -> Mesh:
             (-62, radius + 8, radius * 0.3) if rear else (38 - span * 0.5 * share + 2, span * share, -radius * 0.5 - 8)
         )
         parts += mirrored(moved([*engine, *block((16, 2, 8), (-2, -6 if rear else 0, 0 if rear else 7), grey)], *place))
+    # landing gear
     if chance(rng, 0.6):
         parts += build_gear([(98, 0, -radius), (0, 18, -radius * 0.6), (0, -18, -radius * 0.6)], 18, 6)
     return finish(parts, 512)

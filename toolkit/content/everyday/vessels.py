@@ -294,12 +294,14 @@ def make_bucket(rng: np.random.Generator) -> Mesh:
 
 def make_pot(rng: np.random.Generator) -> Mesh:
     """A flowerpot with a collar, and a cactus, a bush, a rosette of leaves or flowers in it."""
+    # the pot
     base, top, high = draw(rng, 38, 50), draw(rng, 54, 68), draw(rng, 76, 108)
     collar = high * draw(rng, 0.7, 0.8)
     colour = pick_colour(rng, "terracotta") if chance(rng, 0.6) else pick_colour(rng, "ceramic", "bright")
     outline = np.array([(base, 0), (top - 4, collar), (top + 1, collar), (top + 4, high)])
     paint: Paint = colour if chance(rng, 0.6) else decorate(rng, colour, "ceramic", "pale")
     parts = vessel(outline, 5, paint, shade(colour, 0.9), "matte", content=(0.85, (62, 44, 32), "matte"))
+    # the plant
     kind = pick(rng, ("cactus", "bush", "leaves", "flowers"))
     soil, green = high * 0.84, vary(rng, pick(rng, ((62, 118, 56), (88, 138, 70), (48, 96, 62))))
     if kind == "cactus":
@@ -409,6 +411,7 @@ def make_wine_bottle(rng: np.random.Generator) -> Mesh:
 
 def make_pop_bottle(rng: np.random.Generator) -> Mesh:
     """A plastic bottle of coloured drink: lobed foot, waist, a bright label band and a screw cap."""
+    # proportions and colours
     radius, high = draw(rng, 36, 44), draw(rng, 210, 270)
     waist = radius * draw(rng, 0.8, 1.0)
     drink = vary(rng, pick(rng, ((58, 26, 18), (236, 120, 24), (70, 160, 60), (206, 226, 226), (200, 40, 60),
@@ -417,6 +420,7 @@ def make_pop_bottle(rng: np.random.Generator) -> Mesh:
     ink = pick(rng, ((250, 250, 246), (250, 220, 60), shade(band, 0.3)))
     low, top = high * draw(rng, 0.36, 0.44), high * draw(rng, 0.58, 0.66)
     sign = label(band, band, ink, pick_word(rng), (0.25, 0.75), 0.4, (0.02, 0.98))
+    # the foot has five lobes
     foot = lathe([(radius * 0.6, 0), (radius * 0.95, 10), (radius, 28), (waist, low)], drink, "glass", 18)
     lobes = 5
 
@@ -425,6 +429,7 @@ def make_pop_bottle(rng: np.random.Generator) -> Mesh:
         share = 1 - 0.16 * np.clip(1 - points[:, 2] / 30, 0, 1) * (1 + np.cos(lobes * angle)) / 2
         return points * np.stack([share, share, np.ones_like(share)], 1)
 
+    # shoulder, neck and cap
     neck = draw(rng, 11, 13)
     shoulder = [(waist, top), (radius * 0.98, top + 0.08 * high), (radius * 0.7, high * 0.82), (neck, high * 0.91)]
     cap = pick(rng, (band, (246, 246, 244), pick_colour(rng, "bright")))

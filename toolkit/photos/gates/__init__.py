@@ -17,7 +17,7 @@ Status = Literal["passed", "failed", "not checked"]
 
 @dataclass(frozen=True)
 class GateResult:
-    """A gate's word on one photograph.
+    """A gate's word on a photograph.
 
     Attributes:
         name: of the gate.

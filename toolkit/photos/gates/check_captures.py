@@ -33,7 +33,7 @@ from toolkit.rig.variants import find_booster
 
 GATES_FILE = "gates.jsonl"
 VERSION = 4
-"""Of the measures: photographs that were judged by others are judged anew."""
+"""Version of the measures; photographs that another version judged are judged again."""
 
 
 def hash_setup(workspace: Workspace) -> str:
@@ -52,7 +52,7 @@ def hash_setup(workspace: Workspace) -> str:
 
 
 class CheckLine(BaseModel):
-    """One line of `gates.jsonl`: what the gates said of one image.
+    """One line of `gates.jsonl`: what the gates said of an image.
 
     Attributes:
         setup: from `hash_setup`.
@@ -97,7 +97,7 @@ MISSING = Gate("missing", 0.0, "photograph", "take it")
 
 @dataclass(frozen=True)
 class Retake:
-    """One photograph to take, or to take again.
+    """A photograph to take, or to take again.
 
     Attributes:
         object, variant, pose_id: what it should show.
@@ -143,9 +143,9 @@ def retake_list(
     """
     findings = check_set(photos) if findings is None else findings
     failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
-    for one in (*photos, *findings):
-        if bad := [result for result in one.results if result.failed]:
-            failed.setdefault((one.object, one.variant, one.pose_id, one.path), []).extend(bad)
+    for checked in (*photos, *findings):
+        if bad := [result for result in checked.results if result.failed]:
+            failed.setdefault((checked.object, checked.variant, checked.pose_id, checked.path), []).extend(bad)
     begun = {(photo.object, photo.variant) for photo in photos}
     # a pose that failed a gate is not missing besides
     known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
@@ -171,7 +171,7 @@ def retake_list(
 def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto]) -> dict[tuple[str, str], int]:
     """How often each gate could not be checked, by (gate, reason), the most frequent first."""
     counts: dict[tuple[str, str], int] = {}
-    for result in (result for one in (*photos, *findings) for result in one.results):
+    for result in (result for checked in (*photos, *findings) for result in checked.results):
         if result.status == "not checked":
             key = (result.name, result.advice.removeprefix("not checked: "))
             counts[key] = counts.get(key, 0) + 1
@@ -195,7 +195,7 @@ def _measured(result: GateResult, variant: str) -> str:
 
 
 def read_walk(workspace: Workspace) -> list[ShotStep]:
-    """The shots of `rig/shots.json` in order; without one that fits the plan, both of each pair of the plan."""
+    """Return the shots of `rig/shots.json` in order; without a list that fits the plan, both shots of each pair."""
     with suppress(ToolkitError):
         plan = read_plan(workspace.plan_file)
         with suppress(ToolkitError):
@@ -211,7 +211,7 @@ def read_walk(workspace: Workspace) -> list[ShotStep]:
 
 
 def list_recorded(workspace: Workspace, source_dir: Path, records: Sequence[CaptureRecord]) -> "CheckReport":
-    """Write `retake.txt` from what is known of imported photographs already, without looking at one again."""
+    """Write `retake.txt` from what is known of imported photographs already, without reading the photographs again."""
     known = read_checks(source_dir, hash_setup(workspace))
     photos = []
     for record in records:
@@ -260,10 +260,11 @@ class CheckReport:
             ],
             "set": [
                 {
-                    "path": one.path, "object": one.object, "variant": one.variant, "pose_id": one.pose_id,
-                    "gate": one.results[0].to_json(),
+                    "path": finding.path, "object": finding.object, "variant": finding.variant,
+                    "pose_id": finding.pose_id,
+                    "gate": finding.results[0].to_json(),
                 }
-                for one in self.findings
+                for finding in self.findings
             ],
             "retakes": [row.to_json() for row in self.retakes],
             "not_checked": [{"gate": gate, "reason": why, "photos": n} for gate, why, n in self.unchecked],
@@ -317,6 +318,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
         view, why = (None, found) if isinstance(found, str) else (found, "")
         return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))
 
+    # results of an earlier check are kept for the same file and set-up
     photos: list[CheckedPhoto] = []
     unreadable = [(path.partition("/")[2], reason) for path, reason in folder.faults]
     with progress("checking photographs", len(captures)) as bar:

@@ -1,4 +1,4 @@
-"""All gates of one photograph, and what it should show: from the workspace's objects, patches and board."""
+"""All gates of a photograph, and what it should show: from the workspace's objects, patches and board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -74,7 +74,7 @@ class Expectation:
         pose_id: of the plan, None where it is not known.
         view: its camera; None where it is not known.
         no_pose: why there is no view, in a few words.
-        board: that the object stands on; None without one.
+        board: that the object stands on; None without a board.
         solid: the object with what is on it, in its place; None where its mesh is not known.
         patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
         no_patch: why not.
@@ -97,7 +97,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class PhotoCheck:
-    """What the gates say of one photograph, and where its patch was seen, for `check_set`."""
+    """What the gates say of a photograph, and where its patch was seen, for `check_set`."""
 
     results: tuple[GateResult, ...]
     lines: PatchLines | None
@@ -106,7 +106,7 @@ class PhotoCheck:
 def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
     """Judge one photograph by every gate, each once and in the same order.
 
-    A gate whose input is not known is `not checked`, and so is one whose answer would only repeat another's: in a
+    A gate whose input is not known is `not checked`, and so is a gate that would only repeat another: in a
     photograph that is too blurred to find a patch in, the patch is not called missing.
 
     Args:
@@ -132,7 +132,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     framing = _check_framing(expectation, sighting)
     why_blind = _why_blind(light, framing)
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
-    found = [one for one in seen.own if one is not None] if seen else []
+    found = [sheet for sheet in seen.own if sheet is not None] if seen else []
     if silhouette is None and found:  # the sheet is what is known of the object's place
         light[1] = check_over_exposure(small[_draw_sheets(small, found)])
     lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
@@ -169,8 +169,8 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
 def _draw_sheets(image: np.ndarray, sightings: Sequence[PatchSighting]) -> np.ndarray:
     """(h, w) bool: where patches were found."""
     mask = np.zeros(image.shape[:2], np.uint8)
-    for one in sightings:
-        cv2.fillConvexPoly(mask, one.corners_px.round().astype(np.int32), 1)
+    for sighting in sightings:
+        cv2.fillConvexPoly(mask, sighting.corners_px.round().astype(np.int32), 1)
     return mask.astype(bool)
 
 
@@ -200,24 +200,29 @@ def _check_patch(
 ) -> tuple[list[GateResult], PatchesSeen | None]:
     """The two gates of patches and wraps, and which patch was found; `region` as from `_find_object`."""
     patch, wrap, variant = expectation.patch, expectation.wrap, expectation.variant
+    # nothing to look for
     if patch is None or not (patch.patches or wrap):
         why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
     if wrap is not None and wrap.is_on:
         return _check_wrapped(image, region, expectation, patch, why_blind)
+    # look for the patch where it should show, and for a wrap if no patch is seen
     expected = [expect_cells(sheet, expectation.solid, expectation.view) for sheet in patch.sheets] or [None]
     shown = list_shown(expected)
     seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
     pieces = _look_for_wrap(image, expectation) if seen.other is None and not any(seen.own) else None
+    # a wrap is on, and should not be
     if wrap is not None and pieces is not None and pieces.is_on:
         should = f"the patch '{patch.own}'" if patch.own else "no wrap"
         said = f"the wrap '{wrap.name}' is seen, '{variant}' should show {should}: change it, or sort the photo anew"
         return [VARIANT.judge(1, said), HIDDEN.skip("the wrap is seen, see 'wrong variant'")], seen
+    # a missing patch is judged only if it could be seen
     if patch.own is not None and seen.other is None and seen.lacks_own(shown):
         if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
+    # an absent patch is believed only if it could be seen
     if patch.own is None and seen.other is None:
         why_unsure = why_blind or _why_unsure(expectation, expected) or _why_no_wrap(expectation, pieces)
         if why_unsure is not None:
@@ -345,7 +350,7 @@ class ExpectationBuilder:
                 return self._dress(item, variant, booster)
         except ToolkitError as error:
             return Solid(item.mesh), None, str(error), None
-        # paint and thin pieces change no shape; the object's own patch is the one that may have been left on
+        # paint and thin pieces change no shape; only the object's own patch may have been left on
         wrap = self._wrap_of(item, is_on=booster is not None and booster.wrap is not None)
         return Solid(item.mesh), self._without_patch(item), "", wrap
 

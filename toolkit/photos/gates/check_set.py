@@ -26,7 +26,7 @@ SIZE = Gate(
 )
 """2 %: the rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
 LEAST_PHOTOS = 3
-"""Of two that disagree, nobody knows which one is right."""
+"""Smallest number of photographs; if two disagree, nothing tells which is right."""
 LEAST_CELLS = 4
 LEAST_ANGLE_DEG = 8.0
 """Lines that are closer to parallel than this do not say where they meet."""
@@ -36,7 +36,7 @@ SOFT_MM = 0.5
 
 @dataclass(frozen=True)
 class PatchLines:
-    """Lines of sight on which the cells of a patch lie; of several sheets one after the other, 25 cells each.
+    """Lines of sight on which the cells of a patch lie; of several sheets in turn, 25 cells each.
 
     Attributes:
         origin_mm: (3,) the camera.
@@ -71,11 +71,11 @@ class LinesRecord(BaseModel):
 def trace_patch(sightings: Sequence[PatchSighting | None], view: PosedCamera) -> PatchLines | None:
     """The lines of a patch, sheet by sheet; None where none was found. `view` is of the picture at the same size."""
     directions, shows = np.zeros((len(sightings), CELLS**2, 3)), np.zeros((len(sightings), CELLS**2), bool)
-    for sheet, one in enumerate(sightings):
-        if one is not None:
-            directions[sheet] = view.rays(view.camera.undistort(one.warp.to_pixels(cell_centres(CELLS))))
-            shows[sheet] = one.agreement.ravel() >= CELL_SHOWS
-    found = any(one is not None for one in sightings)
+    for sheet, seen in enumerate(sightings):
+        if seen is not None:
+            directions[sheet] = view.rays(view.camera.undistort(seen.warp.to_pixels(cell_centres(CELLS))))
+            shows[sheet] = seen.agreement.ravel() >= CELL_SHOWS
+    found = any(sighting is not None for sighting in sightings)
     return PatchLines(view.position_mm, directions.reshape(-1, 3), shows.reshape(-1)) if found else None
 
 
@@ -83,7 +83,7 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
     """How far in mm each photograph's patch lies beside where the photographs together have it.
 
     Returns:
-        The median over the cells that it shows, of several sheets that of the one that lies furthest off; None where
+        The median over the cells that it shows, of several sheets that of the sheet furthest off; None where
         too few photographs show them, or all from one side.
     """
     if len(photos) < LEAST_PHOTOS:
@@ -103,7 +103,7 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
 
 
 def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
-    """(25 · sheets, 3) where the cells are, in the world, mm; NaN where too few photographs show one."""
+    """(25 · sheets, 3) where the cells are, in the world, mm; NaN where too few photographs show a cell."""
     points = np.full((photos[0].shows.size, 3), np.nan)
     for cell in range(len(points)):
         who = [photo for photo in photos if photo.shows[cell]]
@@ -161,11 +161,11 @@ out."""
 
 @dataclass(frozen=True)
 class CheckedPhoto:
-    """One photograph of a set, which may be one that is not there yet, or the set's word on one.
+    """A photograph of a set, which may still be missing, or the set's verdict on a photograph.
 
     Attributes:
         object, variant, pose_id: what it shows.
-        results: of its own gates; in a finding of `check_set`, of one gate over the set.
+        results: of its own gates; in a finding of `check_set`, of a gate over the set.
         lines: where its patch was seen; None without pose or patch.
         path: of the image, for people.
     """
@@ -184,7 +184,7 @@ def check_set(
     """Check pairs and patches over all photographs of a source.
 
     Args:
-        photos: of any objects and variants; the same one may not come twice.
+        photos: of any objects and variants; no photograph may come twice.
         sides_mm: the side of the patch on each sheet as it should have been printed, by object and variant, where that
             is known.
     """
@@ -200,7 +200,7 @@ def check_set(
 
 
 def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each pose of one object that has a photograph in the pair, whether it has both."""
+    """For each pose of an object that has a photograph in the pair, whether it has both."""
     poses = {
         variant: {photo.pose_id: photo for photo in photos if photo.variant == variant and photo.pose_id is not None}
         for variant in PAIR
@@ -224,7 +224,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[Checke
 
 
 def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
-    """For each photograph of one object whose variant has a patch, how far it lies beside the others'.
+    """For each photograph of an object whose variant has a patch, how far it lies beside the others'.
 
     A variant in which no photograph shows its patch has no findings: its own gates say why.
     """
@@ -249,7 +249,7 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[CheckedPhoto]:
 def find_wrong_sizes(
     photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]]
 ) -> list[CheckedPhoto]:  # fmt: skip
-    """For each variant of one object with a patch, whether it is as large as it should have been."""
+    """For each variant of an object with a patch, whether it is as large as it should have been."""
     findings = []
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
         group = [photo for photo in photos if (photo.object, photo.variant) == key]

@@ -85,7 +85,7 @@ def find_hidden_corners(solid: Solid, view: PosedCamera, board: Board) -> np.nda
 
 
 CLIPPED = 252
-"""sRGB value from which a channel has lost its shades; JPEG moves a clipped one by a few levels."""
+"""sRGB value from which a channel has lost its shades; JPEG moves a clipped channel by a few levels."""
 OVER = Gate(
     "over-exposure", 5.0, "% of the object clipped",
     "too bright: tap on the object before the shot, turn exposure down, or take the lamp away",
@@ -120,7 +120,7 @@ def check_over_exposure(pixels: np.ndarray, is_object: bool = True) -> GateResul
     too bright only if all else in it is bright as well.
 
     Args:
-        pixels: (n, 3) uint8 sRGB, of the object, or of where one is looked for.
+        pixels: (n, 3) uint8 sRGB, of the object, or of the place where it is looked for.
         is_object: which of the two.
     """
     clipped = np.sort(pixels, axis=1)[:, 1] >= CLIPPED
@@ -178,7 +178,7 @@ ALONG = np.linspace(0.25, 0.75, 9)
 """Places along a square's edge that are averaged: a marker's black border lies beside all of them."""
 MARKER_MODULES = 7
 MOST_EDGES = 30
-"""Of one direction, those that are seen widest."""
+"""Largest number of edges of a direction; the widest edges are kept."""
 NARROWEST_PX, WIDEST_MARGINS = 0.3, 1.8
 """Widths of the blur that are tried: in pixels, and in white margins of the board."""
 LEAST_MARGIN_PX = 1.2
@@ -219,7 +219,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
     """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
 
     Returns:
-        The median over the edges of one direction, the worse of the two; None where too few edges are seen.
+        The median over the edges of each direction, the worse of the two; None where too few edges are seen.
     """
     light = LINEAR_OF_CODE[grey]
     places = zip(sighting.ids.tolist(), sighting.corners_px - 0.5, strict=True)
@@ -230,7 +230,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
         edges = sorted(_list_edges(found, step, board), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
         widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:
-            # shake blurs one direction alone, and the picture is as blurred as its worse one
+            # shake blurs one direction alone, and the picture is as blurred as its worse direction
             worst = max(worst or 0.0, float(np.median(widths)))
     return worst
 
@@ -240,7 +240,7 @@ def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int],
 
     Args:
         found: corners (2,) by row and column of the inner corners.
-        step: rows and columns from one end of an edge to the other.
+        step: rows and columns from end to end of an edge.
         board: says which squares are white.
     """
     edges: list[Edge] = []
@@ -294,7 +294,7 @@ def _fit_bar(steps: np.ndarray, profile: np.ndarray, margin: float) -> float | N
     """Fit a white bar from 0 to `margin` on black, blurred; its offset, brightness and blur are free."""
     from scipy.special import ndtr
 
-    # geometric: a blur of 0.3 px and one of 0.35 differ as much as 3 and 3.5 do
+    # geometric: blurs of 0.3 px and 0.35 px differ as much as 3 and 3.5 do
     widths = np.geomspace(NARROWEST_PX, max(WIDEST_MARGINS * margin, 2 * NARROWEST_PX), 32)[:, None]
     seen = profile - profile.mean()
     best, found = np.inf, None
@@ -354,7 +354,7 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     direction = (np.arctan2(normal[:, 1], normal[:, 0]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
     bins = [width[direction == i] for i in range(BINS)]
     # the sharper third of a direction: soft shadows and round shapes are no blur of the camera's
-    found = [float(np.percentile(one, SHARP_PERCENTILE)) for one in bins if len(one) >= LEAST_BIN]
+    found = [float(np.percentile(widths, SHARP_PERCENTILE)) for widths in bins if len(widths) >= LEAST_BIN]
     return max(found) if found else None
 
 

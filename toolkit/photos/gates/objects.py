@@ -94,7 +94,7 @@ def silhouette_px(solid: Solid, view: PosedCamera) -> np.ndarray:
 WORK_SIDE_PX = 640
 """Longer side of the photograph that is compared; the object then still is larger than its template."""
 LEAST_LIKENESS = 0.68
-"""Of the likeliest object. 39 real photographs that show none of the four shipped objects, or another of their class,
+"""Smallest likeness of the likeliest object. 39 real photographs that show none of the shipped objects,
 are 0.40 to 0.66 like each; a lead alone says nothing, as some objects are like any picture."""
 OBJECT = Gate(
     "wrong object", 0.1, "likeness by which another object is ahead",
@@ -119,7 +119,7 @@ class KnownObjects:
 
     @cached_property
     def _templates(self) -> "dict[str, PoseTemplates]":
-        """Of each object of the plan that can be read, bare; none without a plan."""
+        """Templates of each readable object of the plan, without a booster; empty without a plan."""
         from toolkit.photos.match_render import make_templates  # with the renderer, which `eval` needs not
 
         found: dict[str, PoseTemplates] = {}
@@ -134,7 +134,7 @@ class KnownObjects:
         return found
 
     def _compare(self, image: np.ndarray) -> dict[str, float]:
-        """Scores of one photograph, remembered until the next: it is asked about several objects."""
+        """Scores of a photograph, remembered until the next: it is asked about several objects."""
         from toolkit.photos.match_render import match_objects
 
         if self._last is None or self._last[0] is not image:
@@ -153,8 +153,8 @@ class KnownObjects:
         if len(known) < 2:
             return OBJECT.skip("the plan has no other object to compare with")
         scores = self._compare(image)
-        # an object of the same class is no wrong one, and may look the same
-        rivals = {one: score for one, score in scores.items() if self._classes[one] != self._classes[name]}
+        # an object of the same class is not wrong, and may look the same
+        rivals = {rival: score for rival, score in scores.items() if self._classes[rival] != self._classes[name]}
         return judge_likeness(name, scores[name], rivals)
 
 
@@ -162,9 +162,9 @@ def judge_likeness(name: str, own: float, rivals: Mapping[str, float]) -> GateRe
     """Compare an object's likeness with that of others, by name; `not checked` where none is plainly ahead."""
     if not rivals:
         return OBJECT.skip("the plan has no object of another class to compare with")
-    rival = max(rivals, key=lambda one: rivals[one])
+    rival = max(rivals, key=lambda other: rivals[other])
     lead = rivals[rival] - own
-    # checked before the lead: of two poor likenesses one is always ahead
+    # checked before the lead: among poor likenesses a leader means nothing
     if max(own, rivals[rival]) < LEAST_LIKENESS:
         return OBJECT.skip("it does not clearly look like any of the plan's objects")
     if abs(lead) < OBJECT.threshold:

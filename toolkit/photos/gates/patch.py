@@ -21,13 +21,13 @@ STEEPEST_DEG = 72.0
 """A cell that is seen at more than this from straight above is a few pixels high, and nothing is expected of it."""
 LEAST_SUPPORT = 12
 """Local features that agree on where a patch lies: in the rig's photographs 33 to 190 for the patch that is there,
-fewer where it is seen very slanted, and at most 11 for one that is not."""
+fewer where it is seen very slanted, and at most 11 where no patch is."""
 REACH = 0.02
 """How far round the object's silhouette a patch is looked for, as a share of the picture's longer side."""
 LEAST_SEEN = 0.3
 """Where less of the patch than this faces the camera, whether the rest is hidden cannot be told."""
 LEAST_HEIGHT_PX = 24.0
-"""Of a patch whose absence is believed: the narrowest that it may look."""
+"""Smallest apparent height of a patch, pixels, at which its absence is believed."""
 HIDDEN = Gate(
     "patch hidden", 30.0, "% of the patch that should show",
     "a part of the patch does not show: take hand, cable, tape or glare off it, and press its corners down",
@@ -61,8 +61,8 @@ class ExpectedPatch:
 
     Attributes:
         own: name of the patch that belongs there; None where none does.
-        home: name of the object's own patch in a variant without it: the likeliest one to be there by mistake.
-        patches: pixels (n, n, 3) uint8 sRGB by name of all patches that could be confused, the own one among them.
+        home: name of the object's own patch in a variant without it: the likeliest patch to be there by mistake.
+        patches: pixels (n, n, 3) uint8 sRGB by name of all patches that could be confused, with its own.
         sheets: where that patch is, sheet by sheet, where the mesh and the mounts say; empty where that is not known.
     """
 
@@ -78,7 +78,7 @@ class PatchesSeen:
 
     Attributes:
         own: the patch that belongs there, sheet by sheet; one where it is not known which sheet it is.
-        other: name of the surest one that does not.
+        other: name of the surest patch that does not.
     """
 
     own: tuple[PatchSighting | None, ...]
@@ -87,7 +87,7 @@ class PatchesSeen:
     def lacks_own(self, shown: Sequence[bool] | None) -> bool:
         """Whether a sheet was not found that is `shown`, as for `look_for_patches`, or none at all."""
         parts = () if shown is None else zip(self.own, shown, strict=True)
-        return not any(self.own) or any(is_shown and one is None for one, is_shown in parts)
+        return not any(self.own) or any(is_shown and sighting is None for sighting, is_shown in parts)
 
 
 def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto:
@@ -138,7 +138,9 @@ def look_for_patches(
         for name, pixels in patch.patches.items()
         if name != likely and _is_supported(photo, pixels)
     }
-    ranked = sorted(((one.confidence, name) for name, one in sightings.items() if one is not None), reverse=True)
+    ranked = sorted(
+        ((sighting.confidence, name) for name, sighting in sightings.items() if sighting is not None), reverse=True
+    )
     # of two patches that fit about as well both are named, as either may be what is there
     sure = len(ranked) < 2 or ranked[0][0] - ranked[1][0] >= LEAD
     return PatchesSeen(found, " or ".join(name for _, name in ranked[: 1 if sure else 2]) or None)
@@ -168,7 +170,7 @@ def _find_each(
                 np.inf if place is None else np.linalg.norm(sighting.corners_px - place, axis=1).mean()
                 for place in places
             ]
-            # the same patch is on other sheets too: what lies nearer to another's place is that one's sighting
+            # the same patch is on other sheets too: what lies nearer to another's place is a sighting of that sheet
             sighting = sighting if int(np.argmin(away)) == number else None
         found.append(sighting)
     return tuple(found)
@@ -182,8 +184,9 @@ def _is_supported(photo: SearchedPhoto, pixels: np.ndarray) -> bool:
 def check_variant(
     seen: PatchesSeen, patch: ExpectedPatch, variant: str, shown: Sequence[bool] | None = None
 ) -> GateResult:  # fmt: skip
-    """Count what is wrong: a patch that does not belong there, or none where one does."""
+    """Count what is wrong: a patch that does not belong there, or a missing patch."""
     own, was_found = patch.own, any(seen.own)
+    # a patch that does not belong there
     if seen.other is not None:
         should = f"the patch '{own}'" if own else "no patch"
         on_each = f" on each of its {len(patch.sheets)} sheets" if was_found else ""
@@ -192,13 +195,17 @@ def check_variant(
             f"the patch '{seen.other}' is seen, '{variant}' should show {should}{on_each}: change it, or sort the "
             "photo anew",
         )
+    # no patch where it should be
     if own is not None and not was_found:
         return VARIANT.judge(
             1, f"no patch is seen, '{variant}' should show '{own}': stick it on, uncover it, or sort the photo anew"
         )
+    # a sheet of several that faces the camera and is not found
     if own is not None and shown is not None:
         parts = enumerate(zip(patch.sheets, seen.own, shown, strict=True), 1)
-        missing = [f"{number} ({sheet.at})" for number, (sheet, one, is_shown) in parts if is_shown and one is None]
+        missing = [
+            f"{number} ({sheet.at})" for number, (sheet, sighting, is_shown) in parts if is_shown and sighting is None
+        ]
         if missing:
             which = f"sheet {' and '.join(missing)} of {len(patch.sheets)}"
             return VARIANT.judge(
@@ -208,7 +215,7 @@ def check_variant(
 
 
 def check_patch_shows(seen: PatchesSeen, expected: Sequence[np.ndarray | None]) -> GateResult:
-    """Share of the patch that should show and does not; of several sheets that are found, of the one that shows least.
+    """Return the missing share of the patch that should show; of several found sheets, of the sheet that shows least.
 
     Args:
         seen: what was found.
@@ -231,11 +238,11 @@ def check_patch_shows(seen: PatchesSeen, expected: Sequence[np.ndarray | None]) 
 
 
 def list_shown(expected: Sequence[np.ndarray | None]) -> list[bool] | None:
-    """Which of several sheets face the camera; None for a single one, or where no pose is known."""
-    cells = [one for one in expected if one is not None]
+    """Which of several sheets face the camera; None for a single sheet, or where no pose is known."""
+    cells = [facing for facing in expected if facing is not None]
     if len(expected) < 2 or len(cells) < len(expected):
         return None
-    return [bool(one.mean() >= LEAST_SEEN) for one in cells]
+    return [bool(facing.mean() >= LEAST_SEEN) for facing in cells]
 
 
 def expect_cells(sheet: PlacedSheet, solid: Solid | None, view: PosedCamera | None) -> np.ndarray | None:
@@ -267,7 +274,7 @@ def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
         array[: 2 * count].reshape(count, 2, -1).astype(float)
         for array in (sheet.mesh.vertices, sheet.mesh.normals, sheet.mesh.uv)
     )
-    # the sheet bends along one of its texture's axes, and the grid runs along that one
+    # the sheet bends along one of its texture's axes, and the grid runs along that axis
     along_u = abs(uv[-1, 0, 0] - uv[0, 0, 0]) > 0.5
     side = sheet.size_mm + 2 * TAPE_MARGIN_MM
 

@@ -20,10 +20,10 @@ from toolkit.photos.prints.align import FLAT, UNIT_CORNERS, PatchWarp, cell_cent
 from toolkit.photos.prints.find import find_there
 
 LARGEST_SHARE = 0.2
-"""Of the object's longest side: a larger square bends too far to be seen as one."""
+"""Largest side of a square, as a share of the object's longest side; a larger square bends too far."""
 SMALLEST_MM = 12.0
 MOST_SQUARES = 8
-"""Of a piece."""
+"""Largest number of squares of a piece."""
 LEAST_SHOWN = 0.5
 """Share of a square's cells that must face the camera for it to be looked for."""
 MOST_LOOKED_AT = 3
@@ -31,9 +31,9 @@ MOST_LOOKED_AT = 3
 LEAST_SQUARES, LEAST_FOUND = 3, 0.25
 """The wrap is judged where so many squares show, and is on the object where this share of them is found."""
 LEAST_OF_PIECE = 2
-"""Squares of one piece, none of them found, that say that it is missing."""
+"""Squares of a piece, none of them found, that say that it is missing."""
 STIFFNESS = 0.001
-"""Of `fit_warp`: the surface's own bend is known."""
+"""Stiffness for `fit_warp`; the bend of the surface itself is known."""
 
 
 @dataclass(frozen=True)

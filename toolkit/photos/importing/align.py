@@ -1,6 +1,6 @@
 """Photographs of a shot list with gaps: each is laid on a shot so that the order is kept, by what the pictures show.
 
-A photograph that is missing, or one too many, shifts all that come after it. So every photograph is compared with the
+A missing or surplus photograph shifts all that come after it. So every photograph is compared with the
 shots that it may be: by the board, the name, the patch that is seen on the object, and the likeness to renders. The
 cheapest way to lay them on the list is found by dynamic programming (Needleman and Wunsch, 1970), and a photograph
 counts as placed only where every way that puts it elsewhere, or leaves it out, is dearer by `SURE`.
@@ -38,9 +38,9 @@ WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All
 costs are negative logarithms of likelihoods: a difference of 1 makes one way e times as likely as another."""
 LIKE = 100.0
-"""Cost of a likeness to a shot's render that is less by 1. In 12 rehearsed shots of the racer and of the coffeepot the
-right one of two neighbours was ahead by 0.32 and 0.14 on average, with a standard deviation of 0.065 and 0.053: for two
-normal distributions, one on each side of 0, twice the mean over the variance is 150 and 100."""
+"""Cost of a likeness to a shot's render that is less by 1. In 12 rehearsed shots of racer and coffeepot, the
+correct of two neighbours leads by 0.32 and 0.14 on average, with a standard deviation of 0.065 and 0.053. For normal
+distributions on both sides of 0, twice the mean over the variance is 150 and 100."""
 SURE = 4.0
 """How much dearer every other way must be that has a photograph elsewhere: it is then a fiftieth as likely. At 3
 pictures of nothing were placed by likenesses that differ by 0.034."""
@@ -48,8 +48,8 @@ DEG = 0.4
 """Cost of a degree between the camera that the board shows and the pose: 15° are `WRONG`."""
 TURN_DEG, SHAPE = 10.0, 0.1
 """Corners in which a patch is seen may be turned by so much against those from the pose, and be out of shape by this
-share of their distance, before it costs. Beyond, costs grow slowly, as a Cauchy distribution's do: a sheet that bends
-round an edge is off by 10 to 27° and 0.2 at its own pose, by 20 to 130° and 0.3 to 1 at others."""
+share of their distance, before it costs. Beyond, costs grow slowly, as a Cauchy distribution's do. A sheet bent
+round an edge is off by 10 to 27° and 0.2 at its own pose. At other poses it is off by 20 to 130° and 0.3 to 1."""
 UNSEEN = 2.0
 """Cost of a patch that should be there and is not seen: it may be turned away."""
 EXTRA = 7.0
@@ -57,14 +57,14 @@ EXTRA = 7.0
 GAP = 0.25
 """Cost of a shot without a photograph."""
 DRIFT = 1
-"""Photographs too many or too few beyond the difference of the counts that are thought of."""
+"""Number of surplus or missing photographs, beyond the difference of the counts, that is considered."""
 NO_SHOT = -1
 MOST_SHOTS = 60
-"""Of one photograph: where it may be one of more, renders are not compared, which would take minutes."""
+"""Largest number of possible shots of a photograph for which renders are compared; more would take minutes."""
 
 
 def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
-    """For each of n photographs, in order, the shots that it may be, `NO_SHOT` among them; one where that is sure.
+    """Return for each of n photographs, in order, its possible shots with `NO_SHOT`; a single shot if it is sure.
 
     Args:
         costs: (n, m) of photograph i being shot j, m shots in order; infinite where it cannot be.
@@ -89,7 +89,7 @@ def _accumulate(costs: np.ndarray) -> np.ndarray:
     for i in range(1, n + 1):
         least[i, 0] = i * EXTRA
         for j in range(1, m + 1):
-            # the three steps of Needleman and Wunsch: a match, a photograph too many, a shot without one
+            # the three steps of Needleman and Wunsch: a match, a surplus photograph, a shot without a photograph
             least[i, j] = min(least[i - 1, j - 1] + costs[i - 1, j - 1], least[i - 1, j] + EXTRA, least[i, j - 1] + GAP)
     return least
 
@@ -102,43 +102,43 @@ class Clues:
         self._known, self._expecter = KnownObjects(workspace), ExpectationBuilder(workspace)
         self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
-    def weigh(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
+    def weigh(self, item: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
         """(m,) cost of a photograph being each of the shots; 0 for all where nothing speaks."""
         costs = np.zeros(len(shots))
-        if one.unusable is not None:
+        if item.unusable is not None:
             return costs
         groups = list(dict.fromkeys((shot.object, shot.variant) for shot in shots))
-        if one.named is not None:
-            costs += [0.0 if shot.pose_id == one.named else WRONG for shot in shots]
-        if one.located is not None:
-            costs += [self._off(one, shot) for shot in shots]
+        if item.named is not None:
+            costs += [0.0 if shot.pose_id == item.named else WRONG for shot in shots]
+        if item.located is not None:
+            costs += [self._off(item, shot) for shot in shots]
         try:
-            costs += self._weigh_objects(one, shots)
-            costs += self._weigh_patches(one, shots, groups)
-            if one.located is not None:
-                costs += self._weigh_wraps(one, shots, one.located)
-            if one.located is None and len(shots) <= MOST_SHOTS:
-                costs += self._weigh_likeness(one, shots, groups)
+            costs += self._weigh_objects(item, shots)
+            costs += self._weigh_patches(item, shots, groups)
+            if item.located is not None:
+                costs += self._weigh_wraps(item, shots, item.located)
+            if item.located is None and len(shots) <= MOST_SHOTS:
+                costs += self._weigh_likeness(item, shots, groups)
         except UnreadableImage:
             pass  # storing it says so
         return costs
 
-    def _weigh_objects(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
-        """A photograph that plainly shows another object is no shot of this one, but one too many."""
-        pixels = load_pixels(one.candidate.photo)
+    def _weigh_objects(self, item: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
+        """A photograph that plainly shows another object is no shot of this object, but surplus."""
+        pixels = load_pixels(item.candidate.photo)
         is_wrong = {name: self._known.check(pixels, name).failed for name in {shot.object for shot in shots}}
-        # dearer than to leave it out: the photograph takes no shot from another one
+        # dearer than to leave it out: the photograph takes no shot from another photograph
         return np.array([WRONG + EXTRA if is_wrong[shot.object] else 0.0 for shot in shots])
 
-    def _off(self, one: Evidence, shot: CaptureKey) -> float:
-        assert one.located is not None
+    def _off(self, item: Evidence, shot: CaptureKey) -> float:
+        assert item.located is not None
         poses = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
-        return min(DEG * match_pose(one.located.T_world_camera, poses).error_deg, WRONG)
+        return min(DEG * match_pose(item.located.T_world_camera, poses).error_deg, WRONG)
 
-    def _weigh_likeness(self, one: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
+    def _weigh_likeness(self, item: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
         scores: dict[CaptureKey, float] = {}
         for group in groups:
-            ranked = self._matcher.rank(one, group)
+            ranked = self._matcher.rank(item, group)
             if not isinstance(ranked, str):
                 scores |= {CaptureKey(*group, pose): score for pose, score in ranked.ranking}
         found = np.array([scores.get(shot, np.nan) for shot in shots])
@@ -147,14 +147,14 @@ class Clues:
         # against the best of these shots: how alike any picture is depends on light and backdrop
         return np.minimum(LIKE * (np.nanmax(found) - np.nan_to_num(found, nan=-1)), WRONG)
 
-    def _weigh_patches(self, one: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
-        """A patch that is seen is no other variant's, and lies as from its pose; one that is not may be turned away."""
+    def _weigh_patches(self, item: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
+        """A patch that is seen is no other variant's, and lies as from its pose; an unseen patch may be turned away."""
         photo: SearchedPhoto | None = None
         seen: dict[Group, np.ndarray | None] = {}
         for group in groups:
             mounted = self._find_patch(group)
             if mounted is not None:
-                photo = photo or search_photo(load_pixels(one.candidate.photo))
+                photo = photo or search_photo(load_pixels(item.candidate.photo))
                 sighting = find_patch(photo, mounted[0])
                 seen[group] = None if sighting is None else sighting.corners_px
         if not seen:
@@ -163,13 +163,13 @@ class Clues:
             return np.array([UNSEEN if (shot.object, shot.variant) in seen else 0.0 for shot in shots])
         return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])
 
-    def _weigh_wraps(self, one: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
+    def _weigh_wraps(self, item: Evidence, shots: Sequence[CaptureKey], view: PosedCamera) -> np.ndarray:
         """By the board it is known where a wrap's pieces would show: seen or not, it is told from a bare object."""
         is_on: dict[str, bool] = {}
         for name in {shot.object for shot in shots if shot.variant == WRAP.variant}:
             expected = self._expecter.expect(name, WRAP.variant)
             if expected.wrap is not None and expected.solid is not None:
-                seen = look_for_pieces(load_pixels(one.candidate.photo), expected.wrap, expected.solid, view)
+                seen = look_for_pieces(load_pixels(item.candidate.photo), expected.wrap, expected.solid, view)
                 if seen.is_judged:
                     is_on[name] = seen.is_on
         wrong = [
@@ -183,7 +183,7 @@ class Clues:
             return WRONG
         (pose,) = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
         cost = WRONG
-        for corners_mm in mounted[1]:  # any of the sheets may be the one that was found
+        for corners_mm in mounted[1]:  # any of the sheets may have been found
             expected_px, depth = project(self._plan.camera, pose.matrix(), corners_mm)
             if (depth > 0).all():
                 cost = min(cost, rate_corners(seen_px, expected_px))
@@ -217,12 +217,12 @@ def _compare_shapes(one_px: np.ndarray, other_px: np.ndarray) -> tuple[float, fl
     Place and size are taken out: least squares over similarities (Umeyama, 1991).
     """
     # corners as complex numbers: a turn is then one factor
-    one, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (one_px, other_px))
-    one, other = one - one.mean(), other - other.mean()
-    one, other = one / max(np.abs(one).mean(), 1e-9), other / max(np.abs(other).mean(), 1e-9)
+    first, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (one_px, other_px))
+    first, other = first - first.mean(), other - other.mean()
+    first, other = first / max(np.abs(first).mean(), 1e-9), other / max(np.abs(other).mean(), 1e-9)
     # the least-squares turn of two centred shapes is the angle of their inner product
-    turn = np.angle((one * other.conj()).sum())
-    return abs(float(np.degrees(turn))), float(np.sqrt((np.abs(one - other * np.exp(1j * turn)) ** 2).mean()))
+    turn = np.angle((first * other.conj()).sum())
+    return abs(float(np.degrees(turn))), float(np.sqrt((np.abs(first - other * np.exp(1j * turn)) ** 2).mean()))
 
 
 def place_with_gaps(
@@ -234,11 +234,11 @@ def place_with_gaps(
     Shots that have an image are no gaps, unless `again`.
     """
     every = list(evidence)
-    taken = set() if again else {(one.object, one.variant, one.pose_id) for one in index.current.values()}
+    taken = set() if again else {(image.object, image.variant, image.pose_id) for image in index.current.values()}
     parts: dict[Group | None, list[int]] = {}
-    for i, one in enumerate(every):
-        if one.ordered is None and one.no_order and (one.no_order != NOT_FOLLOWED or taken):
-            parts.setdefault(one.group, []).append(i)
+    for i, item in enumerate(every):
+        if item.ordered is None and item.no_order and (item.no_order != NOT_FOLLOWED or taken):
+            parts.setdefault(item.group, []).append(i)
     for group, members in parts.items():
         shots = _list_shots(group, plan, steps)
         shots = [shot for shot in shots if (shot.object, shot.variant, shot.pose_id) not in taken]

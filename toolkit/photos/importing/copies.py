@@ -1,4 +1,4 @@
-"""Photographs that are one photograph, saved once more: told by their pixels, whatever their names and bytes."""
+"""Copies of a photograph, recognised by their pixels, whatever their names and bytes."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -12,7 +12,7 @@ from toolkit.photos.photo import Photo, load_pixels
 
 THUMB_PX, COPY_LEVELS = 24, 0.6
 """Mean difference in grey levels of two small pictures up to which they are one photograph, saved once more: two shots
-from one tripod differ by more wherever light or leaves move, and tell no more than one where nothing does."""
+from the same tripod differ by more wherever light or leaves move, and tell no more than one where nothing does."""
 
 
 @lru_cache(maxsize=4096)

@@ -35,7 +35,7 @@ Group = tuple[str, str]
 
 @dataclass(frozen=True)
 class Evidence:
-    """One photograph, and what is known of it before a pose is chosen.
+    """A photograph, and what is known of it before a pose is chosen.
 
     Attributes:
         candidate: the photograph.
@@ -47,7 +47,7 @@ class Evidence:
         is_compared: whether what the order says was compared with renders.
         looks: the pose that it looks like, where that is another than its order says.
         no_board: why there is no `located`.
-        no_order: why there is no `ordered`; empty where there is one.
+        no_order: why there is no `ordered`; empty if there is one.
         unusable: why it cannot be imported at all.
     """
 
@@ -86,10 +86,10 @@ def collect_evidence(
         ToolkitError: nothing says which object and variant the photographs show.
     """
     every = _find_groups(candidates, plan, steps, index, settings)
-    ungrouped = [i for i, one in enumerate(every) if one.group is None and one.unusable is None]
+    ungrouped = [i for i, item in enumerate(every) if item.group is None and item.unusable is None]
     ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in index.replaced]
-    new = [i for i, one in enumerate(candidates) if describe_imported(index, one.photo) is None]
-    if not steps and new and not any(one.group or one.unusable for one in every):
+    new = [i for i, candidate in enumerate(candidates) if describe_imported(index, candidate.photo) is None]
+    if not steps and new and not any(item.group or item.unusable for item in every):
         raise FieldError(
             "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
             "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it",
@@ -126,26 +126,26 @@ def _find_groups(
     """The photographs with their groups, or why they cannot be imported."""
     variants = {*VARIANTS, *(step.variant for step in steps), *([settings.variant] if settings.variant else [])}
     every = []
-    for one in candidates:
+    for candidate in candidates:
         group, unusable = None, None
-        if one.photo.identity not in index.replaced:
-            record = index.current.get(one.photo.identity)
-            found = find_group(one, plan.objects, variants, (settings.object, settings.variant))
+        if candidate.photo.identity not in index.replaced:
+            record = index.current.get(candidate.photo.identity)
+            found = find_group(candidate, plan.objects, variants, (settings.object, settings.variant))
             # what was imported to elsewhere is no part of this group's order
             if isinstance(found, tuple) and (record is None or found == (record.object, record.variant)):
                 group = found
             elif isinstance(found, str) and record is None:
                 unusable = found
-        every.append(Evidence(one, group, unusable=unusable))
+        every.append(Evidence(candidate, group, unusable=unusable))
     return every
 
 
 def _list_members(every: Sequence[Evidence]) -> dict[Group, list[int]]:
     """Indices of the photographs of each group, in order."""
     members: dict[Group, list[int]] = {}
-    for i, one in enumerate(every):
-        if one.group is not None:
-            members.setdefault(one.group, []).append(i)
+    for i, item in enumerate(every):
+        if item.group is not None:
+            members.setdefault(item.group, []).append(i)
     return members
 
 
@@ -175,21 +175,21 @@ def _match_orders(
 def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
     """Whether photographs follow the order of shooting, by boards, names and renders; yes where none says anything."""
     agreements = []
-    for one in evidence:
-        if one.ordered is None:
+    for item in evidence:
+        if item.ordered is None:
             continue
-        if one.located is not None:
-            match = match_pose(one.located.T_world_camera, plan.objects[one.ordered.object])
-            agreements.append(one.ordered.pose_id in possible_poses(match))
-        elif one.named is not None:
-            agreements.append(one.ordered.pose_id == one.named)
-        elif one.is_compared:
-            agreements.append(one.looks is None)
+        if item.located is not None:
+            match = match_pose(item.located.T_world_camera, plan.objects[item.ordered.object])
+            agreements.append(item.ordered.pose_id in possible_poses(match))
+        elif item.named is not None:
+            agreements.append(item.ordered.pose_id == item.named)
+        elif item.is_compared:
+            agreements.append(item.looks is None)
     return sum(agreements) >= FOLLOWED_SHARE * len(agreements)
 
 
 def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Rank) -> None:
-    """Check what the order alone says: add the pose that each photograph looks like, if that is another one.
+    """Check what the order alone says: add the pose that each photograph looks like, if it differs.
 
     The photographs of an object's variant are laid on the poses that the order gives them, each on one, so that they
     look most like its render (an assignment problem). Where that exchanges photographs and gains `EXCHANGED` or more,
@@ -197,24 +197,24 @@ def compare_with_renders(every: list[Evidence], chosen: Sequence[int], rank: Ran
     """
     groups: dict[Group, list[int]] = {}
     for i in chosen:
-        one = every[i]
-        if one.ordered is not None and one.located is None and one.named is None and one.unusable is None:
-            groups.setdefault((one.ordered.object, one.ordered.variant), []).append(i)
+        item = every[i]
+        if item.ordered is not None and item.located is None and item.named is None and item.unusable is None:
+            groups.setdefault((item.ordered.object, item.ordered.variant), []).append(i)
     with progress("comparing with renders", sum(map(len, groups.values()))) as bar:
         for group, members in groups.items():
             found = {i: _rank_poses(every[i], group, rank, bar) for i in members}
             seen = [i for i in members if found[i] and max(found[i].values()) >= LEAST_SCORE]
-            poses = [one.ordered.pose_id for i in seen if (one := every[i]).ordered is not None]
+            poses = [item.ordered.pose_id for i in seen if (item := every[i]).ordered is not None]
             scores = np.array([[found[i][pose] for pose in poses] for i in seen]).reshape(len(seen), len(seen))
             for i, other in zip(seen, find_exchanged(scores), strict=True):
                 every[i] = replace(every[i], is_compared=True, looks=None if other is None else poses[other])
 
 
-def _rank_poses(one: Evidence, group: Group, rank: Rank, bar: Ticker) -> dict[int, float]:
+def _rank_poses(item: Evidence, group: Group, rank: Rank, bar: Ticker) -> dict[int, float]:
     """Likeness to the render of each pose; empty if there is none."""
-    bar.advance(note=one.candidate.label)
+    bar.advance(note=item.candidate.label)
     with suppress(UnreadableImage):  # storing it says so
-        ranked = rank(one, group)
+        ranked = rank(item, group)
         return {} if isinstance(ranked, str) else dict(ranked.ranking)
     return {}
 
@@ -261,7 +261,7 @@ def find_group(
         forced: object and variant from the settings, None where they name none.
 
     Returns:
-        (object, variant); None where one of them is unknown; a sentence where what was said and the names disagree.
+        (object, variant); None if either is unknown; a sentence if the settings and the names disagree.
     """
     words = [*candidate.folders, *re.split(r"[\s_.]+", candidate.photo.path.stem)]
     group = []
@@ -281,15 +281,17 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
     the numbers of all names together are the plan's poses, each once.
 
     Args:
-        candidates: of one object and variant.
+        candidates: of an object and variant.
         pose_ids: of the plan.
         always: believe every number that is a pose of the plan, as `match` = `name` asks for.
     """
-    numbers = [read_pose_id(one.photo.path.name) if one.photo.frame is None else None for one in candidates]
+    numbers = [
+        read_pose_id(candidate.photo.path.name) if candidate.photo.frame is None else None for candidate in candidates
+    ]
     whole = Counter(numbers) == Counter(pose_ids)
     believed: list[int | None] = []
-    for one, number in zip(candidates, numbers, strict=True):
-        said = always or whole or re.search(r"pose[\s_-]*\d", one.photo.path.stem, re.IGNORECASE) is not None
+    for photograph, number in zip(candidates, numbers, strict=True):
+        said = always or whole or re.search(r"pose[\s_-]*\d", photograph.photo.path.stem, re.IGNORECASE) is not None
         believed.append(number if said and number in pose_ids else None)
     return believed
 
@@ -297,7 +299,7 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
 def match_group_order(
     count: int, group: Group, plan: CapturePlan, steps: Sequence[ShotStep]
 ) -> list[CaptureKey] | str:  # fmt: skip
-    """What `count` photographs of one object and variant show if they follow the order of shooting.
+    """What `count` photographs of an object and variant show if they follow the order of shooting.
 
     That is the shot list's, where it has them, else the plan's.
 

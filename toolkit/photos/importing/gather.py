@@ -54,7 +54,7 @@ class Gathered:
         candidates: in the order in which they were taken.
         by_time: whether that order is the camera's time, and not the order of names.
         duplicates: (label, reason) of photographs that are here twice.
-        kept: label of the one that is kept, by the label of a duplicate.
+        kept: label of the photograph that is kept, by the label of a duplicate.
         unreadable: (label, reason) of photographs that cannot be used.
         others: names of files that are no photographs.
     """
@@ -69,10 +69,10 @@ class Gathered:
     def find_ties(self) -> list[tuple[str, ...]]:
         """Labels of photographs that carry one time, so that their names order them."""
         tied: dict[object, list[str]] = {}
-        for one in self.candidates:
-            taken = one.photo.taken
+        for candidate in self.candidates:
+            taken = candidate.photo.taken
             if self.by_time and taken is not None:
-                tied.setdefault(taken.replace(tzinfo=None), []).append(one.label)
+                tied.setdefault(taken.replace(tzinfo=None), []).append(candidate.label)
         return [tuple(labels) for labels in tied.values() if len(labels) > 1]
 
 
@@ -90,6 +90,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
     if not listed and not unreadable:
         named = ", ".join(str(path) for path in paths)
         raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
+    # equal bytes are the same photograph, whatever the file's name
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
     kept: dict[str, str] = {}
@@ -107,10 +108,12 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
             except UnreadableImage as error:
                 unreadable.append((label, error.reason))
             bar.advance()
+    # other formats and copies of the same shot
     rest, companions = drop_companions(found)
     rest, copies = drop_twins(rest)
     kept |= {label: best for label, best, _ in (*companions, *copies)}
     duplicates += [(label, reason) for label, _, reason in (*companions, *copies)]
+    # videos become frames
     candidates: list[Candidate] = []
     for candidate in rest:
         try:
@@ -122,14 +125,14 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gather
 
 
 LeftOut = tuple[str, str, str]
-"""Label of a photograph that is left out, label of the one that is kept for it, and the reason."""
+"""Label of a photograph that is left out, label of the photograph that is kept for it, and the reason."""
 
 
 def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
     """Leave out what a camera stored beside a photograph of the same shot.
 
     Files of one name (IMG_1.HEIC, IMG_1.JPG, IMG_1.DNG, IMG_1.MOV) in one folder are one shot when they were taken at
-    the same moment, or when one is the short film of a live photo.
+    the same moment, or when a file is the short film of a live photo.
 
     Returns:
         The rest, and those left out.
@@ -140,18 +143,22 @@ def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], l
         groups.setdefault((path.parent, path.stem.lower()), []).append(candidate)
     dropped: dict[int, LeftOut] = {}
     for group in groups.values():
-        stills = [one for one in group if one.photo.kind != "video"]
+        stills = [candidate for candidate in group if candidate.photo.kind != "video"]
         # the lowest rank is kept; a raw file comes last, as only its preview would be taken
-        stills.sort(key=lambda one: COMPANION_RANK.get(one.photo.kind, len(COMPANION_RANK)))
-        for one in group:
-            if not stills or one is stills[0]:
+        stills.sort(key=lambda candidate: COMPANION_RANK.get(candidate.photo.kind, len(COMPANION_RANK)))
+        for companion in group:
+            if not stills or companion is stills[0]:
                 continue
             best = stills[0]
-            if one.photo.kind == "video" and _is_live(one.photo):
-                dropped[id(one)] = one.label, best.label, f"the film of the live photo {best.label}"
+            if companion.photo.kind == "video" and _is_live(companion.photo):
+                dropped[id(companion)] = companion.label, best.label, f"the film of the live photo {best.label}"
             # the same name alone is not enough: counters of cameras start again at 1
-            elif one.photo.taken is not None and one.photo.taken == best.photo.taken:
-                dropped[id(one)] = one.label, best.label, f"the same shot as {best.label}, in another format"
+            elif companion.photo.taken is not None and companion.photo.taken == best.photo.taken:
+                dropped[id(companion)] = (
+                    companion.label,
+                    best.label,
+                    f"the same shot as {best.label}, in another format",
+                )
     return _leave_out(candidates, dropped)
 
 
@@ -166,42 +173,48 @@ def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[L
         if candidate.photo.kind != "video":
             groups.setdefault((path.parent, split_copy(path.stem)[0]), []).append(candidate)
 
-    def find_tail(one: Candidate) -> str:
-        return split_copy(one.photo.path.stem)[1]
+    def find_tail(candidate: Candidate) -> str:
+        return split_copy(candidate.photo.path.stem)[1]
 
     dropped: dict[int, LeftOut] = {}
     for group in groups.values():
-        group.sort(key=lambda one: (bool(find_tail(one)), COMPANION_RANK.get(one.photo.kind, 9), _name_key(one)))
+        group.sort(
+            key=lambda candidate: (
+                bool(find_tail(candidate)),
+                COMPANION_RANK.get(candidate.photo.kind, 9),
+                _name_key(candidate),
+            )
+        )
         kept: list[Candidate] = []
-        for one in group:
-            beside = [other for other in kept if find_tail(other) in ("", find_tail(one))]
-            number = find_copied(one.photo, [other.photo for other in beside])
+        for twin in group:
+            beside = [other for other in kept if find_tail(other) in ("", find_tail(twin))]
+            number = find_copied(twin.photo, [other.photo for other in beside])
             if number is None:
-                kept.append(one)
+                kept.append(twin)
             else:
                 best = beside[number].label
-                dropped[id(one)] = one.label, best, f"a copy of {best}: one photograph counts once"
+                dropped[id(twin)] = twin.label, best, f"a copy of {best}: one photograph counts once"
     return _leave_out(candidates, dropped)
 
 
 def _leave_out(candidates: Sequence[Candidate], dropped: dict[int, LeftOut]) -> tuple[list[Candidate], list[LeftOut]]:
-    rest = [one for one in candidates if id(one) not in dropped]
-    return rest, [dropped[id(one)] for one in candidates if id(one) in dropped]
+    rest = [candidate for candidate in candidates if id(candidate) not in dropped]
+    return rest, [dropped[id(candidate)] for candidate in candidates if id(candidate) in dropped]
 
 
 def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
-    """Candidates as they were taken, and whether the camera's times say so; by name where one has no time."""
-    times = [one.photo.taken for one in candidates]
-    # one without a time could stand anywhere, so times order all or none
+    """Candidates as they were taken, and whether the camera's times say so; by name if any has no time."""
+    times = [candidate.photo.taken for candidate in candidates]
+    # a photograph without a time could stand anywhere, so times order all or none
     if not times or any(taken is None for taken in times):
         return sorted(candidates, key=_name_key), False
     zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
 
-    def moment(one: Candidate) -> tuple[datetime, list[SortKey]]:
-        taken = one.photo.taken
+    def moment(candidate: Candidate) -> tuple[datetime, list[SortKey]]:
+        taken = candidate.photo.taken
         assert taken is not None
-        # one camera's wall clock orders its photographs; zones only help where all have one
-        return (taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None)), _name_key(one)
+        # a camera's wall clock orders its photographs; zones only help if all have them
+        return (taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None)), _name_key(candidate)
 
     return sorted(candidates, key=moment), True
 
@@ -213,6 +226,7 @@ def _list_all(
     unreadable: list[tuple[str, str]] = []
     others: list[str] = []
     for path in map(Path, paths):
+        # a file that is named itself
         if not path.is_dir():
             if not path.exists():
                 raise ToolkitError(f"{path} does not exist: expected a photograph, a video, or a folder of them")
@@ -222,6 +236,7 @@ def _list_all(
             else:
                 unreadable.append((label, "no photograph or video by its name"))
             continue
+        # all photographs below a folder
         found = list_photos(path)
         unreadable += [(show_name(name), reason) for name, reason in found.refused]
         others += map(show_name, found.others)

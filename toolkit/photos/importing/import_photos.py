@@ -51,7 +51,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     """Check names; returns notes for the user.
 
     Raises:
-        ToolkitError: an unknown object, or a variant that is a misspelling of a known one.
+        ToolkitError: an unknown object, or a variant that is a misspelling of a known variant.
     """
     if settings.object is not None:
         workspace.object_spec(settings.object)
@@ -84,7 +84,7 @@ def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What there is of one object in one variant.
+    """What there is of an object in one variant.
 
     Attributes:
         object, variant: which.
@@ -123,7 +123,7 @@ def measure_coverage(
         ids = [pose.id for pose in plan.objects[object_name]]
         # the pair is always listed, so that a half that was never shot shows as missing
         for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
-            there = {one for one in ids if find_images(index, CaptureKey(object_name, variant, one))}
+            there = {pose_id for pose_id in ids if find_images(index, CaptureKey(object_name, variant, pose_id))}
             own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
             now = [record for record in imported if (record.object, record.variant) == (object_name, variant)]
             rows.append(
@@ -196,7 +196,7 @@ class ImportResult:
             "before": named(self.before),
             "duplicates": named(self.duplicates),
             "refused": named(self.refused),
-            "coverage": [{**vars(one), "missing": list(one.missing)} for one in self.coverage],
+            "coverage": [{**vars(row), "missing": list(row.missing)} for row in self.coverage],
             "notes": list(self.notes),
         }
 
@@ -259,7 +259,7 @@ def _import_photos(
         clues = Clues(workspace, plan, matcher)
         evidence = place_with_gaps(evidence, plan, steps, index, clues, again=settings.replace)
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
-    resolved = [(one, name_pose(decision, plan)) for one, decision in drop_copies(resolved, refused)]
+    resolved = [(item, name_pose(decision, plan)) for item, decision in drop_copies(resolved, refused)]
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     # photographs without a measured board count as pale: there is nothing to warn of
     black = sum(record.made.get("board_ink", 1.0) < BLACK_INK for record in imported)
@@ -268,7 +268,7 @@ def _import_photos(
             f"the board is printed in black in {black} photographs, and networks take it for a puzzle: "
             "print a pale one with 'toolkit print --board --ink 10'"
         )
-    notes += _question_order(gathered, [one for one, decision in resolved if decision.matched_by == "order"])
+    notes += _question_order(gathered, [item for item, decision in resolved if decision.matched_by == "order"])
     notes += _list_other_plans(index, plan, {record.object for record in imported})
     coverage = partial(measure_coverage, plan=plan, imported=imported, name=settings.object)
     return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
@@ -278,12 +278,12 @@ def _import_pairs(
     workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, table: Path, *, locate: Locate | None,
     check: Check | None, ask: Ask | None,
 ) -> ImportResult:  # fmt: skip
-    """Import what a table pairs by hand: no plan is asked, and a board, where one is named, for the cameras alone."""
+    """Import what a table pairs by hand: no plan is asked, and a board, if named, for the cameras alone."""
     rows, notes = read_pairs(table), list[str]()
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.source_dir(settings.source))
     matched = match_pairs(rows, gathered, index, table.name, list(workspace.object_specs()))
-    placed = {one.candidate.photo.identity for one, _ in matched.resolved}
+    placed = {item.candidate.photo.identity for item, _ in matched.resolved}
     check_classes(
         workspace, rows, index, [record.path for identity, record in index.current.items() if identity in placed]
     )
@@ -292,7 +292,7 @@ def _import_pairs(
     if locate is not None:
         resolved = _locate_pairs(resolved, locate, notes)
     resolved = drop_copies(resolved, refused)
-    stored = {one.candidate.photo.identity for one, _ in resolved}
+    stored = {item.candidate.photo.identity for item, _ in resolved}
     moved = [record for record in moved if find_original(record) in stored]
     # what moves is in hand: a run that is stopped here imports it afresh
     for record in moved:
@@ -310,15 +310,15 @@ def _question_order(gathered: Gathered, ordered: Sequence[Evidence]) -> list[str
     if not ordered:
         return []
     notes = [] if gathered.by_time else ["the photographs carry no time: their order is that of their names"]
-    labels = {one.candidate.label for one in ordered}
+    labels = {item.candidate.label for item in ordered}
     ties = [tie for tie in gathered.find_ties() if labels & set(tie)]
     if ties:
         more = f", and {len(ties) - 1} more such groups" if len(ties) > 1 else ""
         notes.append(f"taken at the same time, so that their names order them: {', '.join(ties[0])}{more}")
     wrong = [
-        f"{one.candidate.label}: pose {one.looks}, not {one.ordered.pose_id}"
-        for one in ordered
-        if one.looks is not None and one.ordered is not None
+        f"{item.candidate.label}: pose {item.looks}, not {item.ordered.pose_id}"
+        for item in ordered
+        if item.looks is not None and item.ordered is not None
     ]
     if wrong:
         notes.append(
@@ -383,9 +383,9 @@ def _finish(
     """Write the cameras' file, and say what was done; `index` is of before."""
     new = {record.made.get("original_sha256") for record in imported}
     before = [
-        (one.label, where)
-        for one in gathered.candidates
-        if one.photo.sha256 not in new and (where := describe_imported(index, one.photo))
+        (candidate.label, where)
+        for candidate in gathered.candidates
+        if candidate.photo.sha256 not in new and (where := describe_imported(index, candidate.photo))
     ]
     if gathered.others:
         more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
@@ -402,16 +402,18 @@ def _finish(
 
 
 def drop_copies(resolved: Sequence[Resolved], refused: list[tuple[str, str]]) -> list[Resolved]:
-    """Of photographs of one object and variant that are alike pixel by pixel, the first; the others are refused."""
+    """Return the first of the photographs with equal pixels in an object's variant; refuse the others."""
     kept: list[Resolved] = []
     seen: dict[tuple[str, str], list[Candidate]] = {}
     for evidence, decision in resolved:
-        own, one = seen.setdefault((decision.key.object, decision.key.variant), []), evidence.candidate
-        number = find_copied(one.photo, [other.photo for other in own])
+        own, candidate = seen.setdefault((decision.key.object, decision.key.variant), []), evidence.candidate
+        number = find_copied(candidate.photo, [other.photo for other in own])
         if number is not None:
-            refused.append((one.label, f"a copy of {own[number].label}: one photograph counts once, take another"))
+            refused.append(
+                (candidate.label, f"a copy of {own[number].label}: one photograph counts once, take another")
+            )
             continue
-        own.append(one)
+        own.append(candidate)
         kept.append((evidence, decision))
     return kept
 

@@ -67,7 +67,7 @@ MatchRender = Callable[[Evidence, Group], Decision | Doubt]
 def decide_pose(
     evidence: Evidence, plan: CapturePlan, how: str = "auto", by_render: MatchRender | None = None
 ) -> Decision | Doubt:
-    """Choose the pose of one photograph.
+    """Choose the pose of a photograph.
 
     The board is believed first, then the name, then the order, then the nearest render. With `auto`, those that speak
     must not contradict each other: what is less believed may decide between two poses that are about equally near, and
@@ -136,7 +136,7 @@ def _decide_by_claims(
 def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> Decision | Doubt:
     possible = possible_poses(match)
     choices = tuple(CaptureKey(*group, pose) for pose in dict.fromkeys((*possible, *claims.values())))
-    # a board off by one pose from the name is a swap, of which only the user knows which is right
+    # a board off by a pose from the name is a swap, of which only the user knows which is right
     against = [f"its {what} says pose {pose}" for what, pose in claims.items() if pose not in possible]
     if against:
         return Doubt(f"the board shows {match.describe()}, but {' and '.join(against)}", choices)
@@ -144,9 +144,9 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     if len(claimed) > 1:
         return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)
     chosen = next(iter(claimed)) if claimed else match.pose_id
-    # far from every pose is forgiven where something else names this very pose: the user stood badly, but meant it
-    vouched = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
-    if (match.ambiguous and not claimed) or (match.far and not vouched):
+    # a camera far from every pose counts if the name or order gives the same pose: the user stood badly, but meant it
+    confirmed = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
+    if (match.ambiguous and not claimed) or (match.far and not confirmed):
         return Doubt(f"the board shows {match.describe()}", choices)
     return Decision(CaptureKey(*group, chosen), "board", match)
 

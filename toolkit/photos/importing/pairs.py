@@ -61,7 +61,7 @@ def read_pairs(file: Path) -> list[PairRow]:
     """Read `pairs.csv`: a heading with file, object, variant, pose and perhaps class, then a line per photograph.
 
     Raises:
-        ToolkitError: no such file, a column or a value is missing, a name cannot be one, or two lines contradict.
+        ToolkitError: no such file, a column or a value is missing, a name is not allowed, or two lines contradict.
     """
     table = read_foreign_table(file, MOST_BYTES)
     places = {name: table.find([name]) for name in (*COLUMNS, "class")}
@@ -125,9 +125,9 @@ def number_poses(rows: Sequence[PairRow], earlier: Sequence[CaptureRecord] = ())
     numbers: dict[tuple[str, str], int] = {}
     for name, poses in names.items():
         known = {
-            str(one.made["pose"]): one.pose_id
-            for one in earlier
-            if one.object == name and "pose" in one.made and one.pose_id is not None
+            str(record.made["pose"]): record.pose_id
+            for record in earlier
+            if record.object == name and "pose" in record.made and record.pose_id is not None
         }
         are_numbers = all(pose.isdecimal() and len(pose) <= MOST_DIGITS and 1 <= int(pose) <= 99_999 for pose in poses)
         # "1" and "01" are different words and one number
@@ -166,7 +166,7 @@ class Matched(NamedTuple):
 def match_pairs(
     rows: Sequence[PairRow], gathered: Gathered, index: SourceIndex, table: str, known: Sequence[str] = ()
 ) -> Matched:  # fmt: skip
-    """What each photograph shows by the table; one that was imported before is moved where the table says otherwise.
+    """What each photograph shows by the table; an imported photograph is moved if the table says otherwise.
 
     Args:
         rows: of the table.
@@ -185,27 +185,27 @@ def match_pairs(
     classes = {one.object: str(one.made["class"]) for one in others if one.made.get("class")}
     names = ({*known, *(row.object for row in rows)}, {*VARIANTS, *(row.variant for row in rows)})
     found = Matched([], [], {})
-    for one in gathered.candidates:
-        row, record = placed.get(one.label), index.current.get(one.photo.identity)
+    for candidate in gathered.candidates:
+        row, record = placed.get(candidate.label), index.current.get(candidate.photo.identity)
         if row is None:
             reason = _explain_unlisted(record, table)
-            if reason or describe_imported(index, one.photo) is None:
-                found.refused.append((one.label, reason or "the table of pairs does not list it"))
+            if reason or describe_imported(index, candidate.photo) is None:
+                found.refused.append((candidate.label, reason or "the table of pairs does not list it"))
             continue
-        if against := _contradict_folder(one, row, names):
-            found.refused.append((one.label, against))
+        if against := _contradict_folder(candidate, row, names):
+            found.refused.append((candidate.label, against))
             continue
         key = CaptureKey(row.object, row.variant, numbers[row.object, row.pose])
         row = replace(row, class_name=row.class_name or classes.get(row.object, ""))
         if record is not None and _is_placed(record, key, row):
             continue
         if record is not None:
-            found.moved[one.photo.identity] = record
-        elif describe_imported(index, one.photo):
+            found.moved[candidate.photo.identity] = record
+        elif describe_imported(index, candidate.photo):
             continue
         decision = Decision(key, "pairs", class_name=row.class_name, pose_name=row.pose, row=f"{table}:{row.line}")
         located = None if record is None else _recall_camera(record)
-        found.resolved.append((Evidence(one, (key.object, key.variant), located=located), decision))
+        found.resolved.append((Evidence(candidate, (key.object, key.variant), located=located), decision))
     return found
 
 
@@ -220,12 +220,12 @@ def _find_photographs(rows: Sequence[PairRow], gathered: Gathered) -> dict[str, 
     """The row of each photograph by its label."""
     placed: dict[str, PairRow] = {}
     by_name: dict[str, list[str]] = {}
-    for one in gathered.candidates:
-        for word in {one.label, one.label.rpartition("/")[2]}:
-            by_name.setdefault(word, []).append(one.label)
+    for candidate in gathered.candidates:
+        for word in {candidate.label, candidate.label.rpartition("/")[2]}:
+            by_name.setdefault(word, []).append(candidate.label)
     for row in rows:
         wanted = row.file.replace("\\", "/")
-        # of several copies one was kept, whichever the table lists
+        # a single copy was kept, whichever the table lists
         wanted = gathered.kept.get(wanted, wanted)
         found = by_name.get(wanted, [])
         # a full path wins over the same file name in another folder
@@ -251,10 +251,10 @@ def _explain_unlisted(record: CaptureRecord | None, table: str) -> str:
     return f"imported before as {record.path}, and {table} lists it no longer: delete that file, or list it again"
 
 
-def _contradict_folder(one: Candidate, row: PairRow, names: tuple[set[str], set[str]]) -> str:
+def _contradict_folder(candidate: Candidate, row: PairRow, names: tuple[set[str], set[str]]) -> str:
     """What the photograph's folders say against its row."""
     for kind, known, said in zip(("object", "variant"), names, (row.object, row.variant), strict=True):
-        folder = next((word for word in reversed(one.folders) if word in known), said)
+        folder = next((word for word in reversed(candidate.folders) if word in known), said)
         if folder != said:
             return f"its folder says {kind} '{folder}', line {row.line} of the table says '{said}'"
     return ""
@@ -303,7 +303,7 @@ def settle_moves(
         refused: list[tuple[str, str]] = []
         leaving = {record.path for record in moved.values()}
         kept = resolve_occupied(matched.resolved, refused, index, settings, ask, leaving)
-        still = {one.candidate.photo.identity for one, _ in kept}
+        still = {item.candidate.photo.identity for item, _ in kept}
         if moved.keys() <= still:
             matched.refused.extend(refused)
             return kept, list(moved.values())
@@ -322,9 +322,9 @@ def describe_moves(moved: Sequence[CaptureRecord], imported: Sequence[CaptureRec
         before = earlier.get(find_original(record))
         if before is not None:
             changes = [] if before.path == record.path else [f"from {before.path} to {record.path}"]
-            old, new = (one.made.get("class", "none") for one in (before, record))
+            old, new = (state.made.get("class", "none") for state in (before, record))
             changes += [] if old == new else [f"class {old} to {new}"]
-            names = [str(one.made.get("pose", "none")) for one in (before, record)]
+            names = [str(state.made.get("pose", "none")) for state in (before, record)]
             changes += [] if names[0] == names[1] else [f"pose '{names[0]}' to '{names[1]}'"]
             lines.append(f"{record.made.get('original_name')}: moved {', '.join(changes)}, as the table says now")
     more = [f"{len(lines) - MOST_MOVES} more were moved likewise"] if len(lines) > MOST_MOVES else []

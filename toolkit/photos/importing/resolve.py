@@ -18,7 +18,7 @@ Ask = Callable[[str, Sequence[str]], "str | None"]
 Resolved = tuple[Evidence, Decision]
 """A photograph that is to be stored."""
 MOST_LISTED = 10
-"""Other photographs of one pose that a line names."""
+"""Other photographs of a pose that a line names."""
 
 
 def resolve_photos(
@@ -32,78 +32,78 @@ def resolve_photos(
     """
     resolved: list[Resolved] = []
     refused: list[tuple[str, str]] = []
-    for one in evidence:
-        outcome = _decide_one(one, plan, settings, by_render)
-        if isinstance(outcome, Doubt) and ask is not None and one.unusable is None:
-            outcome = _ask_pose(one, outcome, plan, ask)
+    for item in evidence:
+        outcome = _decide_one(item, plan, settings, by_render)
+        if isinstance(outcome, Doubt) and ask is not None and item.unusable is None:
+            outcome = _ask_pose(item, outcome, plan, ask)
         if isinstance(outcome, Doubt):
-            refused.append((one.candidate.label, outcome.reason))
+            refused.append((item.candidate.label, outcome.reason))
         else:
-            resolved.append((one, outcome))
-    # "replace" says that the latest counts, so two of one pose need no question
+            resolved.append((item, outcome))
+    # "replace" says that the latest counts, so two photographs of a pose need no question
     if not settings.replace:
         resolved = _resolve_doubles(resolved, refused, ask)
     return resolve_occupied(resolved, refused, index, settings, ask), refused
 
 
 def _decide_one(
-    one: Evidence, plan: CapturePlan, settings: ImportSettings, by_render: MatchRender | None
+    item: Evidence, plan: CapturePlan, settings: ImportSettings, by_render: MatchRender | None
 ) -> Decision | Doubt:
-    if one.unusable is not None:
-        return Doubt(one.unusable)
+    if item.unusable is not None:
+        return Doubt(item.unusable)
     if settings.pose is not None and settings.object and settings.variant:
         key = CaptureKey(settings.object, settings.variant, settings.pose)
-        return Decision(key, "user", measure_match(one, key, plan))
-    return decide_pose(one, plan, settings.match, by_render)
+        return Decision(key, "user", measure_match(item, key, plan))
+    return decide_pose(item, plan, settings.match, by_render)
 
 
-def _ask_pose(one: Evidence, doubt: Doubt, plan: CapturePlan, ask: Ask) -> Decision | Doubt:
-    group = one.find_group()
+def _ask_pose(item: Evidence, doubt: Doubt, plan: CapturePlan, ask: Ask) -> Decision | Doubt:
+    group = item.find_group()
     if group is None and doubt.choices:
         listed = ", ".join(f"{number} {choice}" for number, choice in enumerate(doubt.choices, 1))
         numbers = [str(number) for number in range(1, len(doubt.choices) + 1)]
-        answer = ask(f"{one.candidate.label}: {doubt.reason}. Which is it: {listed}?", numbers)
+        answer = ask(f"{item.candidate.label}: {doubt.reason}. Which is it: {listed}?", numbers)
         if answer is None:
             return doubt
         key = doubt.choices[int(answer) - 1]
-        return Decision(key, "user", measure_match(one, key, plan))
+        return Decision(key, "user", measure_match(item, key, plan))
     if group is None:
         return doubt
     poses = [str(pose.id) for pose in plan.objects[group[0]]]
     likely = [str(choice.pose_id) for choice in doubt.choices]
     hint = f"; likely {' or '.join(likely)}" if likely else ""
-    answer = ask(f"{one.candidate.label}: {doubt.reason}. Which pose of {'/'.join(group)} is it{hint}?", poses)
+    answer = ask(f"{item.candidate.label}: {doubt.reason}. Which pose of {'/'.join(group)} is it{hint}?", poses)
     if answer is None:
         return doubt
     key = CaptureKey(*group, int(answer))
-    return Decision(key, "user", measure_match(one, key, plan))
+    return Decision(key, "user", measure_match(item, key, plan))
 
 
 def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], ask: Ask | None) -> list[Resolved]:
-    """Of several photographs of one pose keep the one that a person chooses, or none."""
+    """Keep the photograph that a person chooses among several of the same pose, or none of them."""
     by_key: dict[CaptureKey, list[Evidence]] = {}
-    for one, decision in resolved:
-        by_key.setdefault(decision.key, []).append(one)
+    for item, decision in resolved:
+        by_key.setdefault(decision.key, []).append(item)
     kept = {key: ones[0] for key, ones in by_key.items() if len(ones) == 1}
     for key, ones in by_key.items():
         if key in kept:
             continue
-        labels = [one.candidate.label for one in ones]
+        labels = [rival.candidate.label for rival in ones]
         listed = ", ".join(f"{i} {label}" for i, label in enumerate(labels, 1))
         numbers = [str(i) for i in range(1, len(ones) + 1)]
         answer = ask(f"{len(ones)} photographs show {key}: {listed}. Which one counts?", numbers) if ask else None
-        for number, one in zip(numbers, ones, strict=True):
+        for number, item in zip(numbers, ones, strict=True):
             if number == answer:
-                kept[key] = one
+                kept[key] = item
                 continue
-            label = one.candidate.label
+            label = item.candidate.label
             if answer:
                 reason = f"{key}: {labels[int(answer) - 1]} was chosen"
             else:
                 others = _list_some([other for other in labels if other != label])
                 reason = f"{key} is shown as well by {others}: take one away, or let the latest count (replace)"
             refused.append((label, reason))
-    return [(one, decision) for one, decision in resolved if kept.get(decision.key) is one]
+    return [(item, decision) for item, decision in resolved if kept.get(decision.key) is item]
 
 
 def _list_some(labels: Sequence[str]) -> str:
@@ -120,22 +120,22 @@ def resolve_occupied(
     Images whose paths are among those `leaving` are in nobody's way.
     """
     kept = []
-    for one, decision in resolved:
-        candidate, key = one.candidate, decision.key
+    for item, decision in resolved:
+        candidate, key = item.candidate, decision.key
         there = _find_other(candidate.photo, key, index, leaving)
         if there is None:
-            kept.append((one, decision))
+            kept.append((item, decision))
             continue
         path, record_taken, original = there
         came = f" (from {original})" if original else ""
         taken = candidate.photo.taken
-        # wall clocks, since one of the two may have no zone
+        # wall clocks, since either may have no zone
         if taken and record_taken and _wall(taken) < _wall(record_taken):
             refused.append((candidate.label, f"{key} has the later photograph {path}{came}"))
         elif settings.replace or (
             ask and ask(f"{candidate.label}: {key} has {path}{came}. Replace it, and keep it aside?", ["y"]) == "y"
         ):
-            kept.append((one, decision))
+            kept.append((item, decision))
         else:
             asked = "a retake replaces it only where that is asked for (replace)"
             refused.append((candidate.label, f"{key} has {path}{came}: {asked}"))

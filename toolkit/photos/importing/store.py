@@ -68,7 +68,7 @@ def store_photo(
     """Write one photograph and its record; an image that is there for the same pose is kept aside in `.replaced`.
 
     A kill at any moment loses nothing: the same call goes on. Old images are copied aside before they are touched, the
-    new one is whole before it has a line in the manifest.
+    new image is whole before it has a line in the manifest.
 
     Args:
         index: of the source.
@@ -92,23 +92,27 @@ def store_photo(
     record = _describe(evidence, decision, subject, sha256_bytes(content))
     if check is not None:
         verdicts = check(photo, load_pixels(photo), record)
-        advice = [f"{one.name}: {one.advice}" for one in verdicts if one.failed]
-        gates = {one.name: None if one.value is None else float(one.value) for one in verdicts}
+        advice = [f"{verdict.name}: {verdict.advice}" for verdict in verdicts if verdict.failed]
+        gates = {verdict.name: None if verdict.value is None else float(verdict.value) for verdict in verdicts}
         made = {**record.made, "gates": gates, **({"retake": advice} if advice else {})}
         record = record.model_copy(update={"made": made})
     # the very file that is to be written may be there from a killed run: it is not old
-    old = [one for one in find_images(index, key) if not (one == file and sha256_file(one) == record.image_sha256)]
-    for one in old:
-        _keep_aside(index, one, key)
+    old = [
+        old_file
+        for old_file in find_images(index, key)
+        if not (old_file == file and sha256_file(old_file) == record.image_sha256)
+    ]
+    for path in old:
+        _keep_aside(index, path, key)
     # only an original whose bytes are kept as they are; a link is refused across disks, and then they are copied
     linked = link and photo.kind not in HOW and link_file(photo.path, file, root)
     if not linked:
         write_bytes(file, content, root)
-    for one in old:
-        if one != file:
-            delete_file(one)
+    for path in old:
+        if path != file:
+            delete_file(path)
     append_record(root, record)
-    drop_records(root, {show_path(one.relative_to(root).parts) for one in old if one != file})
+    drop_records(root, {show_path(old_file.relative_to(root).parts) for old_file in old if old_file != file})
     return record, linked
 
 
@@ -124,6 +128,7 @@ def encode_photo(photo: Photo) -> bytes:
 
 def _describe(evidence: Evidence, decision: Decision, subject: Subject, image_sha256: str) -> CaptureRecord:
     photo, key, located, match = evidence.candidate.photo, decision.key, evidence.located, decision.match
+    # facts of the photograph itself
     made: dict[str, Any] = {
         "with": f"toolkit {__version__}", "how": HOW.get(photo.kind, "photograph"), "camera": photo.camera,
         "taken": photo.taken.isoformat() if photo.taken else None, "focal_mm": photo.focal_mm,
@@ -133,11 +138,13 @@ def _describe(evidence: Evidence, decision: Decision, subject: Subject, image_sh
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
+    # what a table or a person said of it
     known = {
         "class": decision.class_name, "pose": decision.pose_name, "row": decision.row,
         "pose_sha256": decision.pose_sha256,
     }  # fmt: skip
     made |= {name: value for name, value in known.items() if value}
+    # what the board says of the camera
     if match is not None:
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:

@@ -82,7 +82,7 @@ def cell_centres(n: int) -> np.ndarray:
 
 
 def area(corners: np.ndarray) -> float:
-    """Of a quadrilateral, pixels; positive where the corners run clockwise as one sees the picture."""
+    """Return the signed area of a quadrilateral, pixels²; positive if its corners run clockwise in the picture."""
     x, y = corners.T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
 
@@ -160,7 +160,7 @@ def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> n
 def _solve_step(
     jacobian: np.ndarray, miss: np.ndarray, weight: np.ndarray, bending: tuple[float, np.ndarray] | None
 ) -> np.ndarray:
-    """One step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
+    """A step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
 
     Args:
         jacobian: from `_jacobian`.
@@ -202,7 +202,7 @@ HOPELESS = 0.15
 """Mean correlation below which, flat, a patch is not bent into what it does not look like."""
 CONVERGED = 0.002
 STIFFNESS = (float("inf"), 0.3, 0.02, 0.005, 0.002, 0.001, 0.001)
-"""Of the paper in each round of alignment: flat first, then more and more pliable."""
+"""Stiffness of the paper in each round of alignment: flat first, then more and more pliable."""
 
 
 @dataclass(frozen=True)
@@ -328,7 +328,7 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> PatchWa
         score = float(agreement(grey[..., None], patch_grey, warp).mean())
         if score < HOPELESS and best_score < HOPELESS:
             break
-        # not before the sheet may bend: a flat round that wins little is followed by one that bends
+        # not before the sheet may bend: a flat round that wins little is followed by a round that bends
         converged = stiffness < 0.02 and score < best_score + CONVERGED
         if score > best_score:
             best, best_score = warp, score
@@ -392,8 +392,8 @@ def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarr
 
     # the cell's own mean is taken out, so that a shadow over a cell does not make it unlike
     ours, theirs = ours - mean(ours)[cell], theirs - mean(theirs)[cell]
-    both, one, other = (mean(a * b).sum(axis=1) for a, b in ((ours, theirs), (ours, ours), (theirs, theirs)))
-    size = np.sqrt(one * other)
+    both, own_power, other = (mean(a * b).sum(axis=1) for a, b in ((ours, theirs), (ours, ours), (theirs, theirs)))
+    size = np.sqrt(own_power * other)
     known = (count >= LEAST_PIXELS) & (size > LEAST_CONTRAST**2)
     return np.where(known, both / np.maximum(size, 1e-12), 0.0).reshape(CELLS, CELLS)
 

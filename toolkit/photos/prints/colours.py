@@ -99,6 +99,7 @@ def read_colours(
     Raises:
         ToolkitError: there is no white to go by, or too little of the patch shows and is not over-exposed.
     """
+    # pixels of the patch that show and are not over-exposed
     scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
     small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
     drawn = draw_patch(np.zeros((8, 8, 1), np.float32), warp, small.shape)
@@ -112,6 +113,7 @@ def read_colours(
         )
     uv = drawn.uv[rows, columns]
     light = srgb_to_linear(small[rows + drawn.top, columns + drawn.left] / 255.0).astype(float)
+    # white by the file's brightest texels, else by the margin, else by the strip
     white, white_from = None, "texels"
     if patch_pixels is not None:
         meant = draw_patch(srgb_to_linear(patch_pixels / 255.0).astype(np.float32), warp, small.shape)
@@ -128,6 +130,7 @@ def read_colours(
                 "photograph the page with its colour strip"
             )
         white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
+    # colours as a share of white, which may change over the sheet
     seen = light / (_slope(uv) @ white)
     rows, columns = rows + drawn.top, columns + drawn.left
     return PrintedColours(warp, small.shape[:2], rows, columns, uv, seen=seen, white_from=white_from)
@@ -212,7 +215,7 @@ def _fit_paper(light: np.ndarray, uv: np.ndarray) -> np.ndarray | None:
         # what hides paper is darker than it: the brighter side is trusted more
         scale = np.maximum(np.median(np.abs(miss)), 0.01) * np.where(miss < 0, 1.0, 3.0)
         weight = 1 / (1 + (miss / scale) ** 2)
-    # relative to the light in the middle, so that a dark photograph and a bright one are judged alike
+    # relative to the light in the middle, so that dark and bright photographs are judged alike
     spread = np.sqrt((weight * miss**2).sum() / weight.sum()) / fit[2].mean()
     # the slope may not cross zero within the patch, or it was fitted to something else
     corners = _slope(np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])) @ fit

@@ -197,7 +197,7 @@ def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]
 
 
 def _count_places(votes: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(k,) how many places on the patch vote for each guess: ten features on one spot say no more than one."""
+    """(k,) how many places on the patch vote for each guess: ten features on one spot count once."""
     cells = (np.clip(uv, 0, 0.999) * 12).astype(int) @ [12, 1]
     one_of = np.zeros((len(uv), 144), np.float32)
     one_of[np.arange(len(uv)), cells] = 1

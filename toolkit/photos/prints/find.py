@@ -1,4 +1,4 @@
-"""The printed patch in a photograph: whether it is there, which one it is, where it lies, and how much of it shows."""
+"""The printed patch in a photograph: whether it is there, which patch, where it lies, and how much of it shows."""
 
 from dataclasses import dataclass
 
@@ -25,9 +25,9 @@ from toolkit.printing.page import Paper
 LEAST_CONFIDENCE, LEAST_OF_HALF = 0.65, 0.45
 """Below the first a patch of which less than half shows counts as not there; below the second any. Real prints of 50
 pixels and more had 0.85 to 0.98 (69 of 69 found); in 855 looks at real photographs without the patch chance came to
-0.55 and 0.56. Of 216 of the rig's photos at 640 × 480 (four objects, 18 poses; bare, with their patch, with another),
-all 122 that show half of a patch at less than 78° from straight on had it at 0.81 or more; of 720 looks for a patch
-that was not there none was over 0.38."""
+0.55 and 0.56. The rig took 216 photos at 640 × 480 (four objects, 18 poses; no patch, their patch, another patch).
+Of these, 122 show half of a patch at less than 78° from straight on, and all have 0.81 or more. None of 720 searches
+for an absent patch exceeds 0.38."""
 CELL_SHOWS = 0.4
 """A cell of the patch shows where photo and file correlate this much."""
 SEARCH_PX = 1600
@@ -40,7 +40,7 @@ SURE = 0.8
 LEAST_START = 0.12
 MATCHES_STIFFNESS = 0.3
 LEAD = 0.15
-"""By how much the best patch must lead the next, for it to be that one and no other."""
+"""By how much the best patch must lead the next, to be accepted."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class PatchSighting:
 
     Attributes:
         corners_px: (4, 2) where the file's upper left, upper right, lower right and lower left corners lie in the
-            photo, in pixels whose first one's centre is (0.5, 0.5).
+            photo, in pixels; the centre of the first pixel is (0.5, 0.5).
         homography: (3, 3) from (u, v, 1) on the patch, u right and v down in [0, 1], to pixels: the flat sheet that
             lies nearest.
         confidence: mean correlation of photo and file over the half of the patch that agrees best, at most 1.
@@ -76,7 +76,7 @@ class SearchedPhoto:
     Attributes:
         image: (h, w, 3) uint8 sRGB, as large as it came.
         scale: from it to the size that was searched.
-        features: of the searched one, in its own pixels.
+        features: of the searched picture, in its own pixels.
     """
 
     image: np.ndarray
@@ -160,7 +160,7 @@ def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndar
         bent = fit_warp(guess.uv, guess.px, fitted, MATCHES_STIFFNESS, near_px)
         shape = tuple(round(side * photo.scale) for side in photo.image.shape[:2])
         # a homography of few matches may be wild: the affine map is the last resort
-        good = [one.scaled(1 / photo.scale) for one in (bent, fitted, flat) if is_plausible(one, shape)]
+        good = [warp.scaled(1 / photo.scale) for warp in (bent, fitted, flat) if is_plausible(warp, shape)]
         starts.append(good[:2])
     if expected_px is not None:
         corners = np.asarray(expected_px, np.float32)
@@ -171,11 +171,11 @@ def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndar
 
 
 def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) -> PatchSighting | None:
-    """Align the patch with one place of the photo and measure how well it fits; None where it plainly does not."""
+    """Align the patch with a place of the photo and measure how well it fits; None where it plainly does not."""
     scale = min(1.0, ALIGN_PX / starts[0].side_px)
     small = shrink_image(image, scale).astype(np.float32) / 255
     colour, grey = patch_values(patch_pixels)
-    ranked = [(_confidence(agreement(small, colour, one.scaled(scale))), one.scaled(scale)) for one in starts]
+    ranked = [(_confidence(agreement(small, colour, start.scaled(scale))), start.scaled(scale)) for start in starts]
     likeness, start = max(ranked, key=lambda pair: pair[0])
     if likeness < LEAST_START:
         return None
@@ -194,7 +194,7 @@ def shrink_image(image: np.ndarray, scale: float) -> np.ndarray:
     """A photo (h, w, 3) at `scale` of its size, at most 1: pixel places scale by that number exactly."""
     if scale >= 1:
         return image
-    # exact in both directions, so that places can be scaled by the one number
+    # exact in both directions, so that places can be scaled by a single number
     h, w = image.shape[:2]
     size = (max(1, round(w * scale)), max(1, round(h * scale)))
     if max(abs(size[0] - w * scale), abs(size[1] - h * scale)) < 1e-6:
@@ -213,7 +213,7 @@ SIZE_TOLERANCE = 0.02
 """Share by which the measured side may differ from the record's: 'fit to page' makes 97 % or less, and photographs of
 the rig with the camera known measure within 0.4 %."""
 LEAST_SHARE = 0.12
-"""Of the photo that the sheet must cover."""
+"""Smallest share of the photo that the sheet must cover."""
 EDGE_SEARCH_PX = 1000
 REACH_PX = 6
 SQUARE = 0.02
@@ -252,7 +252,7 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
     ):
         return None
     best: PageMeasure | None = None
-    # nobody knows which way round the sheet lies: on the right one the patch comes out square
+    # nobody knows which way round the sheet lies: the right turn makes the patch square
     for width, height in ((paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)):
         sheet = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
         T_mm_px = cv2.getPerspectiveTransform(page.astype(np.float32), sheet).astype(float)
@@ -266,7 +266,7 @@ def measure_on_page(image: np.ndarray, sighting: PatchSighting, paper: Paper) ->
 
 
 def find_page(image: np.ndarray) -> np.ndarray | None:
-    """(4, 2) corners of the largest bright quadrilateral, clockwise as one sees it; None where there is none."""
+    """(4, 2) corners of the largest bright quadrilateral, clockwise in the picture; None if there is none."""
     scale = min(1.0, EDGE_SEARCH_PX / max(image.shape[:2]))
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -294,7 +294,7 @@ def _touches_edge(corners: np.ndarray, size: tuple[int, int]) -> bool:
 
 
 def _order(corners: np.ndarray) -> np.ndarray:
-    """Clockwise as one sees them, beginning with the one at the upper left."""
+    """Clockwise in the picture, beginning with the upper left corner."""
     about = corners - corners.mean(axis=0)
     turned = corners[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
     return np.roll(turned, -int(turned.sum(axis=1).argmin()), axis=0)

@@ -102,7 +102,7 @@ MOST_PIXELS = 12_000
 POWERS = (1.0, 1.4, 1.8, 2.2, 2.6)
 BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
 SIMPLER = 1.03
-"""A model with fewer terms is kept where the best one's error is not lower by more than this factor."""
+"""A model with fewer terms is kept where the error of the best model is not lower by more than this factor."""
 STRIP_SHARE = 0.25
 """Weight of a strip, all its cells together, against all of a photo's pixels."""
 DARKEST = 0.02
@@ -185,8 +185,8 @@ def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> 
 
     Args:
         patches: of each photograph: the file (n, n, 3) uint8 sRGB; (n², 3) linear light of its texels as a share of
-            paper's; (n²,) weights, 0 where one is hidden. Photographs of one file are held out together; of one file
-            alone, parts of it are.
+            paper's; (n²,) weights, 0 where a texel is hidden. Photographs of the same file are held out
+            together; if there is a single file, parts of it are.
     """
     kinds = [file.tobytes() for file, _, _ in patches]
     which = [sorted(set(kinds)).index(kind) for kind in kinds]
@@ -260,15 +260,15 @@ def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips:
 
 
 def _find_blur(part: PrintedColours, file: np.ndarray, kept: np.ndarray) -> float:
-    """How much the lens blurs, pixels: at which a matrix fits the photo best."""
+    """Return the blur of the lens, pixels, at which a matrix fits the photo best."""
 
-    def misfit(blur_px: float) -> float:
+    def mean_square_error(blur_px: float) -> float:
         # a matrix is enough to compare blurs with: what it misses of the inks, it misses at each blur
         terms = np.c_[np.ones(len(kept)), part.draw(srgb_to_linear(file), blur_px)[kept]]
         fit = np.linalg.lstsq(terms, part.seen[kept], rcond=None)[0]
         return float(((part.seen[kept] - terms @ fit) ** 2).mean())
 
-    return min(BLURS_PX, key=misfit)
+    return min(BLURS_PX, key=mean_square_error)
 
 
 def _columns(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) -> np.ndarray:

@@ -43,7 +43,7 @@ class KnownPatch:
 
     @property
     def sha256(self) -> str:
-        """Of these pixels as a PNG."""
+        """SHA-256 of these pixels as a PNG."""
         return sha256_bytes(encode_png(self.pixels))
 
 
@@ -68,11 +68,11 @@ class FittedPhoto:
     def with_patches(
         self, patches: Sequence[KnownPatch], draws: Draws, look: PrintedLook | None = None
     ) -> list[np.ndarray]:
-        """The photograph with each patch in the printed one's place, (h, w, 3) uint8 sRGB.
+        """The photograph with each patch in place of the printed patch, (h, w, 3) uint8 sRGB.
 
-        By its own look, or by the colours, light, sharpness and noise of another one.
+        By its own look, or by the colours, light, sharpness and noise of another photograph.
         """
-        # one scene for all patches: what hides the printed one is found once
+        # one scene for all patches: what hides the printed patch is found once
         scene, pictures = Scene(self.image, self.look, self.patch.pixels), []
         if look is not None:
             look, hidden = replace(look, warp=self.look.warp, ripple=self.look.ripple), scene.hidden
@@ -130,7 +130,7 @@ def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
                 raise ToolkitError(f"the patch '{patch.name}' is there mirrored: mirror the photograph, or the file")
         names = " or ".join(f"'{patch.name}'" for patch in patches)
         raise ToolkitError(f"the patch {names} was not found in it")
-    sighting, patch = max(seen, key=lambda one: one[0].confidence)
+    sighting, patch = max(seen, key=lambda pair: pair[0].confidence)
     if sighting.shown < LEAST_SHOWN:
         raise ToolkitError(f"only {sighting.shown:.0%} of the patch '{patch.name}' shows, {LEAST_SHOWN:.0%} are needed")
     # with the first place's features gone, what is still found is a second print
@@ -141,7 +141,7 @@ def fit_photo(file: Path, patches: Sequence[KnownPatch]) -> FittedPhoto:
 
 
 def _without(searched: SearchedPhoto, sighting: PatchSighting) -> SearchedPhoto:
-    """The photo with the features of a place taken away, so that only another one is found."""
+    """The photo with the features of a place taken away, so that only another copy is found."""
     places = searched.features.frames[:, :, 2] / searched.scale
     uv = sighting.warp.to_patch(places)
     kept = ~((uv > -0.1) & (uv < 1.1)).all(axis=1)
@@ -178,7 +178,7 @@ def use_each(
     Args:
         title: of the progress bar.
         photos: photographs, or folders of them.
-        use: raises ToolkitError for one that cannot be used; the others do not depend on it.
+        use: raises ToolkitError for an unusable photograph; the others do not depend on it.
         least: how many are needed.
 
     Raises:
@@ -203,14 +203,14 @@ def use_each(
 WINDOW = (0.7, 1.0)
 """Side of the square that a view shows, as a share of the photograph's shorter side."""
 BRIGHTEST = 0.98
-"""Of the light that is told from a photograph: what is blown out has no more."""
+"""Upper limit of the light that is estimated from a photograph; blown-out pixels hold no more."""
 
 
 def view_photos(
     workspace: Workspace, photos: Sequence[Path], found: Sequence[str], *, size_px: int, size_mm: float, count: int,
     image_px: int, seed: int, device: str,
 ) -> tuple["MountedViews", list[tuple[str, str]]]:  # fmt: skip
-    """Views of photographs, linear in the colours of the patch that takes the printed one's place.
+    """Views of photographs, linear in the colours of the patch that replaces the printed patch.
 
     Each shows a random square of a photograph in which the patch's middle lies. A fifth of the photographs, whole, is
     held out: the last ones by name.
@@ -234,31 +234,31 @@ def view_photos(
     patches = [read_known(workspace, name) for name in found]
     fitted, skipped = use_each("finding the patch", photos, lambda file: fit_photo(file, patches), least=2)
     each, views = max(1, -(-count // len(fitted))), []
-    for number, one in enumerate(fitted):
-        with_hidden = _add_hidden(one)
+    for number, photo in enumerate(fitted):
+        with_hidden = _add_hidden(photo)
         for k in range(each):
-            # each window has its own draws: more views of one photograph do not change those of the others
+            # each window has its own draws: more views of a photograph do not change those of the others
             rng = Draws(seed, number * each + k, "found views").of("window")
-            views.append(_view(one, with_hidden, image_px, (size_px, size_mm), rng))
+            views.append(_view(photo, with_hidden, image_px, (size_px, size_mm), rng))
     from toolkit.boosters.mounted import stack_views  # torch, which only training needs
 
     stacked = stack_views(views, (size_mm,), device)
     return replace(stacked, held_out=each * count_held_out(len(fitted))), skipped
 
 
-def _add_hidden(one: FittedPhoto) -> np.ndarray:
+def _add_hidden(photo: FittedPhoto) -> np.ndarray:
     """(h, w, 4) uint8: the photograph, and how far something hides the patch, from 0 to 255."""
-    scene, hidden = Scene(one.image, one.look, one.patch.pixels), np.zeros(one.image.shape[:2], np.uint8)
+    scene, hidden = Scene(photo.image, photo.look, photo.patch.pixels), np.zeros(photo.image.shape[:2], np.uint8)
     h, w = scene.hidden.shape
     hidden[scene.top : scene.top + h, scene.left : scene.left + w] = np.rint(255 * scene.hidden)
-    return np.dstack([one.image, hidden])
+    return np.dstack([photo.image, hidden])
 
 
 def _view(
-    one: FittedPhoto, with_hidden: np.ndarray, image_px: int, sheet: tuple[int, float], rng: np.random.Generator
+    photo: FittedPhoto, with_hidden: np.ndarray, image_px: int, sheet: tuple[int, float], rng: np.random.Generator
 ) -> LinearView:
     """A random square of a photograph, of the patch's middle, with paper of `sheet` texels and mm in its place."""
-    (h, w), middle = one.image.shape[:2], one.look.warp.corners.mean(axis=0)
+    (h, w), middle = photo.image.shape[:2], photo.look.warp.corners.mean(axis=0)
     side = rng.uniform(*WINDOW) * min(h, w)
     low = np.clip(middle - side, 0, [w - side, h - side])
     high = np.clip(middle, 0, [w - side, h - side])
@@ -271,11 +271,11 @@ def _view(
         small, to_cv(T)[:2], (image_px, image_px),
         flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
     )  # fmt: skip
-    there = one.look.warp.scaled(scale)
+    there = photo.look.warp.scaled(scale)
     warp = PatchWarp(T @ there.homography, there.bend * T[0, 0])
     picture, hidden = np.ascontiguousarray(picture[..., :3]), picture[..., 3] / np.float32(255)
     kernels, wide = no_spread()
-    scene = Scene(picture, replace(one.look, warp=warp, kernels=kernels, wide=wide), one.patch.pixels)
+    scene = Scene(picture, replace(photo.look, warp=warp, kernels=kernels, wide=wide), photo.patch.pixels)
     return _make_linear(picture, scene, hidden, sheet)
 
 

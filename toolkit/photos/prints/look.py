@@ -5,8 +5,8 @@ The form of the model, from the file to the photograph:
 1. colour: a cube of nodes from the file's sRGB to that of a wide, evenly lit texel (`colour_cube`);
 2. light: a gain in linear light, for each channel the exponential of a quadratic in (u, v), 1 at the middle;
 3. place: the homography with its bend, each pixel the mean of linear light over its square;
-4. point spread: for luma and each chroma a kernel, and wide Gaussians beside it, on encoded values, as phones sharpen
-   after their tone curve, smooth colours far, and JPEG halves the chroma: least squares on the photograph itself;
+4. point spread: for luma and each chroma a kernel with wide Gaussians, on encoded values. Phones sharpen after their
+   tone curve and smooth colours widely, and JPEG halves the chroma. Least squares on the photograph fit the kernels;
 5. noise: normal, its deviation by luma, blurred until neighbours are as alike as the photograph's.
 
 What the known patch does not explain in its place (keys, fingers, tape, glare) hides it, and stays.
@@ -34,7 +34,7 @@ ROBUST_ROUNDS = 5
 LEAST_TEXELS = 60
 DARK = 0.02
 MOST_GAIN = 0.7
-"""Of the logarithm of light over the patch: twice as bright in one corner as in the middle."""
+"""Largest change of the logarithm of light over the patch: a corner twice as bright as the middle."""
 KERNEL_PX = 9
 KERNEL_SAMPLES = 12_000
 KERNEL_RIDGE = 1e-3
@@ -47,7 +47,7 @@ RIPPLE_DEGREE = 5
 RIPPLE_TERMS = 21
 RIPPLE_PLACES = 64
 LEAST_POINTS = 80
-"""Of the 225 that are followed."""
+"""Smallest number of usable points among the 225 that are followed."""
 RIPPLE_RIDGE = 1.0
 COARSE_PX = 8
 """What changes slowly is worked out at every eighth pixel."""
@@ -225,7 +225,7 @@ def _fit_colours(
             blurred = (blur @ weights).tocsr()
             node, _ = solve_cube(blurred[some], even[some, channel : channel + 1], weight[some])
             parts.append((node[:, 0], blurred @ node[:, 0]))
-        nodes, said = (np.stack(one, axis=1) for one in zip(*parts, strict=True))
+        nodes, said = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
         miss = np.linalg.norm(even - said, axis=1)
         weight = trust / (1 + (miss / (3 * np.median(miss[trust > 0]) + 1e-6)) ** 2)
         light = _fit_light(terms, seen, said @ RGB.T, weight)
@@ -334,16 +334,16 @@ class Scene:
         miss = (self.seen - self.drawn) * inside[..., None]
         # the mean over a texel or two, in which noise and a shift by a part of a texel vanish; few pixels tell it
         scale = min(1.0, FEW_PX / texel_px)
-        small, part = (cv2.resize(one, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for one in (
+        small, part = (cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for plane in (
             miss.astype(np.float32), inside.astype(np.float32)
         ))  # fmt: skip
         near = np.maximum(cv2.GaussianBlur(part, (0, 0), scale * texel_px), 1e-3)
         mean = cv2.GaussianBlur(small, (0, 0), scale * texel_px) / near[..., None]
         size = np.linalg.norm(mean, axis=-1)
         size = cv2.resize(size, inside.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        # both an absolute least and one that follows this photograph's own misfit
+        # an absolute least, and a limit that follows this photograph's own error
         least = max(HIDES[0], HIDES[1] * float(np.median(size[inside])))
-        # hysteresis, as Canny's: weak pixels count where they hang together with a strong one
+        # hysteresis, as Canny's: weak pixels count where they touch a strong pixel
         weak = ((size > least / 2) & inside).astype(np.uint8)
         count, labels = cv2.connectedComponents(weak)
         strong = np.bincount(labels[(size > least) & inside], minlength=count)
@@ -355,7 +355,7 @@ class Scene:
         return np.clip(2 * cv2.GaussianBlur(hidden, (0, 0), texel_px / 3), 0, 1)
 
     def put(self, pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(h, w, 3) uint8 sRGB: this part of the photo with another patch in the known one's place.
+        """(h, w, 3) uint8 sRGB: this part of the photo with another patch in place of the known patch.
 
         At the rim the difference of the two patches is added to the photo, so that what lies round it stays as it
         is; further in, nothing of the old patch is left.
@@ -383,8 +383,8 @@ class Scene:
             parts.append(grain * sigma)
         return np.stack(parts, axis=-1)
 
-    def misfit(self) -> float:
-        """Mean distance of the photo's luma and the drawn patch's."""
+    def luma_error(self) -> float:
+        """Return the mean distance between the photo's luma and that of the drawn patch."""
         return float(np.abs(self.seen - self.drawn)[..., 0][self.cover > 0.99].mean())
 
     def grey_drawn(self) -> Drawn:
@@ -401,7 +401,7 @@ def draw_texels(texels: np.ndarray, uv: np.ndarray, step: np.ndarray) -> np.ndar
         uv: (h, w, 2) of pixel centres.
         step: (h, w, 2) how far u and v run over a pixel.
 
-    A pixel's mean over square texels along one axis is a straight line from one to the next as wide as the pixel is;
+    A pixel's mean over square texels along one axis is a straight line from texel to texel as wide as the pixel is;
     where several texels lie in a pixel they are averaged first.
     """
     n = texels.shape[0]
@@ -435,7 +435,7 @@ def _refine_place(image: np.ndarray, look: PrintedLook, patch_pixels: np.ndarray
         else:
             better = replace(best, warp=fit_warp(uv, pixels, best.warp, REFINE_STIFFNESS, 0.3))
         tried = Scene(small, better, patch_pixels)
-        if tried.misfit() < scene.misfit():
+        if tried.luma_error() < scene.luma_error():
             best, scene = better, tried
     inside = scene.cover > 0.99
     shown = float(1 - scene.hidden[inside].mean()) if inside.any() else 0.0
@@ -495,7 +495,7 @@ def _fit_kernels(scene: Scene, sizes_px: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _blur_widely(channel: np.ndarray, sigma_px: float) -> np.ndarray:
-    """(h, w) blurred by a Gaussian; a wide one needs few pixels."""
+    """(h, w) blurred by a Gaussian; a wide Gaussian is computed on fewer pixels."""
     scale = min(1.0, FEW_PX / sigma_px)
     small = cv2.resize(channel, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else channel
     small = cv2.GaussianBlur(small, (0, 0), scale * sigma_px, borderType=cv2.BORDER_REPLICATE)
@@ -535,8 +535,10 @@ def _measure_noise(scene: Scene, texel_px: float) -> tuple[np.ndarray, np.ndarra
         alike = []
         for channel in channels:
             limit = 4 * max(whole[channel], 1e-6)
-            one = np.clip(miss[..., channel], -limit, limit)
-            alike.append((one[:, 1:] * one[:, :-1])[pairs].mean() / max(float((one[quiet] ** 2).mean()), 1e-12))
+            clipped = np.clip(miss[..., channel], -limit, limit)
+            alike.append(
+                (clipped[:, 1:] * clipped[:, :-1])[pairs].mean() / max(float((clipped[quiet] ** 2).mean()), 1e-12)
+            )
         # white noise through a Gaussian: neighbours correlate by exp(-1 / (4 σ²))
         likeness = float(np.clip(np.mean(alike), 0.0, 0.9))
         grain.append(0.0 if likeness < 0.01 else 0.5 / np.sqrt(-np.log(likeness)))

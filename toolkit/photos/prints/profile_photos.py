@@ -97,7 +97,7 @@ def profile_photos(
     paths: Sequence[Path], patch: Patch, paper: Paper, size_mm: float | None = None, name: str | None = None,
     by: str | None = None,
 ) -> ProfileRun:  # fmt: skip
-    """Fit a print profile to photographs of one printed patch.
+    """Fit a print profile to photographs of a printed patch.
 
     Args:
         paths: photographs, or folders of them.

@@ -83,7 +83,7 @@ def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
 def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
     """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
     shots = {shot.variant: shot for shot in stop.shots}
-    # `unpatched` first, so that pictures of one kind stand below each other on every card
+    # `unpatched` first, so that pictures of the same kind stand below each other on every card
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
     # one picture keeps the size that it has beside another
     cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
@@ -171,7 +171,7 @@ def build_shot_list(
         name, plan = session.item.name, session.poses_sha256[:HASH_DIGITS]
         for index, page in enumerate(pages, 1):
             number += 1
-            # what the order follows from stands on the page, so that a printed list can be told from a later one
+            # what the order follows from stands on the page, so that a printed list can be told from a later list
             made = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {number}/{total}"
             with pdf.page():
                 _draw_header(pdf, area, session, page)
@@ -194,21 +194,21 @@ def count_cards(height_mm: float) -> int:
 
 
 def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | Sequence[MountDrawing]]:
-    """The pages of one object: the first one, with its first sheet, then the other sheets, then its places."""
+    """The pages of an object: the first page, with its first sheet, then the other sheets, then its places."""
     more = session.mountings[1:]
     sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
     return [session.mountings[:1], *sheets, *lay_out_cards(session, height_mm)]
 
 
 def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
-    """Spread the places of one object over pages."""
+    """Spread the places of an object over pages."""
     many, stops = count_cards(height_mm), session.stops
     bands = name_bands(session)
     return [CardsPage(stops[i : i + many], tuple(bands[i : i + many])) for i in range(0, len(stops), many)]
 
 
 def name_bands(session: ObjectSession) -> list[str]:
-    """What happens after each place: the sheet's changes there and the end of a round; empty where one just goes on."""
+    """What happens after each place: the sheet's changes there and the end of a round; empty if nothing changes."""
     words: list[list[str]] = [[] for _ in session.stops]
     if not session.rounds:
         return ["" for _ in words]
@@ -216,7 +216,7 @@ def name_bands(session: ObjectSession) -> list[str]:
     for before, after in zip(legs, [*legs[1:], None], strict=True):
         change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
         onward = "" if after else "done"
-        # the next round begins elsewhere than where the last one ended: one has to walk
+        # the next round begins elsewhere than where the last round ended: you have to walk
         if after is not None and after.stops[0] != before.stops[1] + 1:
             onward = f"go on with pose {session.stops[after.stops[0] - 1].pose.id}"
         if next_steps := ", ".join(filter(None, (change, onward))):
@@ -226,7 +226,7 @@ def name_bands(session: ObjectSession) -> list[str]:
 
 def _draw_cards(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage) -> None:
     """The cards of a page, and between two of them a line that says what changes there."""
-    # all pages of an object have cards of one height, which is that of the page with most bands
+    # all pages of an object have cards of the same height, which is that of the page with most bands
     most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
     height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
     top = area.top
@@ -370,7 +370,7 @@ def _find_boosters(
 def _find_page(
     workspace: Workspace, name: str, boosters: dict[str, AppliedBooster | None]
 ) -> tuple[str | None, str | None]:
-    """The page of an object's patch, relative to the workspace; else what is wrong with the one that is there."""
+    """The page of an object's patch, relative to the workspace; else what is wrong with the page that is there."""
     patch = boosters.get("patched")
     wrong: str | None = None
     if patch is None or not patch.sizes_mm:
@@ -401,7 +401,7 @@ def _check_paper(paper: Paper) -> None:
 
 
 def _is_other(file: Path, shots: ShotList) -> bool:
-    """Whether another list lies there; one that is broken counts as another."""
+    """Whether another list lies there; a broken list counts as another."""
     try:
         return file.is_file() and read_shots(file).steps != shots.steps
     except ToolkitError:

@@ -82,7 +82,7 @@ ROOM = 1.04
 
 @dataclass(frozen=True)
 class MountDrawing:
-    """One side of an object, drawn to be measured; the drawing's axes are `right` and `up` as one sees that side.
+    """A side of an object, drawn to be measured; the drawing's axes are `right` and `up`, seen from outside.
 
     Attributes:
         jpeg: the picture, the object cut out on white.
@@ -165,7 +165,7 @@ def _inset(points: np.ndarray, uv: np.ndarray, inner: float) -> np.ndarray:
     Vertices alternate between the sheet's two straight edges, k points along each.
     """
     first, second = points[0::2], points[1::2]
-    # one of u and v runs along the bend, the other from one straight edge to the other
+    # u or v runs along the bend, the other from one straight edge to the other
     run = uv[0::2][:, 0] if np.ptp(uv[0::2][:, 0]) > 0.5 else uv[0::2][:, 1]
     # the patch's rim is bent as the sheet is: points between the sheet's own vertices are interpolated
     kept = np.concatenate([[inner], run[(run > inner) & (run < 1 - inner)], [1 - inner]])

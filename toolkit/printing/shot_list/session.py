@@ -1,4 +1,4 @@
-"""All that the pages of one object show, and its first pages: sticking the patch, the walk, camera and table."""
+"""All that the pages of an object show, and its first pages: sticking the patch, the walk, camera and table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Papers:
 
     Attributes:
         board: what it stands on.
-        patch_pdf: name of its sheets' page, where there is one.
+        patch_pdf: name of its sheets' page, if it exists.
         missing: why nothing is stuck on, where it should have been.
     """
 
@@ -54,7 +54,7 @@ class Papers:
 
 @dataclass(frozen=True)
 class ObjectSession:
-    """One object's part of the list.
+    """An object's part of the list.
 
     Attributes:
         item, camera: the object and the plan's camera.
@@ -115,7 +115,7 @@ def prepare_session(
 
 
 FILM_DIAGONAL_MM = 43.27
-"""Of a 36 × 24 mm frame: CIPA's 35 mm equivalent is by the diagonal, which matters for frames of 4:3."""
+"""Diagonal of a 36 × 24 mm frame. CIPA's 35 mm equivalent uses the diagonal, which matters for 4:3 frames."""
 PHONE_MM = 25.0
 """Equivalent focal length of most phones' main camera, whose zoom counts from it."""
 
@@ -310,6 +310,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     legs = find_legs(session.stops)
     y = pdf.heading(area, "The order of the shots")
     shots = sum(len(stop.shots) for stop in session.stops)
+    # without rounds all shots of a pose follow each other
     if not session.rounds:
         words = (
             f"{shots} shots at {len(session.stops)} poses. At each pose all variants are shot one after the other, "
@@ -321,6 +322,7 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
     words = f"{shots} shots at {len(session.stops)} poses; the camera goes round {turns}. {explain_order(legs)}".strip()
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
+    # a row for each leg, and for each change of the sheet
     rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
     before: str | None = None
     for leg in legs:

@@ -18,7 +18,7 @@ from toolkit.rig.variants import KIND_OF, NOUNS
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """A camera's place as one measures it with a tape and a phone's level.
+    """A camera's place as a person measures it with a tape and a phone's level.
 
     Attributes:
         azimuth_deg: round the object from its front, counter-clockwise from above, in [0, 360).
@@ -58,7 +58,7 @@ def measure_place(pose: Pose) -> CameraPlace:
 
 @dataclass(frozen=True)
 class Stop:
-    """One place of the tour: its number on the tour, its pose, and its shots in the order of shooting."""
+    """A place of the tour: its number on the tour, its pose, and its shots in the order of shooting."""
 
     number: int
     pose: Pose
@@ -68,7 +68,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class TourLeg:
-    """Shots in a row of one variant at places in a row."""
+    """Shots in a row of a variant at places in a row."""
 
     variant: str
     shots: tuple[int, int]
@@ -76,7 +76,7 @@ class TourLeg:
 
 
 def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
-    """The places of one object in the order in which the camera first comes there."""
+    """The places of an object in the order in which the camera first comes there."""
     by_id = {pose.id: pose for pose in poses}
     walk = dict.fromkeys(step.pose_id for step in steps)
     return [
@@ -86,7 +86,7 @@ def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
 
 
 def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
-    """The rounds of one object as legs without a change; a round's end at the last place ends one too."""
+    """The rounds of an object as legs without a change; a round's end at the last place ends a leg too."""
     visits = sorted((shot.number, shot.variant, stop.number) for stop in stops for shot in stop.shots)
     starts = [0]
     for i, ((_, variant, stop), (_, next_variant, next_stop)) in enumerate(pairwise(visits), 1):
@@ -173,7 +173,7 @@ FRONT_DEG = -90.0
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all drawings of one object share, so that they are of one scale.
+    """What all drawings of an object share, so that they are of the same scale.
 
     Attributes:
         mesh: the object.
@@ -251,7 +251,7 @@ def draw_from_above(pdf: Pdf, area: Rect, around: Surroundings, place: CameraPla
         pdf.arc_about(centre, arc, FRONT_DEG, place.azimuth_deg)
         pdf.head(_towards(angle, arc, centre), angle + 90 - np.degrees(0.8 / arc), 1.7)
     pdf.camera(at, angle + 180)
-    # a narrow angle's number stands beside the arc, a wide one's in it
+    # a narrow angle's number stands beside the arc, a wide angle's in it
     middle = FRONT_DEG + (place.azimuth_deg / 2 if place.azimuth_deg > 50 else place.azimuth_deg + 42)
     pdf.write_on_white(f"{place.azimuth_deg:.0f}°", *_towards(middle, arc, centre), 3.0, BOLD, CAMERA)
 
