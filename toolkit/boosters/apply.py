@@ -69,7 +69,7 @@ def _draw_placements(
 ) -> np.ndarray:
     """(count, 3, 3) `T_image_patch`, each with a generator of its own."""
     # a generator for each image, so that it depends on neither order nor size of the batch
-    streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(one,) for one in seed]
+    streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(part,) for part in seed]
     return np.concatenate([placement.place(np.random.default_rng(s), 1, patch_px, image_px) for s in streams])
 
 

@@ -92,9 +92,11 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
     Raises:
         ToolkitError: some are the one and some the other.
     """
-    found = [one for one in networks if isinstance(one, DetectorNetwork)]
+    found = [network for network in networks if isinstance(network, DetectorNetwork)]
     if found and len(found) < len(networks):
-        raise FieldError("name classifiers or detectors, not both", {"model": " ".join(one.arch for one in networks)})
+        raise FieldError(
+            "name classifiers or detectors, not both", {"model": " ".join(network.arch for network in networks)}
+        )
     return found or None
 
 
@@ -111,7 +113,7 @@ def meet_networks(
     if find_detectors(networks):
         refuse_for_detectors([name for name, part in config.held_transforms() if part.stage in OF_NETWORKS])
     if config.feature_mixup is not None:
-        whole = [one for one in networks if not find_layers(getattr(one, "module", None))]
+        whole = [network for network in networks if not find_layers(getattr(network, "module", None))]
         if whole:
             expected = "its features cannot be reached, so {feature_mixup} cannot mix them: leave one of the two out"
             raise FieldError(expected, {"model": whole[0].arch})
@@ -142,7 +144,7 @@ def load_networks(
     if not may_mix:  # a network that is left out is one of its own, and no checkpoint of those that train
         models = expand_sets(models, folder)
     networks = _load_each(models, weights, device, folder, may_mix)
-    names = [one.name for one in networks]
+    names = [network.name for network in networks]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         expected = f"several are called '{twice}': name each once; one of two files may have another 'name' in its TOML"

@@ -125,7 +125,7 @@ def render_mounted_views(
                 (subject,), settings, seed, TRAIN, block,
                 setting=setting or IN_STUDIO, with_depth=with_depth, threads=None,
             )  # fmt: skip
-            views += [one.view for one in taken]
+            views += [mounted.view for mounted in taken]
             bar.advance(len(taken))
     return views
 
@@ -139,7 +139,7 @@ def make_sheet_subject(
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
-    material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
+    material = next(k for k, candidate in enumerate(mesh.materials) if candidate.texture is paper)
     if at_real_size:
         mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
     return PaintableObject(mesh, material, mesh)

@@ -177,7 +177,11 @@ class PixelConfig(Config):
     def held_transforms(self) -> list[tuple[str, Transform]]:
         """(field, part) of each transform that a field holds, alone or in a tuple, in the order of the fields."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
-        flat = [(name, part) for name, one in held for part in (one if isinstance(one, tuple) else (one,))]
+        flat = [
+            (name, part)
+            for name, transform in held
+            for part in (transform if isinstance(transform, tuple) else (transform,))
+        ]
         return [(name, part) for name, part in flat if isinstance(part, Transform)]
 
     def transforms(self, stage: str) -> tuple[Any, ...]:
@@ -187,7 +191,7 @@ class PixelConfig(Config):
     def transform_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
         """(name, value) of the transforms that act, in the order in which they do; those of some stages do not."""
         # a stable sort: within a stage the fields' order decides, as it does in a step
-        held = sorted(self.held_transforms(), key=lambda one: STAGES.index(one[1].stage))
+        held = sorted(self.held_transforms(), key=lambda held_stage: STAGES.index(held_stage[1].stage))
         rows = [
             (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
             for name, part in held if part.stage not in (*idle_stages, *OF_NETWORKS)
@@ -268,7 +272,7 @@ def make_camera() -> CameraParts:
 
 def record_transforms(transforms: Sequence[Transform]) -> dict[str, Any] | None:
     """The settings of transforms under their names; None where there are none."""
-    return {type(one).__name__: one.model_dump() for one in transforms} or None
+    return {type(transform).__name__: transform.model_dump() for transform in transforms} or None
 
 
 def name_files(name: str | None, label: str, index: int) -> str:

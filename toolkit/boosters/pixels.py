@@ -226,16 +226,16 @@ def judge_ensemble(
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number].folded
         # drawn for each network by its number: they do not look at the same cut
-        for one in config.transforms("network"):
-            seen = one.change(seen, one.rng(draws, f" {number}"))
+        for transform in config.transforms("network"):
+            seen = transform.change(seen, transform.rng(draws, f" {number}"))
         if clean is None:
             return judge_in_parts(current().share(seen), target, config.objective)
         network, see_clean = target.classifier, partial(judge_photos, clean, [target])
         assert isinstance(network, Classifier)
         with ExitStack() as acting:
-            for one in config.transforms("features"):
+            for transform in config.transforms("features"):
                 side = network.preprocessing.crop_px
-                acting.enter_context(one.inside(network.module, side, see_clean, draws, f" {number}"))
+                acting.enter_context(transform.inside(network.module, side, see_clean, draws, f" {number}"))
             return judge_photos(current().share(seen), [target], config.objective)
 
     if config.ensemble == "turns":
@@ -266,9 +266,11 @@ def _normalise(
         value = value + loss.detach()
         recognised.append(hits)
     # of the whole batch, of which each process holds a part
-    lengths = current().add(torch.stack([one.square().sum() for one in gradients])).sqrt()
+    lengths = current().add(torch.stack([gradient.square().sum() for gradient in gradients])).sqrt()
     scales = lengths.mean() / lengths.clamp_min(1e-30)
-    joined = sum((one * scale for one, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos))
+    joined = sum(
+        (gradient * scale for gradient, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos)
+    )
     return _stand_in(photos, joined, value), _mean(recognised)
 
 
@@ -288,10 +290,11 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     Raises:
         ToolkitError: a network does not know it, or cannot be trained against.
     """
-    for one in networks:
-        if one.untrainable:
+    for network in networks:
+        if network.untrainable:
             raise FieldError(
-                f"it can judge, but no booster can be trained against it: {one.untrainable}", {"model": one.arch}
+                f"it can judge, but no booster can be trained against it: {network.untrainable}",
+                {"model": network.arch},
             )
     return [Target(network, network.class_index(class_name)) for network in networks]
 
@@ -318,8 +321,8 @@ def record_network(classifier: Network) -> records.NetworkRecord:
 def list_networks(targets: list[Target]) -> list[list[object]]:
     """The networks and their classes, as hashes of inputs name them; of programs also what a TOML says of images."""
     rows: list[list[object]] = []
-    for one in targets:
-        network = one.classifier
+    for target in targets:
+        network = target.classifier
         said = [network.preprocessing.describe()] if is_program(network.arch) else []
-        rows.append([network.arch, network.weights.sha256, one.class_index, *said])
+        rows.append([network.arch, network.weights.sha256, target.class_index, *said])
     return rows

@@ -214,7 +214,7 @@ def prepare_patch(
 
 
 def _describe_misfit(name: str, spec: ObjectSpec, asked_mm: float | None) -> str:
-    others_mm = [f"{one.size_mm:g}" for one in spec.mounts if one.size_mm not in (None, asked_mm)]
+    others_mm = [f"{mount.size_mm:g}" for mount in spec.mounts if mount.size_mm not in (None, asked_mm)]
     if not asked_mm or not others_mm:
         return ""
     return (

@@ -169,7 +169,7 @@ class TrainedWrap(TrainedBooster):
         record = self.wrap.record
         ranking = record.booster.ranking if record.booster is not None else []
         if ranking:
-            known = ", ".join(f"{count}: {one.recognised:.0%}" for count, one in enumerate(ranking, 1))
+            known = ", ".join(f"{count}: {piece.recognised:.0%}" for count, piece in enumerate(ranking, 1))
             yield f"recognised with so many of the best pieces, in views for this alone: {known}"
             yield f"{len(record.pieces)} of {len(ranking)} pieces are kept; numbers are by rank"
 
@@ -197,20 +197,20 @@ def rank_pieces(
         targets: the networks.
     """
     batches = [
-        batch_views([one.view for one in views[start : start + BATCH]], targets[0].classifier.device)
+        batch_views([view.view for view in views[start : start + BATCH]], targets[0].classifier.device)
         for start in range(0, len(views), BATCH)
     ]
-    left, ranked = [one.number for one in record.pieces], list[RankedPiece]()
+    left, ranked = [piece.number for piece in record.pieces], list[RankedPiece]()
     with progress("Ranking pieces", len(left) * (len(left) + 1) // 2) as bar:
         while left:
             tried = []
             for number in left:
-                canvas = paint_pieces(record, pixels, paint, [*(one.number for one in ranked), number])
+                canvas = paint_pieces(record, pixels, paint, [*(piece.number for piece in ranked), number])
                 sure, known = _judge(canvas, batches, targets)
                 tried.append(RankedPiece(number=number, recognised=known, mean_log_prob=sure))
                 bar.advance()
             # of equally good ones the first by number, so that a ranking can be repeated
-            best = max(tried, key=lambda one: (one.mean_log_prob, -one.number))
+            best = max(tried, key=lambda piece: (piece.mean_log_prob, -piece.number))
             ranked.append(best)
             left.remove(best.number)
     return ranked
@@ -309,10 +309,10 @@ class WrapTask(SurfaceTask[TrainedWrap]):
         paint = worn.paint().reshape(-1, 3)[worn.atlas.source]
         self._ranking = rank_pieces(worn.wrap.record, pixels, paint, views, self.targets)
         low, high = (min(count, len(self._ranking)) for count in self.config.pieces)
-        shares = [one.recognised for one in self._ranking[:high]]
+        shares = [piece.recognised for piece in self._ranking[:high]]
         # the fewest pieces that reach the best share: more would add nothing
         enough = max(low, shares.index(max(shares)) + 1)
-        self._kept = [one.number for one in self._ranking[:enough]]
+        self._kept = [piece.number for piece in self._ranking[:enough]]
         return paint_pieces(worn.wrap.record, pixels, paint, self._kept)
 
     def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedWrap:

@@ -152,10 +152,13 @@ class GroupedCommand(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """`[OPTIONS] PHOTOS...`."""
-        arguments = [one for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        arguments = [parameter for parameter in self.get_params(ctx) if parameter.param_type_name == "argument"]
         return [
             "[OPTIONS]",
-            *(_name_parameter(one) if one.required else f"[{_name_parameter(one)}]" for one in arguments),
+            *(
+                _name_parameter(argument) if argument.required else f"[{_name_parameter(argument)}]"
+                for argument in arguments
+            ),
         ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -186,7 +189,9 @@ class GroupedCommand(TyperCommand):
         try:
             return super().invoke(ctx)
         except FieldError as error:
-            names = {one.name.replace("__", "."): _name_parameter(one) for one in self.get_params(ctx)}
+            names = {
+                parameter.name.replace("__", "."): _name_parameter(parameter) for parameter in self.get_params(ctx)
+            }
             raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
 
 
@@ -246,7 +251,7 @@ class LazyCommand(TyperCommand):
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
         command = self.load(is_completed=bool(extra.get("resilient_parsing")))
-        known = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
+        known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
         old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
         return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
@@ -262,7 +267,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     command = next((name for name in (*dict(list_places()), *WORDS) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
-        known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
+        known = [name for parameter in error.ctx.command.get_params(error.ctx) for name in parameter.opts]
         near = get_close_matches(error.option_name, known, n=3)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
         return ToolkitError(f"no option called '{error.option_name}': {hint}")
@@ -375,8 +380,8 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
     if "quiet" in signature.parameters:
         return command
     quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
-    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
+    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in signature.parameters.values()]
+    at = next((k for k, parameter in enumerate(parameters) if parameter.name == "as_json"), len(parameters))
 
     @wraps(command)
     def run(quiet: bool, **typed: Any) -> None:

@@ -46,11 +46,11 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     if folder is None:
         return make()
     digest = hashlib.sha256(_hash_sources())
-    for one in inputs:
-        if isinstance(one, np.ndarray):
-            digest.update(f"{one.dtype} {one.shape}".encode() + one.tobytes())
+    for part in inputs:
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype} {part.shape}".encode() + part.tobytes())
         else:
-            digest.update(f"{one!r};".encode())
+            digest.update(f"{part!r};".encode())
     file = folder / f"{kind}-{digest.hexdigest()[:32]}"
     with suppress(OSError, ValueError):
         content = file.read_bytes()
@@ -89,12 +89,12 @@ def _hash_sources() -> bytes:
 
 def _trim(folder: Path) -> None:
     facts = sorted(((file.stat(), file) for file in folder.iterdir()), key=lambda pair: pair[0].st_mtime)
-    spare = sum(one.st_size for one, _ in facts) - MOST_BYTES
-    for one, file in facts:
+    spare = sum(status.st_size for status, _ in facts) - MOST_BYTES
+    for status, file in facts:
         if spare <= 0:
             break
         file.unlink(missing_ok=True)
-        spare -= one.st_size
+        spare -= status.st_size
 
 
 OTHERS_READ_OR_WRITE = stat.S_IRWXG | stat.S_IRWXO

@@ -186,7 +186,7 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
     mine = used + most_bytes
 
     def bound() -> None:
-        lowest = [*_bounds, *(one for one in _before if one != resource.RLIM_INFINITY)]
+        lowest = [*_bounds, *(limit for limit in _before if limit != resource.RLIM_INFINITY)]
         resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
 
     with _counting:
@@ -205,7 +205,7 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
 def is_memory_full(error: BaseException) -> bool:
     """Whether this is what Python, torch or ONNX Runtime raises where memory cannot be had."""
     words = ("can't allocate memory", "out of memory", "allocate memory", "bad_alloc", "bad allocation")
-    return isinstance(error, MemoryError) or any(one in str(error).lower() for one in words)
+    return isinstance(error, MemoryError) or any(word in str(error).lower() for word in words)
 
 
 @contextmanager

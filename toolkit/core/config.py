@@ -100,7 +100,7 @@ class _ShortHelp(ModelMetaclass):
     """Keeps what pydantic's models can do out of `help(SomeConfig)`, which would be most of it."""
 
     def __dir__(cls) -> list[str]:
-        ours = [vars(one) for one in cls.__mro__ if not one.__module__.startswith(("pydantic", "builtins"))]
+        ours = [vars(base) for base in cls.__mro__ if not base.__module__.startswith(("pydantic", "builtins"))]
         return sorted({name for names in ours for name in names if not name.startswith(("_", "model_"))})
 
 
@@ -280,10 +280,10 @@ def describe(value: object, name: str = "", between: str = " to ") -> str:
     if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
         if hasattr(value, "describe"):
             return str(value.describe())
-        names = list(type(value).model_fields) if isinstance(value, Config) else [one.name for one in fields(value)]
-        held = [one for one in names if getattr(value, one) is not None]
+        names = list(type(value).model_fields) if isinstance(value, Config) else [field.name for field in fields(value)]
+        held = [field for field in names if getattr(value, field) is not None]
         held.sort(key=lambda name: name.endswith("probability"))
-        return ", ".join(f"{_words(one)} {_describe_field(value, one)}" for one in held)
+        return ", ".join(f"{_words(field)} {_describe_field(value, field)}" for field in held)
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g}{between}{value[1]:g}{unit}"
@@ -322,7 +322,7 @@ def _members(annotation: object) -> list[Any]:
     if get_origin(annotation) is Annotated:
         return _members(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
-        return [kind for one in get_args(annotation) if one is not NoneType for kind in _members(one)]
+        return [kind for member in get_args(annotation) if member is not NoneType for kind in _members(member)]
     return [annotation]
 
 
@@ -336,7 +336,7 @@ def _is_part(kind: object) -> bool:
 
 
 def _has(info: FieldInfo, mark: type) -> bool:
-    return any(one is mark or isinstance(one, mark) for one in info.metadata)
+    return any(note is mark or isinstance(note, mark) for note in info.metadata)
 
 
 def _words(name: str) -> str:

@@ -26,7 +26,7 @@ class LineConsole(Console):
 
     def print(self, *objects: Any, **options: Any) -> None:
         """As rich does; a string loses its power over the terminal."""
-        super().print(*(escape(one) if isinstance(one, str) else one for one in objects), **options)
+        super().print(*(escape(item) if isinstance(item, str) else item for item in objects), **options)
 
 
 console = LineConsole(highlight=False)

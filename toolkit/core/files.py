@@ -62,7 +62,7 @@ READ_TROUBLE = {
 def explain_write_error(path: Path, error: OSError, doing: str = "write") -> ToolkitError:
     """One line for an `OSError` met while writing `path`, or `doing` something else to it."""
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
-        file = next((one for one in (Path(path), *Path(path).parents) if one.is_file()), None)
+        file = next((place for place in (Path(path), *Path(path).parents) if place.is_file()), None)
         if file is not None:
             return ToolkitError(f"cannot write {path}: {file} is a file, expected a folder: choose another place")
     why = WRITE_TROUBLE.get(error.errno or 0, str(error.strerror or error))
@@ -253,7 +253,7 @@ def walk_folders(
         here = waiting.pop()
         try:
             with os.scandir(here) as found:
-                kinds = {one.name: _is_folder(one) for one in found}
+                kinds = {entry.name: _is_folder(entry) for entry in found}
         except OSError as error:
             on_error(error)
             continue

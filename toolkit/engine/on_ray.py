@@ -160,8 +160,8 @@ class RayEngine:
     def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray
 
-        shared = {at: one for at, one in enumerate(unit.inputs) if isinstance(one, InStore)}
-        own = tuple(None if at in shared else one for at, one in enumerate(unit.inputs))
+        shared = {at: value for at, value in enumerate(unit.inputs) if isinstance(value, InStore)}
+        own = tuple(None if at in shared else value for at, value in enumerate(unit.inputs))
         try:
             pickled = ray.cloudpickle.dumps((unit.work, own))
         except (TypeError, pickle.PicklingError) as error:
@@ -237,7 +237,7 @@ def list_versions() -> dict[str, str]:
 
 def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
     """What a node has otherwise than the driver, in words; empty where it is the same."""
-    return ", ".join(f"{name} {here[name]} for {one}" for name, one in wanted.items() if here[name] != one)
+    return ", ".join(f"{name} {here[name]} for {version}" for name, version in wanted.items() if here[name] != version)
 
 
 def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
@@ -253,4 +253,4 @@ def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[
         work, inputs = pickle.loads(pickled)
     except Exception as error:  # such as a module that the node does not have
         return [], explain_failure(error), True
-    return *do_work(work, tuple(shared.get(at, one) for at, one in enumerate(inputs))), True
+    return *do_work(work, tuple(shared.get(at, value) for at, value in enumerate(inputs))), True

@@ -119,22 +119,22 @@ def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -
     return results, ""
 
 
-def give(result: Result) -> Iterator[Result]:
-    """The work of a unit whose result is there."""
+def done_unit(result: Result) -> Iterator[Result]:
+    """Yield a result that was computed before: the work of a finished unit."""
     yield result
 
 
-AHEAD = 2
-"""Units that are begun for each worker: one is done, one waits."""
+PREFETCH = 2
+"""Number of units started for each worker: the first runs, the second waits."""
 KILLED = "its process was killed, as it is where the memory is full"
-Begun = TypeVar("Begun")
+Pending = TypeVar("Pending")
 
 
 def run_ahead(
     units: Iterable[Unit[Result]],
     workers: int,
-    begin: Callable[[Unit[Result]], Begun],
-    end: Callable[[Unit[Result], Begun, deque[tuple[Unit[Result], Begun]]], tuple[list[Result], str]],
+    begin: Callable[[Unit[Result]], Pending],
+    end: Callable[[Unit[Result], Pending, deque[tuple[Unit[Result], Pending]]], tuple[list[Result], str]],
 ) -> Iterator[Outcome[Result]]:
     """See `Engine.run`; the results of a unit are handed over together, while the next ones are done.
 
@@ -143,14 +143,14 @@ def run_ahead(
         begin: hands a unit to the workers.
         end: waits for a unit; gives its results and, where it failed, the reason. It may begin those that wait anew.
     """
-    waiting: deque[tuple[Unit[Result], Begun]] = deque()
+    waiting: deque[tuple[Unit[Result], Pending]] = deque()
     rest = iter(units)
     while True:
-        waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, AHEAD * workers - len(waiting))))
+        waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, PREFETCH * workers - len(waiting))))
         if not waiting:
             return
-        unit, begun = waiting.popleft()
-        results, reason = end(unit, begun, waiting)
+        unit, pending = waiting.popleft()
+        results, reason = end(unit, pending, waiting)
         yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
         if not reason and len(results) != len(unit.keys):
             reason = f"gave {len(results)} results, expected {len(unit.keys)}"

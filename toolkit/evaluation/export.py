@@ -183,21 +183,21 @@ def _list_rows(
         conditions: dict[str, tuple[str, str | None, int | None]] = {
             row.source: (row.network, row.condition, row.severity) for row in run.rows
         }
-        for one in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
-            network, condition, severity = conditions.get(one.capture.source, (run.rows[0].network, None, None))
-            if one.capture.corruption is not None:
-                condition, severity = one.capture.corruption
+        for prediction in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
+            network, condition, severity = conditions.get(prediction.capture.source, (run.rows[0].network, None, None))
+            if prediction.capture.corruption is not None:
+                condition, severity = prediction.capture.corruption
             row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
-            row |= {name: _look_up(one, name) for name in own}
+            row |= {name: _look_up(prediction, name) for name in own}
             rows.append(row)
     return columns, rows
 
 
-def _look_up(one: Prediction, column: str) -> object:
+def _look_up(prediction: Prediction, column: str) -> object:
     # an image that was not read is neither right nor wrong
-    if column in ("correct_top1", "correct_top5") and not one.is_read:
+    if column in ("correct_top1", "correct_top5") and not prediction.is_read:
         return None
-    places = (one.capture, one.detection, one)
+    places = (prediction.capture, prediction.detection, prediction)
     return next(getattr(place, column) for place in places if hasattr(place, column))
 
 
@@ -255,18 +255,20 @@ def write_fiftyone(
     for run in runs:
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
-        for one in placed:
+        for prediction in placed:
             # one number for each file, however many runs saw it
-            key = files.setdefault(str(one.capture.file), f"{len(files):06d}")
-            labels: dict[str, object] = {name: getattr(one.capture, name) for name in ("object", "variant", "source")}
-            said, prediction = one.detection, f"prediction_{_as_name(run)}"
+            key = files.setdefault(str(prediction.capture.file), f"{len(files):06d}")
+            labels: dict[str, object] = {
+                name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
+            }
+            said, column = prediction.detection, f"prediction_{_as_name(run)}"
             if said is None:
-                labels |= {"ground_truth": one.true_label, prediction: _describe_answer(one)}
+                labels |= {"ground_truth": prediction.true_label, column: _describe_answer(prediction)}
             else:
-                size = _measure_image(one)
+                size = _measure_image(prediction)
                 about = {"confidence": said.score, "attributes": {"found": said.found, "iou": said.iou}}
-                labels["ground_truth_boxes"] = _place_box(one.true_label, said.true_box, size)
-                labels[prediction] = _place_box(one.true_label, said.box, size, about)
+                labels["ground_truth_boxes"] = _place_box(prediction.true_label, said.true_box, size)
+                labels[column] = _place_box(prediction.true_label, said.box, size, about)
             for name, label in labels.items():
                 fields.setdefault(name, {})[key] = label
     if not files:
@@ -278,9 +280,9 @@ def write_fiftyone(
     return len(files), left_out
 
 
-def _describe_answer(one: Prediction) -> dict[str, object]:
-    about = {"correct": one.correct_top1, "true_prob": one.true_prob, "true_rank": one.true_rank}
-    return {"label": one.top1_label, "confidence": one.top1_prob, "attributes": about}
+def _describe_answer(prediction: Prediction) -> dict[str, object]:
+    about = {"correct": prediction.correct_top1, "true_prob": prediction.true_prob, "true_rank": prediction.true_rank}
+    return {"label": prediction.top1_label, "confidence": prediction.top1_prob, "attributes": about}
 
 
 def _place_box(
@@ -298,9 +300,9 @@ def _as_name(run: Run) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", run.name)
 
 
-def _measure_image(one: Prediction) -> tuple[int, int]:
+def _measure_image(prediction: Prediction) -> tuple[int, int]:
     """Width and height, upright."""
-    height, width = read_image(one.capture.file).shape[:2]
+    height, width = read_image(prediction.capture.file).shape[:2]
     return width, height
 
 
@@ -308,7 +310,7 @@ def _read_placed(workspace: Workspace, run: Run, captures_dir: Path | None) -> t
     """Predictions for images that were read and lie there as they were judged, and how many others there are."""
     place = captures_dir or find_captures_dir(workspace, run)
     predictions = read_predictions(run, place)
-    placed = [one for one in predictions if one.is_read and has_own_file(one, place)]
+    placed = [prediction for prediction in predictions if prediction.is_read and has_own_file(prediction, place)]
     return placed, len(predictions) - len(placed)
 
 
@@ -339,14 +341,15 @@ def write_coco_results(
         placed, gone = _read_placed(workspace, run, captures_dir)
         if not placed:
             raise ToolkitError(f"none of the images of {run.name} is there: name their folder")
-        categories = sorted({one.true_label for one in placed})
+        categories = sorted({prediction.true_label for prediction in placed})
         images: list[Row] = []
         truths: list[Row] = []
         results: list[Row] = []
-        for number, one in enumerate(placed, 1):
-            said, capture, (width, height) = one.detection or Detection(), one.capture, _measure_image(one)
+        for number, prediction in enumerate(placed, 1):
+            said, capture = prediction.detection or Detection(), prediction.capture
+            width, height = _measure_image(prediction)
             # COCO counts categories from 1
-            of = {"image_id": number, "category_id": categories.index(one.true_label) + 1}
+            of = {"image_id": number, "category_id": categories.index(prediction.true_label) + 1}
             images.append({"id": number, "file_name": capture.path, "width": width, "height": height})
             if said.true_box is not None:
                 box = as_bbox(said.true_box)

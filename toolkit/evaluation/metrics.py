@@ -323,9 +323,9 @@ class Comparison:
 def gather(items: Iterable[Item], keys_of: Callable[[Item], Iterable[Key]]) -> dict[Key, list[Item]]:
     """Items by key; one that has several keys, as its object and `all`, counts under each."""
     found: dict[Key, list[Item]] = defaultdict(list)
-    for one in items:
-        for key in keys_of(one):
-            found[key].append(one)
+    for item in items:
+        for key in keys_of(item):
+            found[key].append(item)
     return found
 
 
@@ -337,8 +337,8 @@ def rank_row(source: str, name: str, variant: str) -> tuple[str, bool, str, tupl
 def group_images(images: Iterable[Shown]) -> dict[RowKey, list[Shown]]:
     """What was said of images by source, object (`all` for all of them) and variant, in the order of `rank_row`."""
 
-    def keys_of(one: Shown) -> list[RowKey]:
-        return [(one.capture.source, name, one.capture.variant) for name in (one.capture.object, POOLED)]
+    def keys_of(shown: Shown) -> list[RowKey]:
+        return [(shown.capture.source, name, shown.capture.variant) for name in (shown.capture.object, POOLED)]
 
     return dict(sorted(gather(images, keys_of).items(), key=lambda item: rank_row(*item[0])))
 
@@ -349,26 +349,26 @@ def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
 
 
 def _count_group(key: RowKey, members: list[Prediction]) -> Group:
-    read = [one for one in members if one.is_read]
+    read = [prediction for prediction in members if prediction.is_read]
     return Group(
         *key,
         n=len(read),
         failed=len(members) - len(read),
-        n_top1=sum(one.correct_top1 for one in read),
-        n_top5=sum(one.correct_top5 for one in read),
-        mean_true_prob=sum(one.true_prob or 0.0 for one in read) / len(read) if read else None,
+        n_top1=sum(prediction.correct_top1 for prediction in read),
+        n_top5=sum(prediction.correct_top5 for prediction in read),
+        mean_true_prob=sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None,
     )
 
 
 def index_poses(predictions: Iterable[Prediction]) -> Poses:
     """Images by source and object, variant and pose: of several of one pose the first that was read."""
     by_pose: Poses = defaultdict(lambda: defaultdict(dict))
-    for one in predictions:
-        poses = by_pose[(one.capture.source, one.capture.object)][one.capture.variant]
-        if one.capture.pose_id is not None:
-            first = poses.get(one.capture.pose_id)
-            if first is None or (one.is_read and not first.is_read):
-                poses[one.capture.pose_id] = one
+    for prediction in predictions:
+        poses = by_pose[(prediction.capture.source, prediction.capture.object)][prediction.capture.variant]
+        if prediction.capture.pose_id is not None:
+            first = poses.get(prediction.capture.pose_id)
+            if first is None or (prediction.is_read and not first.is_read):
+                poses[prediction.capture.pose_id] = prediction
     return by_pose
 
 
@@ -379,8 +379,8 @@ def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
     return [pair for pairs in found for pair in pairs]
 
 
-def _pair_poses(one: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
-    shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
+def _pair_poses(first: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
+    shared = [Pair(first[pose], other[pose]) for pose in sorted(first.keys() & other.keys())]
     # pose 3 of two plans is not one camera, and two lights are not one picture
     return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.is_alike]
 
@@ -399,8 +399,8 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
     """Two variants by source and object, `all` last."""
 
     def keys_of(pair: Pair) -> list[tuple[str, str, str, str]]:
-        one, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
-        return [(one.source, name, *variants) for name in (one.object, POOLED)]
+        capture, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
+        return [(capture.source, name, *variants) for name in (capture.object, POOLED)]
 
     return [Comparison(*key, tuple(own)) for key, own in gather(pairs, keys_of).items()]
 
@@ -446,22 +446,22 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tu
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
     for key, variants in poses.items():
         for name, own in variants.items():
-            for pose_id, one in own.items():
-                partners[key, name == UNPATCHED, pose_id].append(one)
+            for pose_id, prediction in own.items():
+                partners[key, name == UNPATCHED, pose_id].append(prediction)
     unpaired = []
-    for one in predictions:
-        capture, key = one.capture, (one.capture.source, one.capture.object)
-        if len(poses[key]) == 1 or not one.is_read:
+    for prediction in predictions:
+        capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
+        if len(poses[key]) == 1 or not prediction.is_read:
             continue
         is_bare = capture.variant == UNPATCHED
         others = partners.get((key, not is_bare, capture.pose_id), []) if capture.pose_id is not None else []
-        if reason := _why_unpaired(one, others, poses[key] if is_bare else (UNPATCHED,)):
+        if reason := _why_unpaired(prediction, others, poses[key] if is_bare else (UNPATCHED,)):
             unpaired.append((capture.path, reason))
     return unpaired
 
 
-def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
-    pose_id = one.capture.pose_id
+def _why_unpaired(prediction: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
+    pose_id = prediction.capture.pose_id
     if pose_id is None:
         return "no pose number in its name: give both images of a pose the same number"
     if not partners:
@@ -473,7 +473,7 @@ def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection
     gap = ""
     for partner in partners:
         if partner.is_read:
-            found = one.capture.explain_no_pair(partner.capture)
+            found = prediction.capture.explain_no_pair(partner.capture)
             if found is None:  # one partner that differs in the booster alone is enough
                 return None
             gap = gap or found

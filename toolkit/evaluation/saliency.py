@@ -153,14 +153,16 @@ def draw_saliency(
         wanted: yes, no, or where None: when there are at most 200 flips.
         batch_size: images per pass.
     """
-    shown = [pair for one in flips for pair in one.shown]
-    n = sum(one.n for one in flips)
+    shown = [pair for flip in flips for pair in flip.shown]
+    n = sum(flip.n for flip in flips)
     if wanted is False or not shown:
         return Saliency()
     if wanted is None and n > MAX_UNASKED:
         return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
     # an image in several flips is asked about once
-    images = list({one.capture.path: one for pair in shown for one in (pair.first, pair.second)}.values())
+    images = list(
+        {prediction.capture.path: prediction for pair in shown for prediction in (pair.first, pair.second)}.values()
+    )
     try:
         seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))
     except NoSaliency as why:
@@ -204,10 +206,10 @@ def _compute_maps(
     import torch
 
     feature_map = find_feature_map(classifier)
-    classes = {one.capture.path: one.true_index for one in images}
+    classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     with progress("saliency", len(images)) as ticker:
-        for batch in batch_pixels([one.capture for one in images], classifier, size):
+        for batch in batch_pixels([image.capture for image in images], classifier, size):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:
                 tensor = (

@@ -108,7 +108,7 @@ def survey_models(
 
 def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedModel:
     module = classifier.module
-    numbers = sum(one.numel() for one in (*module.parameters(), *module.buffers()))
+    numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
     n, correct, why = None, None, classifier.untrainable
     if data is not None:
         try:
@@ -177,8 +177,8 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:
-        crops = ((one, resize_and_crop(images.read(one), classifier.preprocessing)) for one in images.images)
-        for one, order, _ in classify_stream(crops, classifier):
-            correct += int(order[0]) == one.class_index
+        crops = ((image, resize_and_crop(images.read(image), classifier.preprocessing)) for image in images.images)
+        for image, order, _ in classify_stream(crops, classifier):
+            correct += int(order[0]) == image.class_index
             ticker.advance()
     return len(images.images), correct

@@ -72,8 +72,11 @@ def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence
         comparisons: from `compare_unpatched` and `compare_controls`.
     """
     headlines = []
-    pooled_of = gather((one for one in groups if one.object == POOLED), lambda one: [one.source])
-    rows_of = gather((one for one in comparisons if one.object == POOLED), lambda one: [one.source])
+    pooled_of = gather((group for group in groups if group.object == POOLED), lambda group: [group.source])
+    rows_of = gather(
+        (comparison for comparison in comparisons if comparison.object == POOLED),
+        lambda comparison: [comparison.source],
+    )
     for source, own in pooled_of.items():
         pooled = {row.variant: row for row in own}
         rows = {(row.first, row.second): row for row in rows_of.get(source, ())}

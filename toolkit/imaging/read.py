@@ -306,7 +306,7 @@ def _list_readers(formats: tuple[str, ...]) -> tuple[str, ...]:
     """Those of `formats` that this Pillow has."""
     register_heif()
     Image.init()
-    return tuple(one for one in formats if one in Image.OPEN)
+    return tuple(format_name for format_name in formats if format_name in Image.OPEN)
 
 
 def _turn_upright(image: Image.Image) -> Image.Image:

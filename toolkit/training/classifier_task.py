@@ -486,7 +486,7 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
         for k, label in enumerate(labels)
     }
     wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
-    commonest = sorted(wrong.items(), key=lambda one: (-one[1], one[0]))[:MOST_CONFUSIONS]
+    commonest = sorted(wrong.items(), key=lambda mistake: (-mistake[1], mistake[0]))[:MOST_CONFUSIONS]
     n, correct = len(truth), int(right.sum())
     return HeldOut(
         n=n,

@@ -132,7 +132,7 @@ def open_photographs(folder: str, held_out: float) -> DataSource:
 
 
 def _photographs(data: str, found: FolderClasses) -> DataSource:
-    kinds = sorted({one.label for one in (*found.train, *found.held_out)})
+    kinds = sorted({image.label for image in (*found.train, *found.held_out)})
     record = {"source": real_path(Path(data)).name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
     return DataSource(found.train, found.held_out, found.skipped, record, "", words, found.how)
@@ -140,7 +140,7 @@ def _photographs(data: str, found: FolderClasses) -> DataSource:
 
 def _cifar(folder: Path, download: bool) -> DataSource:
     train, held_out = (list_cifar(folder, split, download) for split in ("train", "test"))
-    record = {"source": "cifar10", "classes": len({one.label for one in train})}
+    record = {"source": "cifar10", "classes": len({image.label for image in train})}
     return DataSource(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
 
 
@@ -292,7 +292,7 @@ def load_training_set(
         _pack_all(sources, classes.index_of, how, place)
         delete_folder(place / "shards")
     about = load_json(place / "about.json")
-    skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
+    skipped = [skip for source in sources for skip in source.skipped] + [tuple(skip) for skip in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
     offered = {item.label for source in sources for item in source.train}
     if every_class or not len(train.images):
@@ -404,7 +404,7 @@ def _check_classes(index_of: Mapping[str, int], train: Pack, skipped: Sequence[t
     filled = set(train.classes.tolist())
     label = next((label for label, index in index_of.items() if index not in filled), None)
     if label is not None:
-        path, reason = next((one for one in skipped if label in one[0]), ("", "none found"))
+        path, reason = next((skip for skip in skipped if label in skip[0]), ("", "none found"))
         raise ToolkitError(f"class '{label}': none of its images can be used; {path}: {reason}")
 
 

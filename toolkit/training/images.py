@@ -137,7 +137,7 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     if root == folder or beside is None:
         return _split(train, skipped, held_out_share, seed)
     held_out, more = _list_classes(beside)
-    strange = sorted({one.label for one in held_out} - {one.label for one in train})
+    strange = sorted({image.label for image in held_out} - {image.label for image in train})
     if strange:
         raise ToolkitError(
             f"{beside / strange[0]}: no class '{strange[0]}' in {root}: expected the same class folders in both"
@@ -167,7 +167,7 @@ def _find_by_class(root: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, s
 def _list_classes(root: Path, every_class: bool = True) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
     images, skipped = _find_by_class(root)
     files = [LabelledFile(root.joinpath(*parts), parts[0], show_path((root.name, *parts))) for parts in images]
-    filled = {one.label for one in files}
+    filled = {file.label for file in files}
     folders = sorted(path.name for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
     empty = [name for name in folders if name not in filled]
     if empty and every_class:
@@ -184,9 +184,9 @@ def find_photographs(folder: Path, share: float) -> FolderClasses:
         ToolkitError: no such folder, or no class with images in it.
     """
     files, skipped = _list_classes(_check_folder(Path(folder), "a folder with one folder per class"), False)
-    order = sorted(files, key=lambda one: (crc32(f"{one.label}/{one.path.name}".encode()), one.path))
+    order = sorted(files, key=lambda file: (crc32(f"{file.label}/{file.path.name}".encode()), file.path))
     chosen = set(order[: round(share * len(files))])
-    parts = [tuple(one for one in files if (one in chosen) == wanted) for wanted in (False, True)]
+    parts = [tuple(file for file in files if (file in chosen) == wanted) for wanted in (False, True)]
     return FolderClasses(parts[0], parts[1], tuple(skipped), f"{share:.0%} of the photographs, by their names")
 
 
@@ -194,8 +194,8 @@ def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share:
     """Hold out a share of each class, at least one image, but never the last one."""
     train: list[LabelledFile] = []
     held_out: list[LabelledFile] = []
-    for label in sorted({one.label for one in files}):
-        own = [one for one in files if one.label == label]
+    for label in sorted({file.label for file in files}):
+        own = [file for file in files if file.label == label]
         # by the label, so that another class changes no other's part
         order = np.random.default_rng([seed, crc32(label.encode())]).permutation(len(own))
         count = min(max(round(share * len(own)), 1), len(own) - 1) if share > 0 else 0
@@ -284,7 +284,7 @@ class ImageSet:
     @property
     def classes(self) -> list[int]:
         """Class indices that have images, sorted."""
-        return sorted({one.class_index for one in self.images})
+        return sorted({image.class_index for image in self.images})
 
     def read(self, image: LabelledImage) -> np.ndarray:
         """(h, w, 3) uint8 sRGB, whole.
@@ -305,16 +305,16 @@ class ImageSet:
     def only(self, classes: Sequence[int]) -> "ImageSet":
         """Its images of some classes."""
         wanted = set(classes)
-        return replace(self, images=tuple(one for one in self.images if one.class_index in wanted))
+        return replace(self, images=tuple(image for image in self.images if image.class_index in wanted))
 
     def draw(self, per_class: int, seed: int) -> "ImageSet":
         """At most so many of each class, drawn by the seed."""
         drawn: list[LabelledImage] = []
         for index in self.classes:
-            own = [one for one in self.images if one.class_index == index]
+            own = [image for image in self.images if image.class_index == index]
             # by each image's own number: a larger draw holds the smaller one
-            drawn += sorted(own, key=lambda one: image_seed(seed, one.id))[:per_class]
-        return replace(self, images=tuple(sorted(drawn, key=lambda one: one.id)))
+            drawn += sorted(own, key=lambda image: image_seed(seed, image.id))[:per_class]
+        return replace(self, images=tuple(sorted(drawn, key=lambda image: image.id)))
 
 
 def open_images(data: str, classifier: Any, split: str = "test", download: bool = False) -> ImageSet:
@@ -340,7 +340,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     name = real_path(folder).name
     return ImageSet(
         show_path((name,) if root == folder else (name, root.name)),
-        tuple(sorted(images, key=lambda one: one.id)),
+        tuple(sorted(images, key=lambda image: image.id)),
         tuple(refused),
         lambda id, short_side_px: read_image(root / id, short_side_px),
         lambda id: sha256_file(root / id),

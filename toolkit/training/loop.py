@@ -431,8 +431,8 @@ def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "tor
     """None for `sign`, which has no state."""
     import torch
 
-    decayed = [one for one in parameters if one.ndim > 1]
-    others = [one for one in parameters if one.ndim <= 1]
+    decayed = [parameter for parameter in parameters if parameter.ndim > 1]
+    others = [parameter for parameter in parameters if parameter.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]
     groups = [group for group in groups if group["params"]]
     if config.optimiser == "sgd":

@@ -75,12 +75,12 @@ class Processes:
         import torch
 
         # one message for all tensors: many small ones cost more than their bytes
-        joined = torch.cat([one.reshape(-1) for one in tensors])
+        joined = torch.cat([tensor.reshape(-1) for tensor in tensors])
         with _explained():
             torch.distributed.all_reduce(joined)
         joined /= self.count
-        for one, mean in zip(tensors, joined.split([one.numel() for one in tensors]), strict=True):
-            one.copy_(mean.view(one.shape))
+        for tensor, mean in zip(tensors, joined.split([tensor.numel() for tensor in tensors]), strict=True):
+            tensor.copy_(mean.view(tensor.shape))
 
     def average_figures(self, figures: dict[str, float]) -> dict[str, float]:
         """The mean of each over all processes."""
@@ -132,11 +132,11 @@ class Processes:
         import torch
 
         with torch.no_grad():
-            for one in tensors:
-                told = one.detach().contiguous()
+            for tensor in tensors:
+                told = tensor.detach().contiguous()
                 with _explained():
                     torch.distributed.broadcast(told, src=0)
-                one.copy_(told)
+                tensor.copy_(told)
 
     def check(self, batch: int, device: "torch.device") -> None:
         """Refuse a training that they cannot share.

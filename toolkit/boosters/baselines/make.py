@@ -144,10 +144,10 @@ class BestImages(_Photos):
             for first in range(0, len(images), BATCH):
                 part = images[first : first + BATCH]
                 loaded = list(pool.map(load, part))
-                skipped += [(one.id, what) for one, what in zip(part, loaded, strict=True) if isinstance(what, str)]
+                skipped += [(image.id, what) for image, what in zip(part, loaded, strict=True) if isinstance(what, str)]
                 usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]
                 if usable:
-                    yield [one for one, _ in usable], np.stack([pixels for _, pixels in usable])
+                    yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
                 advance(len(part))
 
 
@@ -228,19 +228,19 @@ class MadeBaseline:
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
-        sets = [asdict(one) | {"folder": str(one.folder)} for one in self.sets]
+        sets = [asdict(patch_set) | {"folder": str(patch_set.folder)} for patch_set in self.sets]
         return {"sets": sets, "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped]}
 
     def lines(self) -> Iterator[str]:
         """What each set got."""
-        for one in self.sets:
-            if one.made:
-                pictures = f"{one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px"
-                yield f"{one.folder}: {pictures}{f', {one.found} made before' if one.found else ''}"
-            elif one.found:
-                yield f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do"
+        for made in self.sets:
+            if made.made:
+                pictures = f"{made.made} {'picture' if made.made == 1 else 'pictures'} of {made.size_px} px"
+                yield f"{made.folder}: {pictures}{f', {made.found} made before' if made.found else ''}"
+            elif made.found:
+                yield f"{made.folder}: its {made.found} pictures were made from these inputs before: nothing to do"
             else:
-                yield f"{one.folder}: nothing made"
+                yield f"{made.folder}: nothing made"
 
 
 @dataclass(frozen=True)
@@ -313,7 +313,7 @@ def _make_pictures(
         made += [(place, False) for place, record in finished.items() if record is not None]
         # nothing is chosen anew; what a run before passed over is still said
         if len(records) == len(places):
-            skipped += [(one["path"], one["reason"]) for one in records[0].data.get("passed_over", [])]
+            skipped += [(skip["path"], skip["reason"]) for skip in records[0].data.get("passed_over", [])]
             bar.advance(baseline.count_work(index))
             continue
         choice = baseline.choose(index, bar.advance)

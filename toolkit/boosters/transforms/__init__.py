@@ -68,7 +68,7 @@ class ImageTransform(Transform):
         which = np.flatnonzero(acting)
         if len(which) == 0:
             return pixels
-        chosen = tuple(one[which] for one in drawn)
+        chosen = tuple(values[which] for values in drawn)
         # no gather and scatter where nothing is left out
         if len(which) == len(batch):
             return self.apply(batch, chosen).reshape(pixels.shape)

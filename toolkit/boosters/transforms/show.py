@@ -191,8 +191,8 @@ def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, l
     to_unit = np.vstack([to_unit / plan.side, [0, 0, 1]])
     T_unit_image = torch.as_tensor(to_unit @ np.linalg.inv(T_image_patch), dtype=like.dtype, device=like.device)
     centres = torch.arange(image_px, dtype=like.dtype, device=like.device) + 0.5
-    x, y, one = (T_unit_image[:, :, k, None, None] for k in range(3))
-    points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + one
+    x, y, w = (T_unit_image[:, :, k, None, None] for k in range(3))
+    points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + w
     # w is 1 everywhere for affine placements: the division is spared
     if np.allclose(T_image_patch[:, 2], [0, 0, 1]):
         return points[:, :2].permute(0, 2, 3, 1)
@@ -247,8 +247,8 @@ def show_patch(
 
 def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """θ, (3, n, n) sRGB-encoded in [0, 1], as it comes out of the printer."""
-    for one in appearance.on_print:
-        patch = one.change(patch, one.rng(draws))
+    for transform in appearance.on_print:
+        patch = transform.change(patch, transform.rng(draws))
     return patch
 
 
@@ -263,14 +263,14 @@ def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appea
     )
     corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
     paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
-    for one in appearance.on_paper:
-        paper = one.light(paper, mask, one.rng(draws))
+    for transform in appearance.on_paper:
+        paper = transform.light(paper, mask, transform.rng(draws))
     around = cut_windows(images, corners, side)
     return paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
 
 
 def take_photos(scenes: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """(b, 3, m, m) scenes as the camera gives them."""
-    for one in appearance.on_photo:
-        scenes = one.change(scenes, one.rng(draws))
+    for transform in appearance.on_photo:
+        scenes = transform.change(scenes, transform.rng(draws))
     return scenes

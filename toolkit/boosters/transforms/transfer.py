@@ -85,7 +85,7 @@ class BlockShuffle(ImageTransform):
         """Cut, turn, shuffle, and join."""
         import torch
 
-        return torch.stack([_shuffle(photo, *one) for photo, *one in zip(some, *drawn, strict=True)])
+        return torch.stack([_shuffle(photo, *draws) for photo, *draws in zip(some, *drawn, strict=True)])
 
 
 def _shuffle(
@@ -192,4 +192,4 @@ def find_layers(module: "torch.nn.Module | None") -> "list[torch.nn.Module]":
     import torch
 
     inside = [] if module is None else module.modules()
-    return [one for one in inside if isinstance(one, torch.nn.Conv2d | torch.nn.Linear)]
+    return [module for module in inside if isinstance(module, torch.nn.Conv2d | torch.nn.Linear)]

@@ -71,9 +71,9 @@ def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float])
 
     buffers = [view.depth for view in views]
     return [
-        DepthView.of_model(one.depth, one.camera, one.T_world_camera, metres)
-        for one, metres in zip(buffers, metres_per_unit, strict=True)
-        if one is not None
+        DepthView.of_model(buffer.depth, buffer.camera, buffer.T_world_camera, metres)
+        for buffer, metres in zip(buffers, metres_per_unit, strict=True)
+        if buffer is not None
     ]
 
 

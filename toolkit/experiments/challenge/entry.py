@@ -47,7 +47,7 @@ MOST_FILE_BYTES = 64 << 20
 
 
 def _check_text(text: str) -> str:
-    if not text.strip() or not all(one.isprintable() or one == "\n" for one in text):
+    if not text.strip() or not all(character.isprintable() or character == "\n" for character in text):
         raise ValueError("expected words: some printable characters")
     return text
 
@@ -162,7 +162,7 @@ def read_booster(path: Path, budget: Budget) -> EnteredBooster:
         training = wrap.record.booster
         if training is None:
             raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
-        names = (RECORD_FILE, MAP_FILE, *(piece_name(one.number) for one in wrap.record.pieces))
+        names = (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in wrap.record.pieces))
         files = tuple((f"/{name}", path / name) for name in names)
         return EnteredBooster(
             wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
@@ -229,9 +229,9 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
 def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
     """(what follows the picture's name, file) of a booster: picture, record, and of a texture coordinates and masks."""
     names = [".png", ".json"]
-    for one in made.record.objects if isinstance(made, Texture) else ():
-        names += [uv_name("", one.name)] * (one.uv_sha256 is not None)
-        names += [keep_name("", one.name)] * (one.keep_image_sha256 is not None)
+    for item in made.record.objects if isinstance(made, Texture) else ():
+        names += [uv_name("", item.name)] * (item.uv_sha256 is not None)
+        names += [keep_name("", item.name)] * (item.keep_image_sha256 is not None)
     for name in names:
         yield name, png.with_name(png.stem + name)
 

@@ -95,9 +95,9 @@ class Judge(BaseModel):
         """Whether an entry says that it was trained on it."""
         # by what the records hold alone, so that all count the same
         return any(
-            one.sha256 == self.sha256
-            or (self.tensors_sha256 or "") in (one.tensors_sha256, KNOWN_TENSORS.get(one.sha256))
-            for one in record.networks
+            network.sha256 == self.sha256
+            or (self.tensors_sha256 or "") in (network.tensors_sha256, KNOWN_TENSORS.get(network.sha256))
+            for network in record.networks
         )
 
 
@@ -195,7 +195,7 @@ class Score(BaseModel):
     @property
     def class_of(self) -> tuple[object, ...]:
         """What must agree for two scores to be compared."""
-        judged = tuple(sorted((one.sha256, one.preprocessing) for one in self.judges))
+        judged = tuple(sorted((judge.sha256, judge.preprocessing) for judge in self.judges))
         return self.challenge_version, self.entry.division, self.entry.budget, judged
 
 
@@ -223,7 +223,7 @@ def write_score(entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequen
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
     """
-    cells = ([int(value) if isinstance(value, bool) else value for _, value in one] for one in outcomes)
+    cells = ([int(value) if isinstance(value, bool) else value for _, value in outcome] for outcome in outcomes)
     text, folder = encode_csv(list(JudgedPicture.model_fields), cells), entry.folder / SCORE
     score = count_score(entry, judges, outcomes, sha256_bytes(text.encode()))
     write_text(folder / OUTCOMES, text, entry.folder)
@@ -239,25 +239,25 @@ def count_score(
     Raises:
         ToolkitError: an outcome is of a judge that is not named, or a picture was not seen both ways.
     """
-    by_sha = {one.sha256: one for one in judges}
-    if unknown := next((one for one in outcomes if one.judge_sha256 not in by_sha), None):
+    by_sha = {judge.sha256: judge for judge in judges}
+    if unknown := next((outcome for outcome in outcomes if outcome.judge_sha256 not in by_sha), None):
         raise ToolkitError(f"{OUTCOMES}: a judge {unknown.judge_sha256[:12]} that {SCORE_FILE} does not name")
-    groups = {one.name: [one] for one in judges}
-    groups |= {name: [one for one in judges if one.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
+    groups = {judge.name: [judge] for judge in judges}
+    groups |= {name: [judge for judge in judges if judge.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
     table = _Table(outcomes)
-    names = tuple(dict.fromkeys(one.object for one in outcomes))
+    names = tuple(dict.fromkeys(outcome.object for outcome in outcomes))
     rows = [
-        table.count(who, [one.sha256 for one in members], condition, variant, name)
+        table.count(who, [judge.sha256 for judge in members], condition, variant, name)
         for who, members in groups.items() if members
         for condition in CONDITIONS
         for variant in table.variants(condition)
         for name in ((*names, POOLED) if variant == entry.record.variant else (POOLED,))
     ]  # fmt: skip
-    unseen = [one.sha256 for one in groups[UNSEEN]]
+    unseen = [judge.sha256 for judge in groups[UNSEEN]]
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
-    changes = {(one.object, one.pose): one.delta_e for one in outcomes if one.delta_e is not None}
+    changes = {(outcome.object, outcome.pose): outcome.delta_e for outcome in outcomes if outcome.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
-    known = {one.name: one.sha256[: len(JUDGES.get(one.name, ""))] for one in judges}
+    known = {judge.name: judge.sha256[: len(JUDGES.get(judge.name, ""))] for judge in judges}
     return Score(
         entry=entry.record, is_official=known == JUDGES, judges=tuple(judges),
         outcomes_sha256=sha256, rank_gain=gain, rank_ci95=ci95, rows=tuple(rows),
@@ -271,9 +271,10 @@ class _Table:
 
     def __init__(self, outcomes: Sequence[JudgedPicture]) -> None:
         self.right = {
-            (one.judge_sha256, one.condition, one.object, one.pose, one.variant): one.correct for one in outcomes
+            (outcome.judge_sha256, outcome.condition, outcome.object, outcome.pose, outcome.variant): outcome.correct
+            for outcome in outcomes
         }
-        self.pictures = sorted({(one.object, one.pose) for one in outcomes})
+        self.pictures = sorted({(outcome.object, outcome.pose) for outcome in outcomes})
         if len(self.right) < len(outcomes):
             raise ToolkitError(f"{OUTCOMES}: a judge has two answers for one picture: expected one")
 
@@ -286,7 +287,7 @@ class _Table:
         found = []
         for judge, (item, pose) in product(judges, self.pictures):
             if name in (item, POOLED):
-                both = [self.right.get((judge, condition, item, pose, one)) for one in (UNPATCHED, variant)]
+                both = [self.right.get((judge, condition, item, pose, shown)) for shown in (UNPATCHED, variant)]
                 if None in both:
                     expected = f"expected an answer bare and {variant}"
                     raise ToolkitError(f"{OUTCOMES}: {item}, pose {pose}, {condition}: {expected}")
@@ -376,7 +377,11 @@ def read_picture(judged: Judged, name: str) -> np.ndarray:
     file = inside(judged.entry.folder, f"{SCORE}/{PICTURES}/{name}.png")
     content = read_bytes(file, MOST_PICTURE_BYTES)
     wanted = (name, SHOWN_POSE, judged.entry.record.variant)
-    hashes = {one.picture_sha256 for one in judged.outcomes if (one.object, one.pose, one.variant) == wanted}
+    hashes = {
+        outcome.picture_sha256
+        for outcome in judged.outcomes
+        if (outcome.object, outcome.pose, outcome.variant) == wanted
+    }
     if hashes != {sha256_bytes(content)}:
         raise ToolkitError(f"{file}: is not the picture that was judged: run the entry again")
     return decode_image(content, file)
@@ -402,13 +407,13 @@ def rescore(folder: Path) -> list[str]:
         judged = read_judged(folder)
         sha256 = sha256_file(judged.entry.folder / SCORE / OUTCOMES)
         record = judged.entry.record
-        judges = [one.model_copy(update={"seen": one.is_seen_by(record)}) for one in judged.score.judges]
+        judges = [judge.model_copy(update={"seen": judge.is_seen_by(record)}) for judge in judged.score.judges]
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
         for name in judged.entry.objects:
             read_picture(judged, name)
     except ToolkitError as error:
         return [str(error)]
-    said, found = (one.model_dump(mode="json", exclude={"toolkit_version"}) for one in (judged.score, again))
+    said, found = (score.model_dump(mode="json", exclude={"toolkit_version"}) for score in (judged.score, again))
     return [
         f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
         for name in found
@@ -426,7 +431,7 @@ def describe_rank(score: Score) -> dict[str, Any]:
         "rank_high": score.rank_ci95[1] if score.rank_ci95 else None,
         **{f"gain_{name}": rows[name].gain if name in rows else None for name in CONDITIONS},
         "delta_e": score.delta_e, "non_printability": score.non_printability,
-        "networks": len(score.entry.networks), "unseen_judges": sum(not one.seen for one in score.judges),
+        "networks": len(score.entry.networks), "unseen_judges": sum(not judge.seen for judge in score.judges),
     }  # fmt: skip
 
 
@@ -446,8 +451,8 @@ def run_entry(
     if faults:
         more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
         raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
-    if len({one.weights.sha256 for one in judges}) < max(1, len(judges)):
-        raise FieldError("expected at least one network, each once", {"judge": [one.name for one in judges]})
+    if len({judge.weights.sha256 for judge in judges}) < max(1, len(judges)):
+        raise FieldError("expected at least one network, each once", {"judge": [judge.name for judge in judges]})
     home = workspace.eval_dir / "challenge"
     captures = _shoot(entry, home, engine, with_controls)
     looks = dict(_measure_looks(entry, captures, home))
@@ -456,10 +461,10 @@ def run_entry(
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     folder = entry.folder / SCORE
-    for one in captures:
-        if (one.variant, one.pose_id) == (entry.record.variant, SHOWN_POSE):
-            write_bytes(folder / PICTURES / f"{one.object}.png", one.file.read_bytes(), entry.folder)
-    return write_score(entry, [describe_judge(entry.record, one) for one in judges], outcomes)
+    for capture in captures:
+        if (capture.variant, capture.pose_id) == (entry.record.variant, SHOWN_POSE):
+            write_bytes(folder / PICTURES / f"{capture.object}.png", capture.file.read_bytes(), entry.folder)
+    return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes)
 
 
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
@@ -477,7 +482,7 @@ def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_contro
         raise ToolkitError(f"{done.failed[0][0]}: {done.failed[0][1]}: a score needs all pictures: run it again")
     wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
     found = read_captures(done.source_dir).captures
-    return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
+    return [found_file for found_file in found if found_file.path_in_source.rpartition("/")[0] in wanted]
 
 
 def _measure_looks(
@@ -486,7 +491,7 @@ def _measure_looks(
     """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
     space_root = home / entry.record.name
     plan = read_plan(space_root / "rig" / "plan.json")
-    by_key = {(one.object, one.variant, one.pose_id): one for one in captures}
+    by_key = {(capture.object, capture.variant, capture.pose_id): capture for capture in captures}
     for name in entry.objects:
         scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
         camera = plan.camera
@@ -496,8 +501,8 @@ def _measure_looks(
             rays = pixel_rays(camera, pose.matrix(), (pixels + 0.5).astype(np.float32))
             own = pixels[np.isfinite(cast_rays(scene, rays))]
             pair = (by_key[name, variant, pose.id] for variant in (UNPATCHED, entry.record.variant))
-            bare, boosted = (read_image(one.file)[own[:, 1], own[:, 0]] / 255 for one in pair)
-            change = delta_e2000(*(lab_of_linear(srgb_to_linear(one)) for one in (bare, boosted)))
+            bare, boosted = (read_image(capture.file)[own[:, 1], own[:, 0]] / 255 for capture in pair)
+            change = delta_e2000(*(lab_of_linear(srgb_to_linear(colours)) for colours in (bare, boosted)))
             yield (name, pose.id), round(float(change.mean()), 4)
 
 
@@ -514,19 +519,21 @@ def _ask(
 ) -> Iterator[JudgedPicture]:  # fmt: skip
     space = Workspace(home / entry.record.name)
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
-    chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
-    paired = [one for one in captures if one.variant in (UNPATCHED, entry.record.variant)]
-    asked: list[tuple[str, Capture]] = [(CLEAR, one) for one in captures]
-    asked += [(FOG, replace(one, corruption=(FOG, FOG_SEVERITY))) for one in paired]
-    asked += [(CORRUPTED, replace(one, corruption=chosen[one.object, one.pose_id or 0])) for one in paired]
-    said, _ = predict_once([one for _, one in asked], classes, judge, home / "answers.jsonl")
-    hashes = {one.path: sha256_file(one.file) for one in captures}
-    for (condition, capture), one in zip(asked, said, strict=True):
+    chosen = choose_corruptions((capture.object, capture.pose_id or 0) for capture in captures)
+    paired = [capture for capture in captures if capture.variant in (UNPATCHED, entry.record.variant)]
+    asked: list[tuple[str, Capture]] = [(CLEAR, capture) for capture in captures]
+    asked += [(FOG, replace(capture, corruption=(FOG, FOG_SEVERITY))) for capture in paired]
+    asked += [
+        (CORRUPTED, replace(capture, corruption=chosen[capture.object, capture.pose_id or 0])) for capture in paired
+    ]
+    said, _ = predict_once([capture for _, capture in asked], classes, judge, home / "answers.jsonl")
+    hashes = {capture.path: sha256_file(capture.file) for capture in captures}
+    for (condition, capture), answer in zip(asked, said, strict=True):
         corruption, severity = capture.corruption or ("", 0)
         is_own = condition == CLEAR and capture.variant == entry.record.variant
         yield JudgedPicture(
             judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,
             variant=capture.variant, condition=condition, corruption=corruption, severity=severity,
-            picture_sha256=hashes[capture.path], correct=one.correct_top1,
+            picture_sha256=hashes[capture.path], correct=answer.correct_top1,
             delta_e=looks[capture.object, capture.pose_id or 0] if is_own else None,
         )  # fmt: skip

@@ -211,7 +211,9 @@ def _draw_severities(
         members = {name: [name] for name in ran}
         if summary.has_same_severities:
             members[MEAN] = [name for name in ran if name in COMMON]
-        keys = [(place, [(one, severity) for one in members.get(name, [])]) for name, place in places.items()]
+        keys = [
+            (place, [(corruption, severity) for corruption in members.get(name, [])]) for name, place in places.items()
+        ]
         shown = [own for _, own in keys if own]
         x = [place + step * (i - (len(summary.severities) - 1) / 2) for place, own in keys if own]
         # every cell has the same images, so a mean of shares is the share of the mean
@@ -229,7 +231,7 @@ def _draw_severities(
 def _draw_without(panel: "Axes", x: list[float], width: float, top1: list[float], style: str) -> None:
     if not top1:
         return
-    y, left, right = [100 * one for one in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
+    y, left, right = [100 * share for share in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
     panel.hlines(y, left, right, color="white", lw=2.6, zorder=4)  # so that the black one shows on a dark bar
     panel.hlines(y, left, right, color=WITHOUT_COLOUR, lw=1.4, ls=style, zorder=5)
 

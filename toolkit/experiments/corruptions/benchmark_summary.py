@@ -184,26 +184,28 @@ class Summary(BaseModel):
 
     def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
         """By corruption, of one variant and answerer."""
-        return {one.corruption: one for one in self.means if is_of(one, row)}
+        return {mean.corruption: mean for mean in self.means if is_of(mean, row)}
 
     def cells_of(self, row: VariantMean) -> dict[tuple[str, int], BenchmarkCell]:
         """By corruption and severity, of one variant and answerer."""
-        return {(one.corruption, one.severity): one for one in self.cells if is_of(one, row)}
+        return {(cell.corruption, cell.severity): cell for cell in self.cells if is_of(cell, row)}
 
     def differences_of(self, row: VariantMean) -> dict[str, Difference]:
         """By what it is against, of one variant and answerer."""
-        return {one.against: one for one in self.differences if is_of(one, row)}
+        return {difference.against: difference for difference in self.differences if is_of(difference, row)}
 
     def unpatched_of(self, row: VariantMean) -> VariantMean | None:
         """The same answerer without patches; None for `unpatched` itself and where that was not run."""
         if row.variant == UNPATCHED:
             return None
-        return next((one for one in self.variants if (one.variant, one.answerer) == (UNPATCHED, row.answerer)), None)
+        return next(
+            (bare for bare in self.variants if (bare.variant, bare.answerer) == (UNPATCHED, row.answerer)), None
+        )
 
 
-def is_of(one: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
+def is_of(part: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
     """Whether both are of one variant and answerer."""
-    return (one.variant, one.answerer) == (row.variant, row.answerer)
+    return (part.variant, part.answerer) == (row.variant, row.answerer)
 
 
 def read_summary(file: Path) -> Summary:

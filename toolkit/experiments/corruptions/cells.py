@@ -102,7 +102,7 @@ def open_variants(
         readers, missing = _find_readers(patches)
         notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
         boosted.append(Variant(name, patches, network, tuple(readers)))
-    distinct = {(one.name, one.weights.sha256): one for one in networks.values()}
+    distinct = {(network.name, network.weights.sha256): network for network in networks.values()}
     names = [name for name, _ in distinct]
     for name in names:
         # results are kept by the network's name
@@ -110,7 +110,7 @@ def open_variants(
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
     variants = [Variant(UNPATCHED, None, classifier)]
     for variant in boosted:
-        if all(one.classifier.name != variant.classifier.name for one in variants):
+        if all(known.classifier.name != variant.classifier.name for known in variants):
             variants.append(Variant(UNPATCHED, None, variant.classifier))
         variants.append(variant)
     return variants, list(dict.fromkeys(notes))
@@ -167,7 +167,7 @@ def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
     """The images in parts of `size`; files are read once for their hashes."""
     for start in range(0, len(images.images), size):
         part = images.images[start : start + size]
-        yield Shard(part, tuple(images.hash_image(one.id) for one in part))
+        yield Shard(part, tuple(images.hash_image(image.id) for image in part))
 
 
 def make_key(
@@ -177,7 +177,9 @@ def make_key(
     how = variant.classifier.preprocessing
     patches = variant.patches
     # by the pictures' hashes: a set that is trained anew has other cells
-    pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
+    pictures = (
+        None if patches is None else [patches.patches[image.class_index].record.png_sha256 for image in shard.images]
+    )
     given = None
     if condition != NOT_CORRUPTED:
         corruption, severity = condition
@@ -186,8 +188,8 @@ def make_key(
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
     inputs = [
-        METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else config.placement.model_dump(),
+        METHOD_VERSION, [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(),
+        pictures, None if patches is None else config.placement.model_dump(),
         None if patches is given is None else config.seed, given,
         recogniser.identity,
     ]  # fmt: skip
@@ -234,9 +236,9 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
 
     with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
         loaded = list(pool.map(load, shard.images))
-    usable = np.array([one is not None for one in loaded])
+    usable = np.array([pixels is not None for pixels in loaded])
     empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
-    return (np.stack([one for one in loaded if one is not None]) if usable.any() else empty), usable
+    return (np.stack([pixels for pixels in loaded if pixels is not None]) if usable.any() else empty), usable
 
 
 def apply_variant(
@@ -250,11 +252,11 @@ def apply_variant(
         variant: whose patches are put on.
         config: placement and seed.
     """
-    used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
-    ids = [one.id for one in used]
+    used = [image for image, is_usable in zip(shard.images, usable, strict=True) if is_usable]
+    ids = [image.id for image in used]
     # by the seed and the image's name alone, so that all variants lie alike on an image
     seeds = [image_seed(config.seed, id) for id in ids]
-    classes = np.array([one.class_index for one in used], np.int64)
+    classes = np.array([image.class_index for image in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
     patches = variant.patches
     if patches is None:

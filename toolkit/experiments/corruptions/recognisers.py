@@ -151,7 +151,7 @@ def read_codes(reader: Reader, images: torch.Tensor, truths: Sequence[str]) -> n
         (b,) int32, `RIGHT`, `WRONG` or `NOT_DECODED`.
     """
     pictures = to_bytes(images)
-    ranks = [judge_texts(reader.read(one), truth) for one, truth in zip(pictures, truths, strict=True)]
+    ranks = [judge_texts(reader.read(picture), truth) for picture, truth in zip(pictures, truths, strict=True)]
     return np.array(ranks, np.int32)
 
 

@@ -247,7 +247,7 @@ def _plan_unit(
 ) -> SweepPoint:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [setup.settings.find_booster(workspace, item, name) for name in variants]
-    shown = [one.covered for one in boosters if one is not None and one.covered is not None]
+    shown = [booster.covered for booster in boosters if booster is not None and booster.covered is not None]
     own_mm = [size_mm for booster in boosters if booster is not None for size_mm in booster.sizes_mm]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
     if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):

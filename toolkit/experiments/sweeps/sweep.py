@@ -154,8 +154,8 @@ def _read_units(
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}
     captures = [
-        one
-        for one in folder.captures
-        if (one.source, one.object) in wanted and one.variant in variants and one.path not in stale
+        capture
+        for capture in folder.captures
+        if (capture.source, capture.object) in wanted and capture.variant in variants and capture.path not in stale
     ]
     return replace(folder, captures=tuple(captures))

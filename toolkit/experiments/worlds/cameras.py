@@ -79,7 +79,9 @@ class PlaceCameras:
         """Without the cameras of these numbers, whose pictures failed."""
         reasons = [FAILED if k + 1 in failed else reason for k, reason in enumerate(self.reasons)]
         return replace(
-            self, cameras=tuple(one for one in self.cameras if one.number not in failed), reasons=tuple(reasons)
+            self,
+            cameras=tuple(camera for camera in self.cameras if camera.number not in failed),
+            reasons=tuple(reasons),
         )
 
     @property
@@ -194,7 +196,7 @@ def measure_sight(
     frame = np.array([camera.width, camera.height], float)
     ahead = pixels[depth > 0]
     # rays only over the object's box: a small object gets as many as a large one
-    low, high = (np.clip(one, 0, frame) for one in (ahead.min(axis=0), ahead.max(axis=0)))
+    low, high = (np.clip(corner, 0, frame) for corner in (ahead.min(axis=0), ahead.max(axis=0)))
     if not len(ahead) or (high - low).min() <= 0:
         return 0.0, 0.0
     # a lattice of rays over the box of the object's outline in the picture

@@ -65,7 +65,7 @@ class ViewAnswers:
     def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
         """From single answers."""
         columns = list(zip(*rows, strict=True))
-        return cls(*(np.array(one) for one in columns))
+        return cls(*(np.array(column) for column in columns))
 
     def right(self, guesses: int) -> np.ndarray:
         """(n,) bool: whether the truth is among so many first guesses."""
@@ -97,7 +97,9 @@ AnswerKey = tuple[str, str]
 def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
     """The answers that are wanted and there; those of a line that is broken are computed again."""
     log = RecordLog(file, FrameAnswers, required=False, compact=True)
-    return RecordCache(log, lambda line: [((line.frame, name), one) for name, one in line.answers.items()], wanted)
+    return RecordCache(
+        log, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
+    )
 
 
 class PictureTask(NamedTuple):

@@ -106,7 +106,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
                 draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
         style_panel(panel)
         panel.set_axisbelow(True)
-        panel.set_xticks(range(len(bins)), [_name_bin(axis, *one) for one in bins], fontsize=7.5, rotation=40)
+        panel.set_xticks(range(len(bins)), [_name_bin(axis, *interval) for interval in bins], fontsize=7.5, rotation=40)
         panel.set_xlabel(title, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()
     panels[-1].axis("off")

@@ -222,7 +222,7 @@ def format_visibility(row: Row) -> str:
     interval = row["visibility_ci95"]
     if interval is None:
         return f"{row['visibility_m']:.3g} m"
-    low, high = ("not reached" if one is None else f"{one:.3g}" for one in interval)
+    low, high = ("not reached" if bound is None else f"{bound:.3g}" for bound in interval)
     return f"{row['visibility_m']:.3g} m (95 % {low}–{high})"
 
 
@@ -235,7 +235,7 @@ def format_times(row: Row, key: str) -> str:
         return f"at least {value:.1f} times"
     if interval is None:
         return f"{value:.1f} times"
-    low, high = ("?" if one is None else f"{one:.1f}" for one in interval)
+    low, high = ("?" if bound is None else f"{bound:.1f}" for bound in interval)
     return f"{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
 
 

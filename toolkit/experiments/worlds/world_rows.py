@@ -67,7 +67,7 @@ class HalfLost:
 
     def as_json(self) -> dict[str, Any]:
         """An entry of `half_lost` of `summary.json`."""
-        return {key: list(one) if isinstance(one, tuple) else one for key, one in vars(self).items()}
+        return {key: list(part) if isinstance(part, tuple) else part for key, part in vars(self).items()}
 
 
 def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) -> np.ndarray:
@@ -99,13 +99,13 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
 def find_ladder(weathers: tuple[tuple[str, int], ...]) -> dict[str, list[tuple[str, int]]]:
     """By kind of weather, clear air and its severities, thinnest first; kinds that have at least one."""
     kinds = dict.fromkeys(name for name, _ in weathers if name != CLEAR[0])
-    return {kind: [CLEAR, *sorted(one for one in weathers if one[0] == kind)] for kind in kinds}
+    return {kind: [CLEAR, *sorted(weather for weather in weathers if weather[0] == kind)] for kind in kinds}
 
 
 def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
     """(m,) 1/m of each step of a ladder; 0 in clear air."""
     visible = [make_weather(*weather).visibility_m for weather in ladder]
-    return np.array([0.0 if np.isinf(one) else find_extinction(one) for one in visible])
+    return np.array([0.0 if np.isinf(visibility_m) else find_extinction(visibility_m) for visibility_m in visible])
 
 
 def measure_half(
@@ -121,7 +121,7 @@ def measure_half(
     """
     own = find_level(extinctions, shares, HALF * shares[:, 0])
     # 0 where a level is not reached, infinite where nothing needs to be lost
-    visible = np.array([0.0 if np.isinf(one) else find_visibility(float(one)) for one in own])
+    visible = np.array([0.0 if np.isinf(extinction) else find_visibility(float(extinction)) for extinction in own])
     half = HalfLost(
         variant, kind, float(shares[0, 0]), _finite(visible[0]), _visible_interval(visible[1:]),
         find_visibility(float(extinctions.max())),
@@ -175,7 +175,7 @@ def summarise(results: WorldResults) -> dict[str, Any]:
         "groups": list(_each_group(results, sampler, everywhere)),
         "groups_in_view": list(_each_group(results, sampler, in_view)),
         "pairs": list(_each_pair(results, sampler)),
-        "half_lost": [one.as_json() for one in measure_halves(results, sampler)],
+        "half_lost": [half_loss.as_json() for half_loss in measure_halves(results, sampler)],
         "curves": list(_each_curve(results, sampler)),
         "cameras": describe_cameras(results),
         "about": describe_run(results),

@@ -98,16 +98,16 @@ class Asked:
         shared = hash_inputs(
             METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network
         )
-        meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
+        meshes = {name: hash_mesh(variant.mesh) for name, variant in stage.variants.items()}
         tasks = []
         for k, place in enumerate(self.places):
             stand = place.placed.stand
             for name in stage.variants:
                 there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
-                for one in place.cameras:
-                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
-                    frame = hash_inputs(there, one.T_world_camera.tolist(), item)
-                    tasks.append(PictureTask(frame, k, name, item, one, self.weathers, False))
+                for grid_camera in place.cameras:
+                    item = k * 1_000_000_000 + grid_camera.number  # a grid has at most a million points
+                    frame = hash_inputs(there, grid_camera.T_world_camera.tolist(), item)
+                    tasks.append(PictureTask(frame, k, name, item, grid_camera, self.weathers, False))
         if self.shots is None:
             return tasks
         # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
@@ -339,7 +339,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     # all variants stand in the same places, so the widest decides
-    radius = max(find_radius(one.mesh) for one in variants.values())
+    radius = max(find_radius(variant.mesh) for variant in variants.values())
     spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
     side = classifier.preprocessing.crop_px
