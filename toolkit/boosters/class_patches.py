@@ -104,12 +104,12 @@ def train_class_patches(
     config: ClassPatchesConfig, patch: PatchConfig, images: ImageSet, classes: Sequence[int], network: Network,
     workspace: Workspace, *, restart: bool = False, engine: EngineConfig | None = None,
 ) -> ClassPatches:  # fmt: skip
-    """Train every patch that is not finished; one that fails is listed, and the others are trained.
+    """Train every patch that is not finished; a failed patch is listed, and the others are trained.
 
     An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches that
     are half done begin anew. The engine changes no result.
 
-    In memory are the images of a class (or of all, once) and one patch, n × n, at a time; with workers, those of the
+    In memory are the images of a class (or of all, once) and a patch, n × n, at a time; with workers, those of the
     units that wait.
 
     Args:
@@ -147,7 +147,7 @@ def train_class_patches(
         told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
         notice(f"{name}: {told}")
 
-    # what stops one of torchrun's processes has to stop all of them
+    # what stops any of torchrun's processes has to stop all of them
     opened = InProcess(raises=True) if is_torchrun else engine.open(gpus=int(network.device != "cpu"))
     with opened as workers:
         units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
@@ -194,7 +194,7 @@ def _list_units(
             Checkpoint(files.training, key, shared=RENDERS).remove()
             yield Unit((name,), done_unit, ((None, {}),), name)
             continue
-        # shared once for all patches of the same images, which come one after the other
+        # shared once for all patches of the same images, which are trained in turn
         if held is None or held[0] is not data:
             held = data, engine.share(data)
         yield Unit((name,), train_unit, (shared, held[1], order, workspace, is_here), name)
@@ -229,7 +229,7 @@ class _Source:
         self._images, self._config, self._how = images, config, how
         self.skipped = list(images.refused)
         self.refused: dict[str, ToolkitError] = {}
-        # memory holds the images of one class at a time, or those of all classes once
+        # memory holds the images of a class at a time, or those of all classes once
         self._load = lru_cache(maxsize=1)(self._decode)
 
     def load(self, class_index: int) -> TrainingData:

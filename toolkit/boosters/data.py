@@ -85,7 +85,7 @@ class FolderImages:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Images of one source.
+    """Images of a source.
 
     Attributes:
         images: (k, s, s, 3) uint8 sRGB.
@@ -160,7 +160,7 @@ def list_image_hashes(hashes: Sequence[str]) -> dict[str, Any]:
 def load_files(
     choice: FolderImages, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
 ) -> Loaded:
-    """Decode up to `count` images, chosen at random; one that cannot be read is skipped and another takes its place.
+    """Decode up to `count` images, chosen at random; an unreadable image is skipped and replaced.
 
     Args:
         choice: the files.
@@ -196,7 +196,7 @@ def load_files(
 
 
 def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:
-    """The object to render: the one that is named after the colon, else the one whose class is trained.
+    """Return the object to render: named after the colon, else the object whose class is trained.
 
     Raises:
         ToolkitError: there is none, or several have that class.
@@ -278,7 +278,7 @@ class TrainingData:
         train, held_out: (k, s, s, 3) uint8 sRGB.
         skipped: (path, reason) of files that could not be used.
         record: for the patch's record: sources with counts, and the hash of all pixels.
-        is_held_out: False where there was but one image, which then serves for both.
+        is_held_out: False for a single image, which then serves for both.
     """
 
     train: np.ndarray
@@ -289,7 +289,7 @@ class TrainingData:
 
     @property
     def sha256(self) -> str:
-        """Of all pixels in their order."""
+        """Hash of all pixels in their order."""
         return self.record["sha256"]
 
 

@@ -61,7 +61,7 @@ class DetectorNetwork:
 
     @property
     def untrainable(self) -> str:
-        """Why no gradient leads back to the image; empty where one does."""
+        """Return why no gradient leads back to the image; empty if a gradient does."""
         return self.detector.untrainable
 
     @property
@@ -90,7 +90,7 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
     """The networks, where they are detectors; None where they are classifiers.
 
     Raises:
-        ToolkitError: some are the one and some the other.
+        ToolkitError: classifiers and detectors are mixed.
     """
     found = [network for network in networks if isinstance(network, DetectorNetwork)]
     if found and len(found) < len(networks):
@@ -103,7 +103,7 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
 def meet_networks(
     config: Settings, networks: Sequence[Network], class_name: str | int
 ) -> tuple[Settings, list[Target]]:
-    """The settings that act for these networks, and the class in each one's own labels.
+    """The settings that act for these networks, and the class in each network's own labels.
 
     Raises:
         ToolkitError: a network does not know the class or cannot be trained against, some are classifiers and some
@@ -136,12 +136,12 @@ def load_networks(
 
     Args:
         models, weights, device, folder: as for these; the name of a set stands for its networks.
-        may_mix: whether some may be the one and some the other: to judge, for none is trained against both.
+        may_mix: whether classifiers and detectors may be mixed, as judges; no training uses both.
 
     Raises:
-        ToolkitError: as these, two of one name, or some are the one and some the other and may not be.
+        ToolkitError: as these, two of the same name, or a mixture that is not allowed.
     """
-    if not may_mix:  # a network that is left out is one of its own, and no checkpoint of those that train
+    if not may_mix:  # a left-out network is a mixture by itself, and no checkpoint of those that train
         models = expand_sets(models, folder)
     networks = _load_each(models, weights, device, folder, may_mix)
     names = [network.name for network in networks]

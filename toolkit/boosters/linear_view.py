@@ -1,4 +1,4 @@
-"""Photographs of an object, differentiable in the texture of one of its materials: Algorithm 2, forward and backward.
+"""Photographs of an object, differentiable in the texture of a material: Algorithm 2, forward and backward.
 
 The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.shading.LinearView`s.
 """
@@ -181,7 +181,7 @@ class ViewBatch:
 def batch_views(
     views: list[LinearView], device: str, behind: "list[np.ndarray | None] | None" = None, half: bool = False
 ) -> ViewBatch:
-    """Put views of one size together.
+    """Put views of the same size together.
 
     Args:
         views: at least one.

@@ -105,7 +105,7 @@ class TrainedPatch(TrainedBooster):
         }  # fmt: skip
 
     def lines(self, object_name: str | None = None) -> Iterator[str]:
-        """What it is, how well it is recognised, and what comes next, for the object where one is named."""
+        """What it is, how well it is recognised, and what comes next, for the object if it is named."""
         record, files = self.patch.record, self.files
         if self.was_finished:
             yield self.was_there()
@@ -122,7 +122,7 @@ class TrainedPatch(TrainedBooster):
             yield f"note: the rig puts a patch called '{object_name}' on {object_name}: leave out --name for that"
 
     def _describe_shares(self, record: PatchRecord) -> Iterator[str]:
-        """First on the object, where it was put on one: that is what a camera sees."""
+        """First on the object, if it was put on an object: that is what a camera sees."""
         final = record.final
         for answer in self.on_object:
             where = f"{answer.network} on the object, held-out views"
@@ -162,7 +162,7 @@ def train_patch(
     Args:
         config: every setting, see `make_config` and `RECIPES`.
         class_name: a label of the networks, an index, or a WordNet id.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         data: which images, or images that are in memory already.
         workspace: whose folders and objects are used.
         name: of the patch's files; by default from the label.
@@ -376,7 +376,7 @@ class DetectorPatchTask(PatchTask):
     """A patch that makes detectors find its object: the loss is theirs, at the object's place (Angelic Patches, 2023).
 
     Every image is a view of the object with its sheet, whose box is known. `accuracy` counts views in which the class
-    is the one that the network is surest of, wherever it sees it.
+    is the class of highest probability, wherever the network finds it.
     """
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:

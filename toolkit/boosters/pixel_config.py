@@ -64,7 +64,7 @@ class DataConfig(Config):
 
     @property
     def rig_source(self) -> str | None:
-        """The first source that is renders of an object, where there is one."""
+        """Return the first source that is renders of an object; None without such a source."""
         return next((source for source in self.sources if is_rig_source(source)), None)
 
 
@@ -215,8 +215,8 @@ class PixelConfig(Config):
         return self.steps
 
     def for_networks(self: "Settings", count: int) -> "Settings":
-        """The same for so many networks: of one there is no ensemble, and of several one of the ways acts."""
-        # part of the settings that are hashed: with one network every way gives the same pixels
+        """Return the config for so many networks: a single network has no ensemble, several need a way to combine."""
+        # part of the settings that are hashed: with a single network every way gives the same pixels
         wanted = None if count == 1 else self.ensemble or DEFAULT_ENSEMBLE
         return self.model_copy(update={"ensemble": wanted})
 
@@ -276,7 +276,7 @@ def record_transforms(transforms: Sequence[Transform]) -> dict[str, Any] | None:
 
 
 def name_files(name: str | None, label: str, index: int) -> str:
-    """A booster's file name without suffix: the one that was asked for, else from its class.
+    """A booster's file name without suffix: the requested name, else a name from its class.
 
     Raises:
         FieldError: the name that was asked for cannot be a file's everywhere.

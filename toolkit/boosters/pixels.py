@@ -59,7 +59,7 @@ class Target:
 
     @property
     def label(self) -> str:
-        """Of the class."""
+        """Label of the class."""
         return self.classifier.labels[self.class_index]
 
     def logits(self, photos: torch.Tensor) -> torch.Tensor:
@@ -81,7 +81,7 @@ class Target:
 
 
 def _in_parts(photos: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Of (b, 3, m, m) photographs as many at a time as a network is asked about; all on a GPU, which needs many."""
+    """Split (b, 3, m, m) photographs into the parts of a forward pass; a GPU takes all of them at once."""
     return photos.split(PER_THREAD * torch.get_num_threads()) if photos.device.type == "cpu" else (photos,)
 
 
@@ -107,7 +107,7 @@ class PixelTask(TrainingTask[Made]):
         Args:
             config: how θ is moved.
             size_px: n.
-            targets: the networks, at least one; θ is trained where the first one runs.
+            targets: the networks, at least one network; θ is trained on the device of the first.
             optimiser: by which rule.
         """
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
@@ -188,7 +188,7 @@ def judge_photos(
 
 
 def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tuple[torch.Tensor, float]:
-    """`judge_photos` of one network, a part at a time: what it keeps of photographs for the way back is much memory."""
+    """`judge_photos` of a network, a part at a time: what it keeps of photographs for the way back is much memory."""
     if not photos.requires_grad:
         return judge_photos(photos, [target], objective)
     value, recognised = photos.new_zeros(()), 0.0
@@ -207,7 +207,7 @@ def judge_ensemble(
 ) -> tuple[torch.Tensor, float]:  # fmt: skip
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
-    What networks share carries over to those that were never asked; what one of them has alone does not. The means are
+    What networks share carries over to unseen networks; what a single network has alone does not. The means are
     those of the literature on transfer: an ensemble (Liu et al. 2017), diverse inputs (DI; Xie et al. 2019), the logit
     in place of the cross-entropy (Zhao et al. 2021). Momentum (MI; Dong et al. 2018) and smoothed gradients (TI; Dong
     et al. 2019) are in `PixelTask.adjust_gradients`.
@@ -255,7 +255,7 @@ def choose_turn(seed: int, step: int, count: int) -> int:
 def _normalise(
     photos: torch.Tensor, ask: Callable[[torch.Tensor, int], tuple[torch.Tensor, float]], count: int
 ) -> tuple[torch.Tensor, float]:
-    """One network after the other, each graph freed before the next; one way back through the render for all."""
+    """Network after network, each graph freed before the next; one way back through the render for all."""
     # a leaf of its own: the render's graph is walked once, with the joined gradient
     seen = photos.detach().requires_grad_(True)
     value, recognised = photos.new_zeros(()), []
@@ -275,7 +275,7 @@ def _normalise(
 
 
 def _stand_in(photos: torch.Tensor, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
-    """A scalar of this value whose gradient by the photographs is this one."""
+    """Return a scalar with this value and this gradient by the photographs."""
     along = (photos * gradient).sum()
     return along - along.detach() + value
 

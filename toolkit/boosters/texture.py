@@ -118,13 +118,13 @@ def train_texture(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         workspace: whose folders and objects are used.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the objects' specs name.
         name: of the texture's files; by default the object's, for several objects the class's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; None: one for each core; 0: none.
+        workers: threads that render ahead; None: a thread for each core; 0: none.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:
@@ -169,7 +169,7 @@ class SurfaceTask(BoosterTask[Trained]):
         Args:
             config, targets, files, inputs_sha256: see `BoosterTask`.
             inputs: what it is trained on.
-            workers: threads that render ahead; None: one for each core; 0: none.
+            workers: threads that render ahead; None: a thread for each core; 0: none.
         """
         super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers

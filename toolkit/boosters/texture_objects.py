@@ -37,7 +37,7 @@ class TexturedObject:
 
     @property
     def name(self) -> str:
-        """Of the object."""
+        """Name of the object."""
         return self.item.name
 
     def subject(self, at_real_size: bool = False) -> PaintableObject:
@@ -106,7 +106,7 @@ def find_source(objects: Sequence[TexturedObject]) -> np.ndarray:
     atlases = [item.atlas for item in objects]
     if len(atlases) == 1:
         return atlases[0].source
-    # several objects show different texels of the one texture: what any of them shows is trained
+    # several objects show different texels of the shared texture: what any of them shows is trained
     return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in atlases]))
 
 
@@ -124,7 +124,7 @@ def hash_objects(objects: Sequence[TexturedObject]) -> str:
 
 
 def choose_class(class_name: str | int | None, objects: Sequence[TexturedObject]) -> str | int:
-    """The class to train for: the one asked for, else the one that all objects have.
+    """Return the class to train for: the requested class, else the class that all objects have.
 
     Raises:
         FieldError: the objects have several.
@@ -171,7 +171,7 @@ class TextureInputs:
         backgrounds: photographs; there may be none.
         setting: the world that it is trained in; None: studios.
         start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
-        paint: (n, n, 3) uint8 sRGB that `max_change` is counted from, where there is one.
+        paint: (n, n, 3) uint8 sRGB that `max_change` is counted from; None without a limit.
         keep_image: (h, w) bool mask of the only object, to be recorded.
     """
 
@@ -188,7 +188,7 @@ class TextureInputs:
         return [item.subject(at_real_size=self.setting is not None) for item in self.objects]
 
     def sha256(self, needs_size: bool) -> str:
-        """Of all pixels and shapes, and of the objects' real sizes where these are needed."""
+        """Return the hash of all pixels and shapes, and of the objects' real sizes if `needs_size`."""
         parts = hash_objects(self.objects) + sha256_bytes(self.backgrounds.images.tobytes())
         if needs_size:
             parts += "".join(f" {item.metres_per_mm!r}" for item in self.objects)

@@ -76,7 +76,7 @@ def validate_patch(
         appearance: what happens to the patch; drawn anew, never as in training.
         seed: of the run.
         draws: placements in all; each image comes equally often, so that fewer images than this come several times
-            in the patched share, and once in the bare one.
+            in the patched share, and once in the bare share.
         advance: called with how many placements were just answered.
         corrupted: how the photographs are corrupted, with the patch and bare alike.
     """
@@ -111,7 +111,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
     final: dict[str, float] = {}
     names = [answer.network for answer in validations]
     for k, answer in enumerate(validations):
-        # networks of one name get a number, so that none overwrites the other's figures
+        # networks of the same name get a number, so that none overwrites the other's figures
         network = answer.network if names.index(answer.network) == k else f"{answer.network}_{k + 1}"
         for what, share in (("patched", answer.patched), ("bare", answer.bare)):
             low, high = share.ci95
@@ -122,7 +122,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class WeatherValidation:
-    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
+    """Answers of a network to held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
 
     Attributes:
         clear: as they are.

@@ -188,7 +188,7 @@ def paint_pieces(record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, numb
 def rank_pieces(
     record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, views: Sequence[RenderedView], targets: Sequence[Target]
 ) -> list[RankedPiece]:
-    """All pieces, each next the one with which the networks are surest of the class (greedy forward selection).
+    """Rank all pieces by greedy forward selection: next is the piece that most raises the class's probability.
 
     Args:
         record: of the plan.
@@ -209,7 +209,7 @@ def rank_pieces(
                 sure, known = _judge(canvas, batches, targets)
                 tried.append(RankedPiece(number=number, recognised=known, mean_log_prob=sure))
                 bar.advance()
-            # of equally good ones the first by number, so that a ranking can be repeated
+            # of equally good pieces the first by number, so that a ranking can be repeated
             best = max(tried, key=lambda piece: (piece.mean_log_prob, -piece.number))
             ranked.append(best)
             left.remove(best.number)
@@ -239,11 +239,11 @@ def train_wrap(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         workspace: whose folders and objects are used; a plan is made where the object has none.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the object's spec names.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; None: one for each core; 0: none.
+        workers: threads that render ahead; None: a thread for each core; 0: none.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:

@@ -19,7 +19,7 @@ SHARED = "Every command"
 DEBUG = "--debug"
 """Taken out of what is typed before anything reads it, so that it may stand anywhere."""
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
-"""Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
+"""Error in what was typed: Click's own class, or the class of the copy of Click that newer typers carry."""
 
 PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
@@ -262,7 +262,7 @@ def _respell(word: str, old: Mapping[str, str]) -> str:
 
 
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
-    """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
+    """Return a `UsageError` as a single line: the option and what was typed, or the nearest option."""
     line = f"{' '.join(typed)} "
     command = next((name for name in (*dict(list_places()), *WORDS) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
@@ -294,7 +294,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
 
 
 class WordGroup(TyperGroup):
-    """The commands that begin with one word, such as `world`; any other word is answered by all of them."""
+    """Commands that begin with a word, such as `world`; any other word is answered by all of them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that was typed.
@@ -308,7 +308,7 @@ class WordGroup(TyperGroup):
 
 
 class RoadGroup(TyperGroup):
-    """All commands, listed by group; a mistyped one is answered in one line that names the nearest.
+    """All commands, listed by group; a mistyped command is answered by a line that names the nearest.
 
     `commands` has each by all its words, `words` those of several words by the first.
     """
@@ -393,7 +393,7 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
-    """The command line of one function, with the help that every command has."""
+    """Command line of a function, with the help that every command has."""
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
     single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single

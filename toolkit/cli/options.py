@@ -147,7 +147,7 @@ Device = Annotated[
 
 @dataclass(frozen=True)
 class ConfigFlag:
-    """The flag of one field of a config, or of a part of it.
+    """Flag of a field of a config, or of a part of it.
 
     Attributes:
         path: of the field, such as `affine.share`.
@@ -227,7 +227,7 @@ class Only(dict[str, Config]):
 
 
 def list_flags(source: Source) -> list[ConfigFlag]:
-    """Every flag of a config class, or of the recipes of one, in the order of its fields."""
+    """Return every flag of a config class, or of its recipes, in the order of its fields."""
     if isinstance(source, Only):
         return [flag for flag in list_flags(dict(source)) if flag.path in source.fields]
     if isinstance(source, Mapping):
@@ -364,7 +364,7 @@ def _metavar(kind: object) -> str | None:
 
 def _as_typer_takes(kind: Any) -> Any:
     if get_origin(kind) is Literal:
-        return str  # the config checks it, in one line
+        return str  # the config checks it
     items = get_args(kind)
     if get_origin(kind) is tuple and items[-1] is Ellipsis:
         return list[items[0]]  # type: ignore[valid-type]

@@ -23,7 +23,7 @@ PLACE = "TOOLKIT_CACHE"
 """The variable that names another folder for the cache."""
 PACKAGE = Path(__file__).parents[1]
 MOST_BYTES = 512 * 2**20
-"""Of all arrays that are kept; those that were used longest ago go first."""
+"""Largest size of all cached arrays, bytes; the least recently used are deleted first."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 Arrays = dict[str, np.ndarray]
 
@@ -63,7 +63,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     made = make()
     stream = BytesIO()
     np.savez(stream, **made)  # type: ignore[arg-type]  # its stubs take any name for `allow_pickle`
-    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this one nothing
+    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this run nothing
         write_bytes(file, hashlib.sha256(stream.getvalue()).digest() + stream.getvalue())
         _trim(folder)
     return made

@@ -47,7 +47,7 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
 
 
 def open_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes with one core each, which end when this one does.
+    """Processes with a core each, which end with their parent.
 
     They are spawned, not forked: torch and numba do not survive a fork.
     """
@@ -154,7 +154,7 @@ def _read_text(file: Path) -> str:
 
 
 def limit_cores(count: int) -> None:
-    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process that is one of many."""
+    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process among many."""
     global _limit
     _limit = count
     # read by the libraries when they are first imported, which takes seconds: not here, where they may not be needed
@@ -174,7 +174,7 @@ def limit_time(seconds: float) -> None:
 def limit_memory(most_bytes: int) -> Iterator[None]:
     """Within, this process may take so many bytes more, on Linux; then allocations fail as on a full machine.
 
-    The bound is the process's: where several are within, one in the other or in threads, the lowest counts.
+    The bound is the process's: of several bounds, nested or in threads, the lowest counts.
     """
     global _before
     try:

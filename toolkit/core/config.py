@@ -3,8 +3,8 @@
     class Sheet(Config):
         size_px: Annotated[int, Field(ge=8, le=224), Flag()] = Field(100, description="Side of the patch, pixels.")
 
-A config is frozen. A recipe is an instance of it, `with_overrides` makes another one. A config may hold others, and a
-field of one of those is named by its path, such as `affine.share`.
+A config is frozen. A recipe is an instance of it, `with_overrides` makes another. A config may hold others, and a
+field of a nested config is named by its path, such as `affine.share`.
 """
 
 import inspect
@@ -178,7 +178,7 @@ class Config(BaseModel, metaclass=_ShortHelp):
         return type(self)(**values)
 
     def rows(self) -> list[tuple[str, str]]:
-        """(name, value) of every setting, in words; a part in one line, and what is None left out."""
+        """(name, value) of every setting, in words; a part as a single line, without what is None."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
         return [(name.replace("_", " "), _describe_field(self, name)) for name, value in held if value is not None]
 
@@ -254,7 +254,7 @@ def typed_as(info: FieldInfo) -> Any:
 
 
 def flag_of(info: FieldInfo) -> Flag | None:
-    """The mark of a field's flag, where it has one."""
+    """The mark of a field's flag, if it has a flag."""
     return next((mark for mark in info.metadata if isinstance(mark, Flag)), None)
 
 

@@ -32,7 +32,7 @@ MOST_JSON_BYTES = 64 << 20
 MOST_TOML_BYTES = 1 << 20
 MOST_NAME_BYTES = 255
 MOST_LEVELS = 50
-"""Of what lies within one another; ours have seven."""
+"""Largest depth of nesting in JSON and TOML; our files have seven levels."""
 BETWEEN_KEYS, KEY_DOT = re.compile(r"[=\[\]{},#\n]"), re.compile(r"[\w\"'-][ \t]*\.")
 NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
@@ -116,7 +116,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
     """
     try:
         with open_plain(path) as file:
-            # one more than allowed: a size that is asked for beforehand may have grown
+            # a byte more than allowed: a size that is asked for beforehand may have grown
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
         raise explain_read_error(path, error) from None
@@ -161,7 +161,7 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
 
 
 def _open_partial(path: Path) -> tuple[int, Path]:
-    """A file beside `path` to write first, and its name; one that a killed run left is taken, one in use is not."""
+    """A temporary file beside `path`, and its name; it may be the file of a killed run, never a file in use."""
     partial = path.with_name(f".{path.name}.partial")
     with contextlib.suppress(OSError):
         number = open_in_place(partial)
@@ -176,7 +176,7 @@ def _open_partial(path: Path) -> tuple[int, Path]:
 
 
 def _check_replaceable(path: Path) -> None:
-    """An `OSError` where a folder, a pipe or a device is, or a link to one; a renamed file would take its place."""
+    """An `OSError` where a folder, a pipe or a device is, or a link to them; a renamed file would take its place."""
     try:
         kind = path.stat().st_mode
     except OSError:  # nothing is there, or a link to nothing
@@ -194,7 +194,7 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
         _check_within(folder, root)
     check_links(folder)
     try:
-        with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty one above
+        with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty folder above
             folder.mkdir(parents=True, exist_ok=True)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -220,7 +220,7 @@ def _check_within(folder: Path, root: Path) -> None:
 
 
 def delete_file(path: Path) -> None:
-    """Delete a file or a link, if there is one.
+    """Delete a file or a link, if it exists.
 
     Raises:
         ToolkitError: a link in a workspace leads to its folder (see `check_links`), or it may not be deleted.
@@ -270,7 +270,7 @@ def _is_folder(entry: "os.DirEntry[str]") -> bool:
 
 
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
-    """Write `content` to `path` so that an interruption leaves the old file or the new one, never half of one.
+    """Write `content` to `path` so that an interruption leaves the old file or the new file, never half a file.
 
     Raises:
         ToolkitError: as `open_whole`.
@@ -301,7 +301,7 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
 
 
 def link_file(original: Path, path: Path, root: Path) -> bool:
-    """Put a hard link to a file at `path`; False where it is on another disk, or on one without links.
+    """Put a hard link to a file at `path`; False if it is on another disk, or on a disk without links.
 
     Raises:
         ToolkitError: as `open_whole`.
@@ -318,7 +318,7 @@ def link_file(original: Path, path: Path, root: Path) -> bool:
     except OSError as error:
         raise explain_write_error(path, error) from error
     finally:
-        with contextlib.suppress(OSError):  # renaming one link over another of the same file leaves both
+        with contextlib.suppress(OSError):  # renaming a link over another of the same file leaves both
             partial.unlink(missing_ok=True)
     return True
 

@@ -135,7 +135,7 @@ def build_table(
         title: above it.
         texts: heads of the columns of text on the left, which are folded where the console is narrow.
         numbers: heads of the columns on the right, whose cells are never cut off.
-        rows: a cell for each column. A cell in the first column that is the one above is left out.
+        rows: a cell for each column. A cell in the first column equal to the cell above is left out.
         bold: first cell of the rows that stand out.
     """
     from rich.table import Table

@@ -1,4 +1,4 @@
-"""Units on this machine: in this process, or in a pool of processes with one core each."""
+"""Units on this machine: in this process, or in a pool of processes with a core each."""
 
 import itertools
 import pickle
@@ -49,7 +49,7 @@ class InProcess:
         return Here(value)
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `Engine.run`; a result is handed over before the unit's next one is begun."""
+        """See `Engine.run`; a result is handed over before the unit's next result is begun."""
         for unit in units:
             try:
                 for key, result in zip(unit.keys, unit.work(*unit.inputs), strict=True):
@@ -103,10 +103,10 @@ def _load(file: Path) -> Any:
 class LocalPool:
     """A pool of processes on this machine.
 
-    A worker that dies costs its unit another try, with no other unit beside it; one that dies again is given up.
+    A worker that dies costs its unit another try, with no other unit beside it; a unit that fails twice is given up.
 
     Attributes:
-        workers: how many processes; each uses one core.
+        workers: how many processes; each uses a core.
     """
 
     def __init__(self, workers: int) -> None:

@@ -32,7 +32,7 @@ HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
-"""A node with another version of one of these would give other results."""
+"""Packages whose version changes results: every node needs the same version."""
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
@@ -60,15 +60,15 @@ class InStore(Generic[Value]):
 
 
 class RayEngine:
-    """A Ray cluster: one that runs, or one that is started on this machine and ends with the engine."""
+    """A Ray cluster: a running cluster, or a cluster that is started on this machine and ends with the engine."""
 
     def __init__(self, address: str | None = None, workers: int | None = None, gpus: int = 0) -> None:
         """Not connected yet.
 
         Args:
-            address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the one on this machine; None
-                starts one here.
-            workers: units that run at once; by default as many as the cluster has cores, or GPUs where they need one.
+            address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the cluster on this machine; None
+                starts a cluster here.
+            workers: units that run at once; by default as many as the cluster has cores, or GPUs if they need a GPU.
             gpus: that each unit needs.
 
         Raises:
@@ -170,7 +170,7 @@ class RayEngine:
         return reference
 
     def __exit__(self, *error: object) -> None:
-        """Leave the cluster; one that was started here ends."""
+        """Leave the cluster; a cluster that was started here ends."""
         import ray
 
         if self._is_mine:
@@ -243,7 +243,7 @@ def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
 def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
     import ray
 
-    # a task has one core; without this each would start threads for all
+    # a task has a single core; otherwise each would start threads for all
     limit_cores(1)
     difference = find_difference(versions, list_versions())
     if difference:

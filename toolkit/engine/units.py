@@ -1,4 +1,4 @@
-"""A unit of work, what came of it, what runs lists of them, and the one loop that does what is missing."""
+"""A unit of work, what came of it, what runs lists of them, and the loop that does what is missing."""
 
 import traceback
 from collections import deque
@@ -136,7 +136,7 @@ def run_ahead(
     begin: Callable[[Unit[Result]], Pending],
     end: Callable[[Unit[Result], Pending, deque[tuple[Unit[Result], Pending]]], tuple[list[Result], str]],
 ) -> Iterator[Outcome[Result]]:
-    """See `Engine.run`; the results of a unit are handed over together, while the next ones are done.
+    """See `Engine.run`; the results of a unit are handed over together, while the next units run.
 
     Args:
         units, workers: what, by how many.
@@ -165,7 +165,7 @@ FAILURES = "failures.log"
 MOST_TRACES = 100
 """In that file; a hundred show what is wrong."""
 GIVE_UP_AFTER = 3
-"""Where the first units all fail for one reason, the fault lies in the run, not in a unit: so many are tried."""
+"""Number of first units that must fail for the same reason before the run gives up: the fault is the run's."""
 
 
 class RecordCache(Generic[Key, Value, Record]):
@@ -213,14 +213,14 @@ def run_resumable(
 ) -> Ran:  # fmt: skip
     """Do what is missing.
 
-    A result is kept before the next one is taken, so a run that was stopped goes on where it was, on any engine. A
+    A result is kept before the next result is taken, so a run that was stopped goes on where it was, on any engine. A
     unit fails alone: the others are done.
 
     Args:
         title: of the progress bar.
         wanted: all items of the run, by what tells their results from all others, such as a hash of the inputs.
         missing: those that are to be done now.
-        units: of the missing ones; only read where there are some, and no faster than the engine takes them.
+        units: units of the missing items; only read if items are missing, and no faster than the engine takes them.
         keep: puts an item's result on disk.
         engine: does the units.
         folder: of the run; `failures.log` in it gets the tracebacks of errors that nobody foresaw.
@@ -228,7 +228,7 @@ def run_resumable(
         bar: of a longer work, where this is a part of it; by default a bar of its own.
 
     Raises:
-        ToolkitError: the first units all failed for one reason, nothing could be done, or the disk is full.
+        ToolkitError: the first units all failed for the same reason, nothing could be done, or the disk is full.
     """
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
@@ -240,7 +240,7 @@ def run_resumable(
         for outcome in engine.run(_tell(units, bar) if missing else ()):
             if outcome.result is None:
                 failed.append((outcome.unit.name, log.note(outcome)))
-                # one reason for all: a unit of its own kind may fail, and the run goes on
+                # the same reason for all: a single failing unit does not stop the run
                 if not made and len(failed) == GIVE_UP_AFTER and len({reason for _, reason in failed}) == 1:
                     raise ToolkitError(failed[0][1])
                 continue
@@ -265,7 +265,7 @@ class _FailureLog:
         delete_file(self._file)
 
     def note(self, outcome: Outcome[Any]) -> str:
-        """Log the traceback of a unit that failed, if it has one; returns the reason with the file's name."""
+        """Log the traceback of a unit that failed, if it has a traceback; returns the reason with the file's name."""
         trace = getattr(outcome.reason, "trace", "")
         if not trace:
             return str(outcome.reason)
@@ -286,7 +286,7 @@ def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
 def cut_groups(
     items: Mapping[Key, Item], group: Callable[[Item], Hashable], size: int
 ) -> Iterator[tuple[tuple[Key, ...], list[Item]]]:
-    """Keys and items of units: at most `size` that follow each other and are of one group."""
+    """Yield the keys and items of units: at most `size` consecutive items of the same group."""
     for _, own in groupby(items.items(), key=lambda pair: group(pair[1])):
         while some := list(islice(own, size)):
             yield tuple(key for key, _ in some), [item for _, item in some]

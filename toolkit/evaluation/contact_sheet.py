@@ -92,7 +92,7 @@ def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
             found[(prediction.capture.source, prediction.capture.variant)].append((direction, prediction))
     lowest: dict[str, float] = defaultdict(float)
     for (source, _), seen in found.items():
-        # one rim for all variants of a source, so that their charts can be compared
+        # the same rim for all variants of a source, so that their charts can be compared
         lowest[source] = min(lowest[source], *(direction[1] for direction, _ in seen))
     keys = sorted(found, key=lambda key: (key[0], rank_variant(key[1])))
     return [_chart(*key, found[key], lowest[key[0]]) for key in keys]
@@ -188,7 +188,7 @@ def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
 
 @dataclass(frozen=True)
 class Card:
-    """One pose in every variant, or one image that has no pose.
+    """A pose in every variant, or an image without a pose.
 
     Attributes:
         title: `pose 3`, or the file's name.
@@ -203,7 +203,7 @@ class Card:
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """One object of one source (or many small ones): the cards that are shown, and how many there are."""
+    """An object of a source (or many small objects): the cards that are shown, and how many there are."""
 
     source: str
     object: str
@@ -253,7 +253,7 @@ def _deal(members: list[Prediction]) -> list[Card]:
             if prediction.capture.pose_id is not None
             else None
         )
-        # of two images of one pose and variant the one that was read is in the card, the other has a card of its own
+        # of two images of the same pose and variant, the readable image is in the card, the other gets its own card
         if prediction.capture.pose_id is None or (first is not None and (first.is_read or not prediction.is_read)):
             loose.append(prediction)
             continue

@@ -1,4 +1,4 @@
-"""Predictions of many runs for other programs: one table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
+"""Predictions of many runs for other programs: a table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
 
 import io
 import re
@@ -81,7 +81,7 @@ def export_predictions(
     workspace: Workspace, names: Sequence[str] = (), form: str = "parquet", out: Path | None = None,
     captures_dir: Path | None = None,
 ) -> Exported:  # fmt: skip
-    """Write the predictions of runs, by default of all that have any, as one table or a folder.
+    """Write the predictions of runs, by default of all that have any, as a table or a folder.
 
     Args:
         workspace: that the runs are of.
@@ -118,7 +118,7 @@ def export_predictions(
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
-    """Write the predictions of runs as one Parquet table, a row per run and image; returns how many.
+    """Write the predictions of runs as a Parquet table, a row per run and image; returns how many.
 
     Columns are those of `predictions.csv` after run, network, condition and severity, of detectors those of
     `detections.csv`, with boxes as lists; what is not known is null.
@@ -130,7 +130,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
         captures_dir: where the images lie; by default of each run's own.
 
     Raises:
-        ToolkitError: pyarrow is not installed, a run has no predictions or damaged ones, or the file cannot be written.
+        ToolkitError: pyarrow is not installed, predictions are missing or damaged, or the file cannot be written.
     """
     arrow = _import_arrow()
     from pyarrow import parquet
@@ -233,7 +233,7 @@ def write_fiftyone(
     `data.json` says where each image lies; `labels/` has a file in the form of `FiftyOneImageClassificationDataset` for
     each field: `ground_truth`, `object`, `variant`, `source`, and `prediction_RUN` with its confidence for each run. Of
     a detector's run the fields `ground_truth_boxes` and `prediction_RUN` are in that of
-    `FiftyOneImageDetectionDataset`. `load.py` merges them into one dataset.
+    `FiftyOneImageDetectionDataset`. `load.py` merges them into a single dataset.
 
     Args:
         folder: where to.
@@ -246,7 +246,7 @@ def write_fiftyone(
         were corrupted when they were read and have no file of their own.
 
     Raises:
-        ToolkitError: a run has no predictions or damaged ones, none of its images is there, or the folder cannot be
+        ToolkitError: predictions are missing or damaged, none of its images is there, or the folder cannot be
             written.
     """
     files: dict[str, str] = {}
@@ -256,7 +256,7 @@ def write_fiftyone(
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
         for prediction in placed:
-            # one number for each file, however many runs saw it
+            # a number for each file, however many runs used it
             key = files.setdefault(str(prediction.capture.file), f"{len(files):06d}")
             labels: dict[str, object] = {
                 name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
@@ -319,7 +319,7 @@ def write_coco_results(
 ) -> tuple[int, int]:
     """Write each detector's run into `folder/RUN/` in COCO's format: `instances.json` and `results.json`.
 
-    The one is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
+    One is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
     best, which is all that a run keeps, so average precision is to be read in its `summary.json`. No image is copied.
 
     Args:

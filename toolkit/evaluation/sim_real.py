@@ -71,7 +71,7 @@ class GainForecast:
 
 @dataclass(frozen=True)
 class SimReal:
-    """One rendered source against one of photographs.
+    """A rendered source against a source of photographs.
 
     Attributes:
         sim, real: their names.
@@ -109,7 +109,7 @@ class SimReal:
 
     @cached_property
     def wrong(self) -> tuple[Pair, ...]:
-        """Pairs of which one is right and the other wrong: the rig predicted this pose wrongly."""
+        """Pairs of which only a single image is correct: the rig predicted this pose wrongly."""
         return tuple(pair for pair in self.pairs if pair.is_gained or pair.is_lost)
 
     def as_json(self) -> dict[str, Any]:
@@ -153,11 +153,11 @@ def _pair_json(pair: Pair) -> dict[str, Any]:
 
 
 def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source against every one of photographs that shows some of the same objects, variants and poses.
+    """Compare every rendered source with every source of photographs that shares objects, variants and poses.
 
     A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
     cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
-    boosters are no pair. Of several images of one pose those of one name are paired, else the first of each. Sources
+    boosters are no pair. Images of a pose with the same name are paired, else the first of each. Sources
     are compared under the same corruption alone.
     """
     return [match for match in _match_sources(predictions) if match.pairs]
@@ -172,12 +172,12 @@ def explain_apart(predictions: Sequence[Prediction]) -> Reasons:
 
 
 def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source with every one of photographs that shows a pose of it, those without a pair too."""
+    """Match every rendered source with every source of photographs that shares a pose, even without a pair."""
     by_source: dict[str, list[Prediction]] = defaultdict(list)
     for prediction in predictions:
         by_source[prediction.capture.source].append(prediction)
     rendered = [name for name, members in by_source.items() if _is_rendered(name, members)]
-    if len(rendered) in (0, len(by_source)):  # one kind alone: there is nothing to index
+    if len(rendered) in (0, len(by_source)):  # only renders, or only photographs: there is nothing to index
         return []
     rank = {name: at for at, name in enumerate(rendered)}
     # by pose, and by the photographs that the cameras are of: what shares no pose is never looked at
@@ -205,8 +205,8 @@ def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
 def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tuple[tuple[Pair, ...], Reasons, Reasons]:
     """Pair the images of two sources by object, variant and pose.
 
-    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of one
-    pose, those of one name are
+    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of a
+    pose, those of the same name are
     paired, each once; where none are, the first that fit.
 
     Returns:
@@ -256,7 +256,7 @@ def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
 
 
 def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Prediction], poses: Poses) -> Reasons:
-    """The images of one source that were read and are in no pair."""
+    """Return the readable images of a source that are in no pair."""
     other, left = others[0].capture.source if others else "the other", []
     for prediction in members:
         capture = prediction.capture
@@ -279,7 +279,7 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
 
 
 def _is_of_one_camera(before: Pair, after: Pair) -> bool:
-    """Whether both variants were rendered from one camera, and photographed from one."""
+    """Return whether both variants were rendered from the same camera, and photographed from the same camera."""
     return Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera
 
 

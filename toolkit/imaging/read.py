@@ -1,4 +1,4 @@
-"""Photographs as people have them: found in a folder, decoded to one form, upright (h, w, 3) uint8, sRGB-encoded."""
+"""People's photographs: found in a folder, decoded to a common form, upright (h, w, 3) uint8, sRGB-encoded."""
 
 import contextlib
 import io
@@ -23,16 +23,16 @@ IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
 )
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "HEIF", "AVIF", "BMP", "GIF")
-"""Of Pillow's readers those that are used, whatever a file is called; its EPS reader would start Ghostscript."""
+"""Pillow readers in use, whatever the name of a file; the EPS reader would start Ghostscript."""
 TEXTURE_FORMATS = (*FORMATS, "TGA", "DDS", "PPM", "JPEG2000")
 """Beside them, what modelling programs write."""
 PNG_START, RADIANCE_START, EXR_START = b"\x89PNG\r\n\x1a\n", b"#?", b"v/1\1"
 MAX_MEGAPIXELS = 175
 """Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
 MAX_TEXTURE_PX = 8192
-"""Longest side of a texture: a larger one is shrunk, as no picture shows its texels."""
+"""Longest side of a texture: a larger texture is shrunk, as no picture shows its texels."""
 MAX_SIDE_PX = 65_535
-"""JPEG knows no longer one; a line of a million pixels is no photograph."""
+"""Longest side of a photograph, pixels: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
 DRAFT_MARGIN = 2
 
@@ -172,7 +172,7 @@ def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.
             return np.asarray(_to_rgb(_turn_upright(image)))
     except UnreadableImage:
         raise
-    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile ones
+    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile bytes
     except Exception as error:
         raise UnreadableImage(path, explain_damage(error)) from None
 

@@ -21,7 +21,7 @@ CIFAR_PREFIX = "cifar10:"
 
 @dataclass(frozen=True)
 class Cifar10:
-    """Images of one split.
+    """Images of a split.
 
     Attributes:
         labels: of the classes.
@@ -37,8 +37,8 @@ class Cifar10:
 def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     """The 50000 images of CIFAR-10's `train` or the 10000 of its `test`.
 
-    Its files are pickles, which can run code when they are read: torchvision compares the MD5 of every one with the
-    published one before it opens any.
+    Its files are pickles, which can run code when they are read: torchvision compares the MD5 of every file with the
+    published MD5 before it opens any.
 
     Args:
         folder: holds `cifar-10-batches-py`, or is it.
@@ -176,7 +176,7 @@ def _list_classes(root: Path, every_class: bool = True) -> tuple[list[LabelledFi
 
 
 def find_photographs(folder: Path, share: float) -> FolderClasses:
-    """The photographs of a folder with one folder per class, a fixed share of all held out, whatever their classes.
+    """The photographs of a folder with a folder per class, a fixed share of all held out, whatever their classes.
 
     Which are held out goes by their names alone: the same in every run, and where photographs are added nearly so.
 
@@ -191,7 +191,7 @@ def find_photographs(folder: Path, share: float) -> FolderClasses:
 
 
 def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share: float, seed: int) -> FolderClasses:
-    """Hold out a share of each class, at least one image, but never the last one."""
+    """Hold out a share of each class, at least one image, but never the last image."""
     train: list[LabelledFile] = []
     held_out: list[LabelledFile] = []
     for label in sorted({file.label for file in files}):
@@ -312,16 +312,16 @@ class ImageSet:
         drawn: list[LabelledImage] = []
         for index in self.classes:
             own = [image for image in self.images if image.class_index == index]
-            # by each image's own number: a larger draw holds the smaller one
+            # by each image's own number: a larger draw contains the smaller
             drawn += sorted(own, key=lambda image: image_seed(seed, image.id))[:per_class]
         return replace(self, images=tuple(sorted(drawn, key=lambda image: image.id)))
 
 
 def open_images(data: str, classifier: Any, split: str = "test", download: bool = False) -> ImageSet:
-    """The images of a folder with one folder per class, or of CIFAR-10.
+    """The images of a folder with a folder per class, or of CIFAR-10.
 
     Args:
-        data: a folder; where it holds `train/` and `val/`, `validation/` or `test/`, the one of the split. Its folders
+        data: a folder; if it has `train/` and `val/`, `validation/` or `test/`, the folder of the split. Its folders
             are called by WordNet id or by label. `cifar10:FOLDER` is CIFAR-10 as torchvision keeps it.
         classifier: whose classes are meant.
         split: `train` or `test`.
@@ -351,7 +351,7 @@ def choose_classes(images: ImageSet, names: Sequence[str], classifier: Any) -> I
     """The images of the classes that are named, all where none is.
 
     Raises:
-        ToolkitError: an unknown class, or one without images.
+        ToolkitError: an unknown class, or a class without images.
     """
     if not names:
         return images

@@ -93,7 +93,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
 
     The copy sees varied views, the teacher the photograph as it is: of the same view both would say the same, and
     nothing would move. The copy stays in eval mode: batch normalisation goes by the statistics of the given weights,
-    folded ones too, and nothing updates them.
+    folded layers too, and nothing updates them.
     """
 
     kind = "refinement"
@@ -177,9 +177,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             return network.logits(images).to(torch.float64 if images.dtype == torch.float64 else torch.float32)
 
     def _draw_views(self, step: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """This process's views of a step, robust ones at their worst, and the teacher's answers to the photographs.
+        """This process's views of a step, robust views at their worst, and the teacher's answers to the photographs.
 
-        The worst ones are those at which the student is least sure of what the teacher answers.
+        The worst views are those at which the student is least sure of what the teacher answers.
         """
         pack, teacher = self.inputs.data.train, self.inputs.teacher
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
@@ -379,7 +379,7 @@ def refine_network(
 ) -> RefinedNetworks:  # fmt: skip
     """Refine a network by its own answers, or take it up where an interrupted run of the same settings left it.
 
-    What binds a booster to one network is in its sharp and brittle features; refined surrogates have fewer of them:
+    What binds a booster to a network is in its sharp and brittle features; refined surrogates have fewer of them:
     slightly robust (Springer et al. 2021), flat (Foret et al. 2021; Izmailov et al. 2018), or many along a path of SGD
     at a high constant rate (LGV; Gubri et al. 2022).
 

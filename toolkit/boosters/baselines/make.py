@@ -101,7 +101,7 @@ class _Photos(Baseline):
 
 
 class BestImages(_Photos):
-    """Of each class the image with the lowest cross-entropy loss, as the classifier is shown it."""
+    """The image of each class with the lowest cross-entropy loss, after the classifier's preprocessing."""
 
     method = "training image with the lowest loss"
 
@@ -114,7 +114,7 @@ class BestImages(_Photos):
         return len(self.by_class[index])
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The best of a class; of several equally good ones the first by name.
+        """The best of a class; of several equally good images the first by name.
 
         Raises:
             ToolkitError: the network's output is not finite.
@@ -152,7 +152,7 @@ class BestImages(_Photos):
 
 
 class RandomImages(_Photos):
-    """Of each class one image, drawn by seed and class; where it cannot be read, another."""
+    """A random image of each class, drawn by seed and class; unreadable images are replaced."""
 
     method = "random training image"
 
@@ -164,7 +164,7 @@ class RandomImages(_Photos):
         """One of a class."""
         images, skipped = self.by_class[index], Skipped()
         chosen = None
-        # an order of all, so that the next one takes the place of an image that cannot be read
+        # an order of all, so that the next image takes the place of an image that cannot be read
         for k in Draws(self.seed, index, "random image").of("order").permutation(len(images)):
             try:
                 self.images.load(images[k], self.classifier.preprocessing)
@@ -221,7 +221,7 @@ class MadeSet:
 
 @dataclass(frozen=True)
 class MadeBaseline:
-    """What a run made, and (path, reason) of what could not be used: images, and classes without one that can."""
+    """What a run made, and (path, reason) of what could not be used: images, and classes without a usable image."""
 
     sets: tuple[MadeSet, ...]
     skipped: tuple[tuple[str, str], ...]
@@ -274,7 +274,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
         workspace: where the sets go.
 
     Raises:
-        ToolkitError: an unknown class or one without images, a size that does not suit, a set that is there and was
+        ToolkitError: an unknown class or a class without images, a size that does not suit, a set that is there and was
             made another way, or the disk is full.
     """
     images = None if config.data is None else open_images(config.data, classifier, split="train")

@@ -16,7 +16,7 @@ RIM_PX = 2
 
 
 def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "tuple[np.ndarray, int]":
-    """Squares of one size, inside the image, that each hold all that is seen of a placed patch.
+    """Squares of the same size, inside the image, that each hold all that is seen of a placed patch.
 
     Returns:
         (b, 2) int, their (left, top) corners in pixels, and their side.
@@ -28,7 +28,7 @@ def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "
     points = np.stack([x / w, y / w], axis=1)
     low = np.clip(np.floor(points.min(axis=2)) - RIM_PX, 0, image_px)
     high = np.clip(np.ceil(points.max(axis=2)) + RIM_PX, 0, image_px)
-    # one side for the batch, the largest box's: windows of one size stack into a tensor
+    # the largest box's side for the whole batch: windows of equal size stack into a tensor
     side = max(1, int((high - low).max()))
     # moved back into the image, where a window of the common side would leave it
     return np.minimum(low, image_px - side).astype(int), side
@@ -83,7 +83,7 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
 
 @dataclass(frozen=True)
 class WarpPlan:
-    """Sizes that fit one batch of placements.
+    """Sizes that fit a batch of placements.
 
     Attributes:
         repeat: every texel becomes repeat × repeat, so that a magnified patch keeps its printed, sharp texel edges.
@@ -132,10 +132,10 @@ def warp_patch(
 ) -> tuple["torch.Tensor", "torch.Tensor"]:  # fmt: skip
     """Draw a patch and its mask into images.
 
-    The mask is explicit: without one every texel of the square is opaque, black ones too.
+    The mask is explicit: without a mask every texel of the square is opaque, black ones too.
 
     Args:
-        patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
+        patch: (3, n, n), or (b, 3, n, n) for a patch per image; any values, any encoding.
         T_image_patch: (b, 3, 3), see `toolkit.boosters.transforms.placement` for the convention.
         image_px: side m of the images.
         scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
@@ -223,7 +223,7 @@ class Appearance:
 def show_patch(
     patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws, mounted: Mounted | None = None
 ) -> "torch.Tensor":
-    """Photographs with the printed patch in them: the three steps below, one after the other.
+    """Photographs with the printed patch in them: the three steps below, in order.
 
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1].
@@ -238,7 +238,7 @@ def show_patch(
     import torch
 
     printed = print_patch(patch, appearance, draws)
-    # one print for flat placements and views of the object alike
+    # the same print for flat placements and views of the object alike
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))

@@ -1,4 +1,4 @@
-"""The leaderboard: one page that opens from disk, one CSV, and a JSON file of each entry."""
+"""The leaderboard: a page that opens from disk, a CSV file, and a JSON file of each entry."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Standing:
     """A line of a leaderboard.
 
     Attributes:
-        rank: from 1; entries of equal lower bounds share one. None where there is nothing to rank by.
+        rank: from 1; entries of equal lower bounds share a rank. None where there is nothing to rank by.
         judged: the entry.
         p_next: paired, against the entry below, Holm-corrected over the board; None for the last.
     """
@@ -47,7 +47,7 @@ class Standing:
 
     @property
     def score(self) -> Score:
-        """Of the entry."""
+        """Score of the entry."""
         return self.judged.score
 
     def as_json(self) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class Standing:
 
 
 def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
-    """Entries of one class, by the lower end of the interval of their gain on networks that they never saw.
+    """Entries of a class, by the lower end of the interval of their gain on networks that they never saw.
 
     Neighbours are compared picture by picture, on the judges that neither saw: each picture, with all judges and
     conditions, is one draw of the sign-flip test.

@@ -41,7 +41,7 @@ from toolkit.rig.variants import find_booster
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 MOST_LISTED = 20
-"""Files without a place that are named, one a line."""
+"""Largest number of misplaced files that are listed, each on its own line."""
 MOST_LETTERS = 2000
 MOST_FILE_BYTES = 64 << 20
 
@@ -72,7 +72,7 @@ class EntryRecord(BaseModel):
         link: to a paper or to code; may be empty.
         division, budget: where it takes part: objects and poses of the kit or one's own, patches or whole surfaces.
         networks: on which it was trained, each with the SHA-256 of its weights. Such a network is no judge of it.
-        seed: of its training, where there is one.
+        seed: seed of its training; None without training.
         recipe: the settings, or the command line.
         training_hours: what all of it took; None: not known.
         boosters: SHA-256 of each object's picture.
@@ -95,7 +95,7 @@ class EntryRecord(BaseModel):
 
     @property
     def variant(self) -> str:
-        """Of its pictures."""
+        """Variant of the entry's pictures."""
         return VARIANT[self.budget]
 
 
@@ -113,11 +113,11 @@ class ChallengeEntry:
 
     @cached_property
     def objects(self) -> tuple[str, ...]:
-        """That are judged, by name."""
+        """Names of the judged objects, sorted."""
         return CLOSED_OBJECTS if self.record.division == "closed" else tuple(sorted(self.record.boosters))
 
     def file_name(self, name: str) -> str:
-        """Of an object's booster: the picture of a patch or texture, the folder of a wrap."""
+        """Return the path of an object's booster: the picture of a patch or texture, or the folder of a wrap."""
         return f"{BOOSTERS}/{name}" if self.record.budget == "wrap" else f"{BOOSTERS}/{name}.png"
 
     def read_booster(self, name: str) -> "EnteredBooster":

@@ -62,14 +62,14 @@ from toolkit.rig.variants import CONTROLS_OF
 
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
 CONDITIONS = (CLEAR, FOG, CORRUPTED)
-"""Clean air; ImageNet-C's fog of severity 3; one of its 75 corruptions for each picture, in turn."""
+"""Clean air; ImageNet-C's fog of severity 3; each picture in turn gets another of its 75 corruptions."""
 FOG_SEVERITY = 3
 UNSEEN, SEEN = "unseen", "seen"
 MOST_OUTCOMES_BYTES, MOST_PICTURE_BYTES = 256 << 20, 16 << 20
 Answered = tuple[bool, bool, str, str]
 """Right bare, right boosted, the object, and the picture."""
 SHOWN_POSE = 1
-"""Of the plan: from there each booster is shown on its object."""
+"""Number of the plan's pose from which each booster is shown on its object."""
 LOOK_STRIDE = 4
 """Each fourth pixel each way says enough of how much the looks change."""
 
@@ -102,7 +102,7 @@ class Judge(BaseModel):
 
 
 class JudgedPicture(BaseModel):
-    """A line of `outcomes.csv`: what one judge said of one picture.
+    """A line of `outcomes.csv`: the answer of a judge to a picture.
 
     Attributes:
         judge_sha256: of whom.
@@ -127,7 +127,7 @@ class JudgedPicture(BaseModel):
 
 
 class ScoreRow(BaseModel):
-    """What one judge, or all that the entry saw or never saw, say of the same pictures bare and boosted.
+    """Answers of a judge, or of all seen or unseen judges, to the same pictures bare and boosted.
 
     Attributes:
         judge: its name, or `unseen` or `seen` for all of these together.
@@ -189,7 +189,7 @@ class Score(BaseModel):
 
     @property
     def pooled(self) -> list[ScoreRow]:
-        """Of `unseen`, the booster's own."""
+        """Return the rows of `unseen` for the booster's own variant."""
         return [row for row in self.unseen if row.variant == self.entry.variant]
 
     @property
@@ -313,7 +313,7 @@ class _Table:
 
 
 def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
-    """Mean gain, and its interval over objects; over pictures where there is one object, or all gain alike."""
+    """Mean gain, and its interval over objects; over pictures for a single object, or if all gain alike."""
     bare, boosted = (np.array([pair[k] for pair in pairs], float) for k in (0, 1))
     for cluster in (2, 3):
         _, member = np.unique([pair[cluster] for pair in pairs], return_inverse=True)

@@ -1,4 +1,4 @@
-"""The benchmark's figures: one variant as in the paper's Figures 12 to 20, and all variants in one picture."""
+"""The benchmark's figures: a variant as in the paper's Figures 12 to 20, and all variants in one picture."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -81,7 +81,7 @@ def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool, siz
 
 
 def colour_of(name: str) -> str:
-    """Of a corruption's family, or of the mean."""
+    """Return the colour of a corruption's family, or of the mean."""
     return MEAN_COLOUR if name == MEAN else FAMILY_COLOURS[CORRUPTIONS[name].family]
 
 
@@ -232,7 +232,7 @@ def _draw_without(panel: "Axes", x: list[float], width: float, top1: list[float]
     if not top1:
         return
     y, left, right = [100 * share for share in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
-    panel.hlines(y, left, right, color="white", lw=2.6, zorder=4)  # so that the black one shows on a dark bar
+    panel.hlines(y, left, right, color="white", lw=2.6, zorder=4)  # shows the black line on a dark bar
     panel.hlines(y, left, right, color=WITHOUT_COLOUR, lw=1.4, ls=style, zorder=5)
 
 
@@ -339,7 +339,7 @@ def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Arti
 
 
 def _draw_corruptions(figure: "SubFigure", summary: Summary, rows: Sequence[VariantMean], columns: int) -> None:
-    """A panel for each row, on one scale; the grey line is the same answerer without patches."""
+    """A panel for each row, on a shared scale; the grey line is the same answerer without patches."""
     places = place_corruptions(summary.corruptions, False)
     families = dict.fromkeys(CORRUPTIONS[name].family for name in summary.corruptions)
     panels = figure.subplots(-(-len(rows) // columns), columns, sharey=True, squeeze=False)

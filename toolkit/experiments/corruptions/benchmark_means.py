@@ -48,7 +48,7 @@ TOP = 5
 
 @dataclass(frozen=True)
 class Series:
-    """What one network or reader said of one variant: condition -> (n,) ranks."""
+    """Answers of a network or reader to a variant: condition -> (n,) ranks."""
 
     variant: str
     answerer: str
@@ -94,8 +94,8 @@ def summarise(benchmark: Benchmark) -> Summary:
     """Every table of the benchmark.
 
     Raises:
-        ToolkitError: two networks have one name.
-        ValueError: a cell has not one rank per image, or the variants have not all the same cells.
+        ToolkitError: two networks have the same name.
+        ValueError: the ranks of a cell do not match the images, or the variants have different cells.
     """
     every = _collect(benchmark)
     levels: dict[str, tuple[int, ...]] = {
@@ -168,7 +168,7 @@ def _mean_corruption(
     series: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], classes: np.ndarray,
     alexnet: Mapping[str, float],
 ) -> CorruptionMean:  # fmt: skip
-    """Mean over the severities of one corruption; `alexnet` has the errors that it may be divided by."""
+    """Mean over the severities of a corruption; `alexnet` has the errors that it may be divided by."""
     keys, is_network = [(name, severity) for severity in severities], series.kind != READER
     ce_alexnet = ce_unpatched = None
     if is_network and name in alexnet and severities == SEVERITIES:
@@ -201,7 +201,7 @@ def _mean_variant(
 
 def _mean_of_all(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
-    # mCE is the mean over all fifteen: with one missing there is none
+    # mCE is the mean over all fifteen: if a corruption is missing there is no mCE
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 

@@ -112,7 +112,7 @@ def _title(key: str) -> str:
 
 
 def _flatten(value: Any) -> str:
-    """A record of `about` in one line."""
+    """Return a record of `about` as a single line."""
     if isinstance(value, Mapping):
         known = {key: part for key, part in value.items() if part not in (None, [], {})}
         parts = (_flatten(part) if key == "name" else f"{_title(key)} {_flatten(part)}" for key, part in known.items())
@@ -145,7 +145,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
         examples: PNG of an image in every variant.
 
     Raises:
-        ToolkitError: the disk is full or may not be written, or two networks have one name.
+        ToolkitError: the disk is full or may not be written, or two networks have the same name.
     """
     wanted, inputs = Path(folder), _hash_inputs(benchmark)
     folder = find_run_dir(wanted, lacks_other_inputs(inputs))
@@ -167,7 +167,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
 
 def _hash_inputs(benchmark: Benchmark) -> str:
-    """Of the question: data, networks, patches and conditions, whatever version asks it."""
+    """Return the hash of the data, networks, patches and conditions, without the toolkit's version."""
     about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
     conditions = sorted({(cell.corruption, cell.severity) for cell in benchmark.cells})
     return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
@@ -212,7 +212,7 @@ def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
 def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     """PNG: a row for each variant, a column for each condition; always the image in the middle of the list.
 
-    A green frame says that the network's first guess is right, a red one that it is not.
+    A green frame says that the network's first guess is correct, a red frame that it is wrong.
     """
     chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
@@ -246,7 +246,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
 
 
 def _label_row(variant: Variant, first: Variant) -> str:
-    """The variant, and below it the network where that is another one."""
+    """The variant, and below it the network if it differs."""
     other = variant.classifier is not first.classifier
     return f"{variant.name},\n{variant.classifier.name}" if other else variant.name
 

@@ -24,7 +24,7 @@ INITIALS = {"gaussian": "Gaussian", "jpeg": "JPEG"}
 
 @dataclass(frozen=True)
 class BenchmarkCell:
-    """One variant, seen by one answerer, under one corruption at one severity (`clean` and 0 where there is none).
+    """Accuracy of an answerer on a variant, under a corruption and severity (`clean` and 0 where there is none).
 
     Attributes:
         n, right: images, and how many are right at the first guess (a reader's: read as the right code).
@@ -80,7 +80,7 @@ class CorruptionMean:
 
 @dataclass(frozen=True)
 class VariantMean:
-    """One variant, seen by one answerer: clean, and the mean that `Summary.mean_of` names.
+    """Accuracy of an answerer on a variant: clean, and the mean that `Summary.mean_of` names.
 
     Attributes:
         patch_px: side of the patch; None where there is none, or unknown.
@@ -183,15 +183,15 @@ class Summary(BaseModel):
         return len(set(self.corruptions.values())) <= 1
 
     def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
-        """By corruption, of one variant and answerer."""
+        """Return the means of the row's variant and answerer, by corruption."""
         return {mean.corruption: mean for mean in self.means if is_of(mean, row)}
 
     def cells_of(self, row: VariantMean) -> dict[tuple[str, int], BenchmarkCell]:
-        """By corruption and severity, of one variant and answerer."""
+        """Return the cells of the row's variant and answerer, by corruption and severity."""
         return {(cell.corruption, cell.severity): cell for cell in self.cells if is_of(cell, row)}
 
     def differences_of(self, row: VariantMean) -> dict[str, Difference]:
-        """By what it is against, of one variant and answerer."""
+        """Return the differences of the row's variant and answerer, by the variant compared against."""
         return {difference.against: difference for difference in self.differences if is_of(difference, row)}
 
     def unpatched_of(self, row: VariantMean) -> VariantMean | None:
@@ -204,7 +204,7 @@ class Summary(BaseModel):
 
 
 def is_of(part: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
-    """Whether both are of one variant and answerer."""
+    """Return whether both have the same variant and answerer."""
     return (part.variant, part.answerer) == (row.variant, row.answerer)
 
 

@@ -1,4 +1,4 @@
-"""Variants, and the cells of the grid: a shard's images in one variant, corrupted and ranked, by their inputs' hash."""
+"""Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -119,7 +119,7 @@ def open_variants(
 def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
     if patches.code_kind is None:
         return [], []
-    # the codes of a set are of one kind: the first tells which
+    # all codes of a set have the same kind, so the first decides
     code = next(iter(patches.patches.values())).record.settings["code"]
     return find_readers(code["kind"], code.get("dictionary", ""))
 
@@ -143,7 +143,7 @@ def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list
 
 
 class CellLine(BaseModel):
-    """One line of `cells.jsonl`: the ranks of a shard's images in one cell."""
+    """Line of `cells.jsonl`: the ranks of a shard's images in a cell."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     key: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -197,12 +197,12 @@ def make_key(
 
 
 CUDA_PART = 128
-"""Images that are computed at once; on a CPU `CPU_PART`, by one thread."""
+"""Number of images in a computation; on a CPU `CPU_PART`, in a single thread."""
 
 
 @dataclass(frozen=True)
 class ShardImages:
-    """The images of a shard that can be used, in one variant.
+    """The images of a shard that can be used, in a variant.
 
     Attributes:
         pixels: (k, 3, m, m) uint8 sRGB, on the CPU.

@@ -39,7 +39,7 @@ from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
 SHARD_IMAGES = 256
-"""Images in memory at once; also what a kill may cost, in one cell."""
+"""Largest number of images in memory; a kill costs at most so many answers of a cell."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ class Grid:
 
     @property
     def name(self) -> str:
-        """Of the run."""
+        """Name of the run."""
         return self.config.run or f"{self.images.name.replace('/', '-')}-{self.variants[0].classifier.name}"
 
 
 @dataclass(frozen=True)
 class CellRanks:
-    """What one recogniser said of all images in one cell.
+    """Answers of a recogniser to all images of a cell.
 
     Attributes:
         variant: what lies on the images: `unpatched`, or the name of a patch set.
@@ -91,7 +91,7 @@ class Benchmark:
         ids: of the images, in the order of every `ranks`.
         classes: (n,) int, index of each image's class.
         labels: of the classes that are there, by index.
-        cells: one for each variant, recogniser and condition.
+        cells: a cell for each variant, recogniser and condition.
         failed: (path, reason) of images that could not be used.
         notes: what a reader of the tables must know, a sentence each.
         computed, kept: ranks of single images that were computed now, and taken from before.
@@ -145,7 +145,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for r, recogniser in enumerate(variant.recognisers)
         for condition in grid.config.conditions
     }
-    # cells of the same inputs have one key, and are computed once
+    # cells of equal inputs share a key, and are computed once
     wanted = {key: cell for cell, key in keys.items()}
     log = RecordLog(cells_file, CellLine, required=False, compact=True)
     cache = RecordCache(log, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
@@ -158,7 +158,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
     ran = run_resumable(
         title, wanted, missing, units, keep, engine, cells_file.parent, lambda cell: len(shards[cell.shard].images)
     )
-    # a condition that lacks a cell is left out for all: variants are compared under the same ones
+    # a condition that lacks a cell is left out for all: variants are compared under the same conditions
     lost = {cell.condition for cell in cache.find_missing(wanted).values()}
     if lost >= set(grid.config.conditions):
         raise ToolkitError(ran.failed[0][1])
@@ -234,7 +234,7 @@ def _collect(
     grid: Grid, images: Sequence[LabelledImage], cells: Sequence[CellRanks], notes: Sequence[str], ran: Ran
 ) -> Benchmark:
     """The ranks of the images that could be used in every cell."""
-    # an image that failed in one cell is left out of all: pairs need the same images
+    # an image that failed in any cell is left out of all: pairs need the same images
     usable = np.all([cell.ranks != FAILED for cell in cells], axis=0)
     unusable = [image for image, ok in zip(images, usable, strict=True) if not ok]
     refused = [*grid.images.refused, *_explain(grid, unusable)]

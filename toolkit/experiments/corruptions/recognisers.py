@@ -164,7 +164,7 @@ def _read_zxing(grey: np.ndarray) -> list[str]:
 def _read_zbar(grey: np.ndarray) -> list[str]:
     from pyzbar.pyzbar import ZBarSymbol, decode
 
-    # of this one kind alone: the decoders of bar codes write warnings to stderr
+    # for this kind alone: the decoders of bar codes write warnings to stderr
     return [code.data.decode(errors="replace") for code in decode(grey, symbols=[ZBarSymbol.QRCODE])]
 
 

@@ -51,7 +51,7 @@ def run_sweep(
     workspace: Workspace, config: SweepConfig, classifier: Classifier, base: ShootSetup | None = None,
     engine: EngineConfig | None = None,
 ) -> SweepResult:  # fmt: skip
-    """Vary one thing and keep the rest.
+    """Vary a quantity and keep the rest.
 
     Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
     in `sweep-MODEL.json` and `.csv`, drawn in `.png`. They hold what this call asks for. What was shot or classified
@@ -82,7 +82,7 @@ def run_sweep(
     folder = workspace.eval_dir / "sweeps" / axis.name
     patches = "trained" if config.trained else workspace.patch_set
     name = config.run or "-".join(dict.fromkeys(part for part in (classifier.name, patches) if part))
-    # two sets of patches would take turns in one folder, and be shot again each time
+    # two sets of patches would overwrite each other in a folder, and be shot again each time
     captures_dir = folder / (f"captures-{patches}" if patches else "captures")
     with (engine or EngineConfig()).open() as workers:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
@@ -122,7 +122,7 @@ def _shoot_units(
     stale: set[str] = set()
     failed: list[tuple[str, str]] = []
     images = sum(len(unit.setup.plan.objects[unit.object]) for unit in units) * len(variants)
-    # one bar over all values, not one for each
+    # a single progress bar for all values
     with progress("shooting", images) as bar, quietly():
         for unit in units:
             space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
@@ -134,7 +134,7 @@ def _shoot_units(
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
             failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
-            # what was shot for one value may serve the next
+            # the images of a value may serve the next
             stored |= index_images(result.source_dir)
     return shot, kept, stale, failed
 

@@ -41,7 +41,7 @@ class Sweep:
 
     Attributes:
         axis, settings, model: what was varied, what was kept, and which network spoke.
-        points: every object at every value, the impossible ones too; the label of a value is the source of its images.
+        points: every object at every value, even if it cannot be shot; a value's label is the source of its images.
         variants: in order.
         findings: of all images.
     """

@@ -1,4 +1,4 @@
-"""Train boosters on all networks but one, shoot the plan, and ask that one; then the next is left out.
+"""Train boosters on all networks but one, shoot the plan, and test the left-out network; then the next.
 
 Every step is kept and taken up again: training by its checkpoints, captures by their manifest, answers by the hash of
 what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
@@ -48,7 +48,7 @@ Judge = Classifier | DetectorNetwork
 
 
 class JudgedRow(BaseModel):
-    """What one network says of one object in one booster, pooled rows among them.
+    """Answers of a network to an object with a booster, pooled rows among them.
 
     Attributes:
         left_out: the network that the boosters were not trained on, or `classifiers` or `detectors`.
@@ -81,7 +81,7 @@ class JudgedRow(BaseModel):
 
 
 class JudgedCell(BaseModel):
-    """What one network says of the boosters that were trained without one network.
+    """Answers of a network to the boosters that were trained without a network.
 
     Attributes:
         key: hash of all that it depends on.
@@ -153,7 +153,7 @@ class TransferResult:
     """What an experiment made.
 
     Attributes:
-        rows: of every network that was left out in this run or an earlier one of the same settings.
+        rows: of every network that was left out in this run or an earlier run of the same settings.
         json_file, markdown_file: where they are.
     """
 
@@ -179,7 +179,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
             training, shooting and judging raise.
     """
     by_name = {network.name: network for network in networks}
-    # two networks of one name would share a folder
+    # two networks of the same name would share a folder
     if len(by_name) < max(2, len(networks)):
         raise FieldError("expected at least two networks, each once", {"model": [network.name for network in networks]})
     groups = group_networks(networks)
@@ -274,7 +274,7 @@ def _judge(
     space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig,
     settings_sha256: str,
 ) -> None:  # fmt: skip
-    """Ask one network, unless it was asked of the same captures before."""
+    """Ask a network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [network.name for network in others]
     # the manifest's hash stands for all images: it holds theirs
@@ -313,7 +313,7 @@ def _cell_file(root: Path, judge: str) -> Path:
 
 
 def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
-    """Rows of one network left out; `settings` is the hash that each judge's rows must rest on to count."""
+    """Rows of a left-out network; `settings` is the hash that each judge's rows must rest on to count."""
     rows: list[JudgedRow] = []
     others = []
     for judge, sha256 in settings.items():

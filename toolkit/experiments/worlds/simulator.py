@@ -95,14 +95,14 @@ def shoot_frames(
 ) -> Iterator[Frame]:
     """The frames of tasks, one weather at a time: a frame's weathers come apart.
 
-    Weather takes a while to come up, so all cameras of a place and variant are shot in one before the next.
+    Weather takes a while to come up, so all cameras of a place and variant are shot in a weather before the next.
 
     Args:
         simulator: is moved, and left with the last object in its place.
         stage: the objects; of its camera, field of view and size.
         places: by the tasks' number.
         name: of the object.
-        tasks: those of one place and variant follow each other.
+        tasks: those of the same place and variant follow each other.
 
     Raises:
         ToolkitError: the simulator fails, its pictures have another size, or the object is not where it should be.
@@ -110,7 +110,7 @@ def shoot_frames(
     simulator.set_camera(stage.camera.fov_deg)
     simulator.number_things()
     for variant in stage.variants:
-        if variant != ABSENT:  # one that is missing is told before the first picture, not after hours
+        if variant != ABSENT:  # a missing variant is reported before the first picture, not after hours
             simulator.place(name_actor(name, variant), None)
     standing = ""
     for (place, variant), own in groupby(tasks, lambda task: (task.place, task.variant)):

@@ -158,7 +158,7 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
 
 @with_default_style
 def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
-    """PNG: one camera of each place, a row for each variant, a column for each of some weathers.
+    """Return a PNG: a camera of each place, a row for each variant, a column for each of some weathers.
 
     Green: the truth is the first guess; yellow: among five; red: not. A place whose shown pictures failed is left out;
     None where they all did.

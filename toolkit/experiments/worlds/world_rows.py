@@ -35,10 +35,10 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
 
 @dataclass(frozen=True)
 class HalfLost:
-    """Of one variant in one kind of weather.
+    """Visibility at which a variant loses half of its accuracy, in a kind of weather.
 
     Attributes:
-        variant, weather: which.
+        variant, weather: names of the variant and of the kind of weather.
         clear_top5: share with the truth among five guesses in clear air.
         visibility_m: at which half of that is left; None where more is left in the densest that was run, or nothing
             was recognised.
@@ -97,7 +97,7 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
 
 
 def find_ladder(weathers: tuple[tuple[str, int], ...]) -> dict[str, list[tuple[str, int]]]:
-    """By kind of weather, clear air and its severities, thinnest first; kinds that have at least one."""
+    """By kind of weather, clear air and its severities, thinnest first; kinds with at least a severity."""
     kinds = dict.fromkeys(name for name, _ in weathers if name != CLEAR[0])
     return {kind: [CLEAR, *sorted(weather for weather in weathers if weather[0] == kind)] for kind in kinds}
 
@@ -111,7 +111,7 @@ def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
 def measure_half(
     variant: str, kind: str, extinctions: np.ndarray, shares: np.ndarray, bare: np.ndarray | None
 ) -> HalfLost:
-    """The half of one variant, alone and against the bare object.
+    """The half of a variant, alone and against the bare object.
 
     Args:
         variant, kind: names.
@@ -202,7 +202,7 @@ def describe_run(results: WorldResults) -> dict[str, Any]:
 
 
 def describe_cameras(results: WorldResults) -> list[dict[str, Any]]:
-    """Of each place and of all: points, cameras shot, hidden, in view, left out by reason."""
+    """Return counts for each place and for all: points, cameras shot, hidden, in view, left out by reason."""
     rows = []
     groups = [(place.placed.spot.name, place.placed.spot.place, [place]) for place in results.places]
     for name, kind, own in [*groups, (POOLED, POOLED, list(results.places))]:
@@ -273,7 +273,7 @@ def _count(found: ViewAnswers, own: np.ndarray, sampler: ClusterBootstrap | None
     shares: dict[str, Any] = {"n": n, "failed": 0}
     for name, guesses in (("top1", 1), ("top5", 5)):
         right = found.right(guesses)
-        # of one place: its cameras are all that there is
+        # for a single place, its cameras are the whole population
         interval: Interval | None = wilson_interval(int(right[own].sum()), n)
         if sampler is not None:
             interval = sampler.estimate(right, own)[1]

@@ -1,7 +1,7 @@
 """An evaluation in a world, from a config to a results folder: place, plan, render, ask, summarise, write.
 
-Frames without an answer are work units: some frames of one variant at one place, each in all of its weathers, which
-share one render.
+Frames without an answer are work units: some frames of a variant at a place, each in all of its weathers, which
+share a render.
 """
 
 import re
@@ -75,7 +75,7 @@ class Asked:
         true_index: class of the object.
         weathers: that every frame is seen in.
         batch_size: pictures that are gathered for a pass.
-        shots: pictures that a simulator made, where one did.
+        shots: pictures that a simulator made, if a simulator was used.
     """
 
     item: TableObject
@@ -172,7 +172,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
 
 def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]) -> Answers:
-    """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
+    """Cameras with answers in every variant and weather, and their answers: all variants keep the same cameras."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
     for task in tasks:
@@ -284,7 +284,7 @@ def evaluate_world(
 ) -> WorldRun:
     """Put an object into a world, look at it from a grid of cameras through weather, and ask a network what it sees.
 
-    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it. A camera whose picture fails in one
+    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it. A camera whose picture fails in a
     variant is left out in all of them.
 
     Args:
