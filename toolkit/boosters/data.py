@@ -132,6 +132,7 @@ def choose_images(
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
+    # images of the class are recognised by a folder's name, the given folder's too
     inside_class = plain_name(real_path(folder).name) in names
     own = tuple(
         parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])
@@ -143,6 +144,7 @@ def choose_images(
         )
     if own and backgrounds != "all":
         return FolderImages(folder, own, "class", found.refused)
+    # without images of the class, all are backgrounds
     use = "class" if len(own) == len(found.images) else "backgrounds"
     return FolderImages(folder, found.images, use, found.refused)
 
@@ -176,6 +178,7 @@ def load_files(
     images: list[np.ndarray] = []
     hashes: list[str] = []
     skipped = list(choice.refused)
+    # in random order, until enough images could be read
     for k in rng.permutation(len(choice.files)):
         if len(images) == count:
             break

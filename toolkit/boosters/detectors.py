@@ -161,6 +161,7 @@ def _load_each(
     if any(map(may_be_detector, named)):
         from toolkit.models.load_detector import is_detector, load_detector
 
+        # detectors may be mixed with classifiers only as judges
         kinds = [is_detector(name) for name in named]
         if any(kinds):
             if not (all(kinds) or may_mix):

@@ -178,6 +178,7 @@ def train_patch(
     detectors = find_detectors(networks)
     if detectors is not None:
         config = config.model_copy(update={"mounted_share": 1.0})
+    # the first network leads: its labels name the class, its crop bounds the patch
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -194,6 +195,7 @@ def train_patch(
             raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
     else:
         views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data)
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     kind = PatchTask if detectors is None else DetectorPatchTask
@@ -230,6 +232,7 @@ def _render_views(
     if rig_source is None:
         found = {"mounted_share": config.mounted_share}
         raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
+    # the object, with sheets of the size at which the patch is printed
     object_name = choose_object(workspace, rig_source, class_names)
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
     item = load_object(workspace.object_spec(object_name))
@@ -241,6 +244,7 @@ def _render_views(
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
+    # weather acts over metres: the rig's millimetres are converted, a world has metres already
     with_depth = config.weather is not None
     metres_per_unit = item.spec.metres_per_mm if with_depth and setting is None else 1.0
     views = render_mounted_views(
@@ -322,14 +326,17 @@ class PatchTask(BoosterTask[TrainedPatch]):
         """
         config, pixels, data = self.config, quantise(self.pixels), self._data
         printed = from_picture(pixels, self._device)
+        # on held-out photographs: as printed, without the corruptions of the training
         held_out = stack_on_device(data.held_out, self._device)
         clear = config.model_copy(update={"corrupted": None, "cutout": None}).appearance()
         with progress("Validating", count_placements(len(held_out))) as bar:
             validations = validate_patch(printed, held_out, self.targets, clear, config.seed, advance=bar.advance)
+        # again with every photograph corrupted, if the training had corruptions
         corrupted: list[Validation] = []
         if config.corrupted is not None:
             always = config.corrupted.with_overrides(probability=1.0)
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
+        # mounted on the object: in clear air, then in weather
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
         weathered: list[Validation] = []
@@ -338,6 +345,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        # the record: what was seen, how well it is recognised, at which size it is printed
         seen: dict[str, Any] = {} if views is None else {"mounted_views_sha256": views.sha256}
         if views is not None and len(views.sizes_mm) > 1:
             seen["sheets_mm"] = list(views.sizes_mm)

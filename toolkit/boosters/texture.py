@@ -137,6 +137,7 @@ def train_texture(
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
     decides = [
         METHOD_VERSION, name, list_networks(targets),
@@ -233,12 +234,14 @@ class SurfaceTask(BoosterTask[Trained]):
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy of photographs of random views; the first step of a group waits until it is rendered."""
         config, draws = self.config, Draws(self.config.seed, step)
+        # the views of the step, with photographs behind them
         group, inside = divmod(step, config.steps_per_group)
         views = choose_views(self._stream.group(group), config, group, inside)
         behind = choose_backgrounds(
             self.inputs.backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
         )
         batch = batch_views([view.view for view in views], str(self.pixels.device), behind).to(self.pixels.dtype)
+        # weather acts on the light of the render, by its depth
         if config.weather is not None:
             rng = config.weather.rng(draws)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
@@ -247,6 +250,7 @@ class SurfaceTask(BoosterTask[Trained]):
             boxes = np.array([box_of_coverage(view.view.coverage) for view in views], np.float32)
             loss, recognised = judge_detectors(photos, self.targets, boxes)
         else:
+            # feature mixup needs the same views with a grey object
             clean = None
             if config.feature_mixup is not None:
                 with torch.no_grad():
@@ -273,6 +277,7 @@ class SurfaceTask(BoosterTask[Trained]):
                 corrupted=config.corrupted, weather=config.weather, metres_per_unit=self._metres,
             )  # fmt: skip
             bar.advance()
+        # the record: what was rendered, and the shares by condition
         views: dict[str, Any] = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,

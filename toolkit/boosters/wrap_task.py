@@ -256,9 +256,11 @@ def train_wrap(
     worn = wrap_object(item, wrap, config.misfit)
     config, targets = meet_networks(config, networks, choose_class(class_name, [worn]))
     record = wrap.record
+    # the plan decides the size of the picture and of a texel
     config = config.with_overrides(
         {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
     )
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, [worn], None, networks[0], workspace)
     decides = [
         METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm, record.n_px,

@@ -122,6 +122,7 @@ def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]
             return [
                 f"error: {found!a} is no character and cannot be written: rename what has it in its name"
             ], BAD_INPUT
+    # anything else is a defect of ours
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
     said = " ".join(str(error).split())

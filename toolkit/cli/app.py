@@ -271,6 +271,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
         near = get_close_matches(error.option_name, known, n=3)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
         return ToolkitError(f"no option called '{error.option_name}': {hint}")
+    # errors that name no parameter keep Click's own text
     parameter = getattr(error, "param", None)
     if parameter is None:
         message = error.format_message().rstrip(".")
@@ -278,10 +279,12 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     name = _name_parameter(parameter)
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
+    # what was typed after the option, so that the line can quote it
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
     given = typed[at : at + parameter.nargs]
     if any(word.lower().lstrip("+-") == "nan" for word in given):
         return ToolkitError(f"{' '.join([name, *given])}: expected a number")
+    # pydantic's words, shortened
     expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
     for long, short in (
         ("greater than or equal to", "at least"),

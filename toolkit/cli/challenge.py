@@ -82,6 +82,7 @@ def run(
     with engine.open() as workers:
         judged = run_entry(read, networks, space, workers, with_controls=controls)
     score = judged.score
+    # a board of this entry alone: the page to look at before others join
     page = read.folder / SCORE / "page"
     write_board([read.folder], page)
     if as_json:

@@ -228,6 +228,7 @@ def corrupt(
     if as_json:
         show_json({"out": str(out)} | result.as_json())
     else:
+        # corruptions that differ from the published definitions are named
         note = find_note(list(dict.fromkeys(name for name, _ in chosen)))
         for line in (*result.describe_scale(), *([note] if note else [])):
             remark(line)

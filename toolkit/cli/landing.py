@@ -93,6 +93,7 @@ def train(
     config = TRAINING[recipe].with_overrides(overrides)
     folders = [find_dataset(space, word) for word in datasets]
     trained = train_regressor(space, datasets, config, seed=seed, device=device, restart=restart)
+    # errors on held-out images, beside the baselines'
     rows = {trained.regressor.name: trained.regressor.record.held_out}
     if baselines:
         from toolkit.landing.baselines import measure_baselines
@@ -165,6 +166,7 @@ def fly(
     list_skipped(flown.failed)
     flown = place_results(config, flown, seed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
+    # an episode in clear air, and another in the last weather
     filmed = [results[0].records[0], *(last.records[0] for last in results[1:][-1:])] if film else []
     films = [film_episode(space, config, flown, condition, seed) for condition in filmed]
     paths = [

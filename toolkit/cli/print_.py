@@ -57,6 +57,7 @@ def print_patches(
 
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
     alone: dict[str, object] = {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {"wrap": wrap}
+    # a sheet or a wrap has its own page size: it is printed alone
     several = objects or classes or everything or files or (sheet.kind is not None and wrap is not None)
     if several and alone != {"wrap": None}:
         raise FieldError("cannot be printed together with others: print it in a call of its own", alone)

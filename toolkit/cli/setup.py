@@ -89,6 +89,7 @@ def list_objects(
     space = open_workspace(workspace)
     rows: list[dict[str, Any]] = []
     for name, file in space.object_specs().items():
+        # an object without a mesh can be photographed, and not rendered
         spec = read_spec(file)
         if not spec.mesh:
             rows.append(

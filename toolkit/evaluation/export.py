@@ -109,6 +109,7 @@ def export_predictions(
         wanted = "of a detector" if form == "coco" else "with predictions"
         raise ToolkitError(f"{workspace.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
     place, left_out = out or workspace.eval_dir / FORMS[form], 0
+    # a table is a single file, the other forms are folders
     if form in ("parquet", "csv"):
         count = (write_parquet if form == "parquet" else write_csv)(place, workspace, runs, captures_dir)
     else:
@@ -271,6 +272,7 @@ def write_fiftyone(
                 labels[column] = _place_box(prediction.true_label, said.box, size, about)
             for name, label in labels.items():
                 fields.setdefault(name, {})[key] = label
+    # samples by file, and a label file of each field: FiftyOne reads images from where they are
     if not files:
         raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: name their folder")
     write_json(folder / "data.json", {key: file for file, key in files.items()})

@@ -265,6 +265,7 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
         if capture.pose_id is None:
             left.append((capture.path, "no pose number in its name"))
             continue
+        # the most specific reason wins: no image, another booster, another camera
         partners = poses.get((capture.object, capture.variant, capture.pose_id), [])
         reason = f"another image of pose {capture.pose_id} is compared"
         if not partners:

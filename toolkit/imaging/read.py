@@ -321,17 +321,20 @@ def _to_rgb(image: Image.Image) -> Image.Image:
     # read first: conversions drop them
     profile, is_adobe = image.info.get("icc_profile"), _is_adobe_rgb(image)
     image = _to_eight_bits(image)
+    # palettes and grey with transparency become plain RGBA
     if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
         has_alpha = image.mode != "P" or "transparency" in image.info
         image = image.convert("RGBA" if has_alpha else "RGB")
     alpha = image.getchannel("A") if image.mode == "RGBA" else None
     if alpha is not None:
         image = image.convert("RGB")
+    # colours become sRGB, by the embedded profile or Adobe's mark
     if profile:
         image = _to_srgb(image, profile)
     elif is_adobe and image.mode == "RGB":
         image = Image.fromarray(adobe_to_srgb(np.asarray(image)))
     image = image if image.mode == "RGB" else image.convert("RGB")
+    # transparent pixels show a mid grey
     if alpha is None:
         return image
     return Image.composite(image, Image.new("RGB", image.size, (MID_GREY,) * 3), alpha)
@@ -408,6 +411,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     if not root.is_dir():
         what = "is a file, not a folder" if root.exists() else "does not exist"
         raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
+    # every file is an image, refused with a reason, or other; only hidden files are passed over in silence
     real_root = real_path(root)
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []

@@ -414,6 +414,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         """Classify the held-out images through the classifier's own preprocessing, in single precision."""
         pack, robust = self.inputs.data.held_out, self.config.robust
         answers, attacked = (np.zeros(len(pack.images), np.int64) for _ in range(2))
+        # tested with a fixed number of steps, whatever the number in training
         attack = None if robust is None else robust.with_overrides(steps=TEST_STEPS)
         title = "Testing on held-out images" + (f", and under attack ({attack.describe()})" if attack else "")
         with progress(title, len(pack.images)) as bar:

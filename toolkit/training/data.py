@@ -287,6 +287,7 @@ def load_training_set(
     """
     # by all that decides the pixels: trainings that differ in their steps share a pack
     place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
+    # the record is written last: without it the pack is unfinished, and made from the start
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
@@ -295,6 +296,7 @@ def load_training_set(
     skipped = [skip for source in sources for skip in source.skipped] + [tuple(skip) for skip in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
     offered = {item.label for source in sources for item in source.train}
+    # a class without a readable image cannot be learnt
     if every_class or not len(train.images):
         _check_classes({label: classes.index_of[label] for label in sorted(offered)}, train, skipped)
     record = {

@@ -229,6 +229,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
             return None
         return task.find_finished()
 
+    # a finished run is returned as it is
     finished = current().ask_first(find_finished)
     if finished is not None:
         if checkpoint is not None:
@@ -238,6 +239,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
 
     for line in task.describe():
         notice(line)
+    # an interrupted run resumes at its checkpoint
     state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
     run = _Fitting(task, config)
     if state is not None:

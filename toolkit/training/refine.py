@@ -403,6 +403,7 @@ def refine_network(
     training = folder / ".training" / config.name
     if restart and current().is_first:
         delete_folder(training)
+    # photographs of the teacher's classes, in the teacher's preprocessing
     sources = [open_photographs(photographs, HELD_OUT) for photographs in dict.fromkeys(config.data)]
     classes = keep_classes(sources, teacher, "model")
     stored = store_preprocessing(teacher.preprocessing, teacher.preprocessing.resize_px)
@@ -410,6 +411,7 @@ def refine_network(
         data = load_training_set(sources, classes, stored, training, workers=1, every_class=False)
     held_out = len(data.held_out.images)
     notice(f"data: {len(data.train.images)} photographs to refine with, {held_out} held out")
+    # all that decides the weights is in the hash, by which an interrupted run resumes
     inputs_sha256 = sha256_bytes(
         json.dumps(
             [METHOD_VERSION, config.name, config.record(), teacher.arch, teacher.weights.sha256,

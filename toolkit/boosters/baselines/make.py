@@ -285,6 +285,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
         images = choose_classes(images, config.class_names, classifier)
         classes = images.classes
     baseline = prepare_baseline(config, images, classifier)
+    # a folder for each size; a folder made in another way is refused, never mixed
     places = [_choose_place(config, baseline, classifier, workspace, size) for size in dict.fromkeys(config.sizes_px)]
     for place in places:
         _check_same_way(place, baseline)

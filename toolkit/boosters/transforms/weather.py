@@ -131,6 +131,7 @@ class Weathered(Transform):
         height, width = views[0].depth_m.shape
         factor = np.ones((len(views), height, width, 3), np.float32)
         offset = np.zeros_like(factor)
+        # each view has its own airlight, a grey with a tint from yellow to blue
         grey = rng.uniform(*self.airlight, len(views))
         tint = rng.uniform(-TINT, TINT, len(views))
         for which, name, severity, seeds in draw_corrupted(rng, len(views), self.weathers, self.probability):

@@ -104,6 +104,7 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
     Raises:
         ToolkitError: no entry is left, or the folder cannot be written.
     """
+    # every score is computed again from its outcomes: what an entry claims is not believed
     entries, refused = [], []
     for folder in folders:
         faults = rescore(folder)
@@ -111,20 +112,24 @@ def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], lis
             refused.append((str(folder), faults[0]))
         else:
             entries.append(read_judged(folder))
+    # the files below are called by name, on some disks whatever the case
     names = [entry.score.entry.name.lower() for entry in entries]
     for name in {name for name in names if names.count(name) > 1}:
         raise ToolkitError(f"two entries are called '{name}': give one another name in its entry.json")
     if not entries:
         raise ToolkitError(f"no entry to rank{f': {refused[0][0]}: {refused[0][1]}' if refused else ''}")
+    # only entries of the same division, budget and judges are ranked together
     classes: dict[tuple[object, ...], list[Judged]] = {}
     for entry in entries:
         classes.setdefault(entry.score.class_of, []).append(entry)
     boards = [rank_entries(own) for own in classes.values()]
     places = [place for board in boards for place in board]
     rows = [place.as_json() for place in places]
+    # for programs: a JSON file of each entry, and the table
     for place in places:
         write_json(out / f"{place.score.entry.name}.json", place.score.model_dump(mode="json"), out)
     write_text(out / "board.csv", encode_csv(list(rows[0]), (row.values() for row in rows)), out)
+    # for people: the page
     context = {
         "title": "Challenge", "boards": [(_name_class(board[0].score), board[0].score, board) for board in boards],
         "pictures": {entry.score.entry.name: _embed_pictures(entry) for entry in entries},

@@ -205,6 +205,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     if not names:
         raise FieldError("the open division judges objects of your own: name them", {"objects": ()})
     places = {"patch": workspace.patches, "wrap": workspace.wraps, "texture": workspace.textures}
+    # copy each booster, and note the networks that trained it: as judges they count as seen
     trained: dict[str, NetworkRecord] = {}
     hashes = {}
     for name in names:
@@ -217,6 +218,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
             write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
         if not is_closed:
             _copy_object(workspace.object_spec(name).parent, name, folder / OBJECTS)
+    # the record is a draft: authors and method are for the entrant to fill in
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-_")
     record = EntryRecord(
         name=stem if is_file_name(stem) else "entry", authors=("Your name",), method="How it was made.",
@@ -268,15 +270,18 @@ def check_entry(folder: Path) -> list[str]:
 
 def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
     record = entry.record
+    # what the record says
     if record.challenge_version != VERSION:
         yield f"{ENTRY}: challenge_version {record.challenge_version}: expected {VERSION}, which this toolkit judges"
     for name in sorted(set(entry.objects) ^ set(record.boosters)):
         yield f"{ENTRY}: boosters: {name}: " + ("missing" if name in entry.objects else "is no object of the division")
+    # which files the folder has; without all of them nothing can be opened
     yield from _list_stray(entry)
     missing = list(_list_missing(entry))
     yield from missing
     if missing:
         return
+    # whether each booster can be read, and fits its object
     with TemporaryDirectory(prefix="toolkit-entry-") as scratch:
         try:
             space = open_space(entry, Path(scratch))
@@ -346,14 +351,17 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> 
     item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
     if booster.sha256 != entry.record.boosters[name]:
         yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
+    # trained for the object's own class
     wanted = item.spec.class_name
     if wanted not in (booster.label, booster.index):
         yield f"{where}: was trained for '{booster.label}': expected '{wanted}'"
+    # the entry names every network of the training, so that none counts as unseen
     said = {network.sha256 for network in entry.record.networks}
     for network in booster.networks:
         if network.sha256 not in said:
             which = f"{network.arch} ({network.sha256[:12]})"
             yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
+    # the size of a patch is bounded; a wrap or a texture must be of this mesh
     if isinstance(booster.made, Patch):
         side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
         if side > most + 0.05:

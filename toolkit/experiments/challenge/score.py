@@ -242,6 +242,7 @@ def count_score(
     by_sha = {judge.sha256: judge for judge in judges}
     if unknown := next((outcome for outcome in outcomes if outcome.judge_sha256 not in by_sha), None):
         raise ToolkitError(f"{OUTCOMES}: a judge {unknown.judge_sha256[:12]} that {SCORE_FILE} does not name")
+    # each judge alone, then all unseen and all seen judges together
     groups = {judge.name: [judge] for judge in judges}
     groups |= {name: [judge for judge in judges if judge.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
     table = _Table(outcomes)
@@ -253,10 +254,13 @@ def count_score(
         for variant in table.variants(condition)
         for name in ((*names, POOLED) if variant == entry.record.variant else (POOLED,))
     ]  # fmt: skip
+    # the rank counts unseen judges alone
     unseen = [judge.sha256 for judge in groups[UNSEEN]]
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
+    # how far the booster changes the picture, and how far it leaves the printable colours
     changes = {(outcome.object, outcome.pose): outcome.delta_e for outcome in outcomes if outcome.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
+    # official: exactly the division's judges, by the digits of their hashes
     known = {judge.name: judge.sha256[: len(JUDGES.get(judge.name, ""))] for judge in judges}
     return Score(
         entry=entry.record, is_official=known == JUDGES, judges=tuple(judges),
@@ -454,6 +458,7 @@ def run_entry(
     if len({judge.weights.sha256 for judge in judges}) < max(1, len(judges)):
         raise FieldError("expected at least one network, each once", {"judge": [judge.name for judge in judges]})
     home = workspace.eval_dir / "challenge"
+    # each judge answers the same captures, of which the entry's own are measured against the bare object
     captures = _shoot(entry, home, engine, with_controls)
     looks = dict(_measure_looks(entry, captures, home))
     outcomes: list[JudgedPicture] = []
@@ -461,6 +466,7 @@ def run_entry(
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     folder = entry.folder / SCORE
+    # the board shows a picture of each object
     for capture in captures:
         if (capture.variant, capture.pose_id) == (entry.record.variant, SHOWN_POSE):
             write_bytes(folder / PICTURES / f"{capture.object}.png", capture.file.read_bytes(), entry.folder)
@@ -521,6 +527,7 @@ def _ask(
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((capture.object, capture.pose_id or 0) for capture in captures)
     paired = [capture for capture in captures if capture.variant in (UNPATCHED, entry.record.variant)]
+    # in clear air all variants with the controls, in fog and corrupted only the bare and boosted object
     asked: list[tuple[str, Capture]] = [(CLEAR, capture) for capture in captures]
     asked += [(FOG, replace(capture, corruption=(FOG, FOG_SEVERITY))) for capture in paired]
     asked += [

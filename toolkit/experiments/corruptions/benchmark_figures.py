@@ -165,6 +165,7 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
     label_places(panels[-1], places, is_coloured=not is_reader(row))
     images = f"{summary.n} image{'s' if summary.n != 1 else ''}"
     figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.answerer}, {images}", fontsize=13)
+    # a narrow figure wraps its legend
     handles = _list_colours(summary, row, before)
     columns = len(handles) if width == MAX_WIDTH_IN else NARROW_COLUMNS
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
@@ -267,6 +268,7 @@ def draw_overview(summary: Summary) -> bytes:
     lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
     columns = min(SMALL_COLUMNS, len(lined))
     bands = -(-len(lined) // columns) if len(summary.corruptions) > 1 else 0
+    # above the means, a line each; below them small panels by corruption, if there are several
     rows_in = OVERVIEW_HEAD_IN + ROW_IN * len(summary.variants)
     small_in = bands * SMALL_IN + SMALL_LABELS_IN if bands else 0
     width = OVERVIEW_MAX_WIDTH_IN if len(summary.corruptions) > FEW_PLACES else OVERVIEW_MIN_WIDTH_IN

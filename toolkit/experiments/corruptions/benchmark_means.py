@@ -214,6 +214,7 @@ def _count_cells(series: Series, unpatched: Series | None, corruptions: Sequence
         is_reader = series.kind == READER
         change: dict[str, Any] = dict.fromkeys(("gained", "lost", "mcnemar_p"))
         if unpatched is not None and series.variant != UNPATCHED:
+            # paired with the same images without patches
             before = unpatched.ranks[key] == RIGHT
             gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
             change = {"gained": gained, "lost": lost, "mcnemar_p": mcnemar_p(gained, lost)}
@@ -240,6 +241,7 @@ def _compare(
             others.append(("unpatched", UNPATCHED, series.answerer, scores[UNPATCHED, series.answerer]))
             if NOT_CORRUPTED in before.ranks:
                 others.append(("clean unpatched", UNPATCHED, series.answerer, before.right([NOT_CORRUPTED])))
+        # the fairest rival: the best other set whose patches have the same size
         equals = [
             other for other in rows if other.patch_px == row.patch_px is not None and other.variant != row.variant
         ]

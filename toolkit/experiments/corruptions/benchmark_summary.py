@@ -273,6 +273,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
         return Verdict(
             "open", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
         )
+    # readers have no baseline: without a patch there is no code to read
     how_many = _format_share(share, ci95)
     if row.kind == READER:
         rest = f"another on {format_percent(wrong)} %, none on {format_percent(not_decoded)} %"
@@ -281,6 +282,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     if row.variant == UNPATCHED:
         return Verdict("open", f"{row.answerer} recognises {how_many} of {what} images, without patches.")
     sentence = f"{row.answerer} recognises {how_many} of {what} images with {row.variant}"
+    # networks are compared with their own answers without patches
     before, difference = summary.unpatched_of(row), summary.differences_of(row).get("unpatched")
     if before is None:
         return Verdict("open", f"{sentence}.")
@@ -289,6 +291,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     sentence += f", {_format_share(before.top1 or 0.0, before.top1_ci95)} without"
     if difference.ci95 is None:
         return Verdict("open", f"{sentence}: {format_points(difference.difference)} points.")
+    # an interval that includes zero shows no difference
     tone = find_tone(difference.ci95)
     points = f"{format_points(difference.difference)} points ({format_points_interval(difference.ci95)})"
     return Verdict(tone, f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}.")

@@ -82,6 +82,7 @@ def open_variants(
     networks: dict[str, Classifier] = {"": classifier}
     boosted: list[Variant] = []
     notes: list[str] = []
+    # each patch set, with the network that is named after its `@`
     for word in dict.fromkeys(words):
         name, _, model = word.partition("@")
         network = networks[model] = networks.get(model) or load(model)
@@ -99,6 +100,7 @@ def open_variants(
                 "smaller ones",
                 {"patches": name},
             )
+        # codes are decoded beside the network's answers, if a decoder is installed
         readers, missing = _find_readers(patches)
         notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
         boosted.append(Variant(name, patches, network, tuple(readers)))
@@ -108,6 +110,7 @@ def open_variants(
         # results are kept by the network's name
         if names.count(name) > 1:
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
+    # every network needs its own baseline without patches, and needs it once
     variants = [Variant(UNPATCHED, None, classifier)]
     for variant in boosted:
         if all(known.classifier.name != variant.classifier.name for known in variants):
@@ -306,6 +309,7 @@ def rank_images(
                 except BadAnswer as error:
                     raise error.at(images.ids[part]) from None
 
+    # on a CPU parts share the cores; a GPU takes them in turn
     if device == "cpu":
         run_each(work, len(parts))
     else:

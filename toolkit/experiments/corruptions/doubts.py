@@ -77,6 +77,7 @@ def _find_trained(name: str, patches: PatchSet, data: str, hashes: set[str]) -> 
     short, trained, is_alike = {sha256[:HASH_DIGITS]: sha256 for sha256 in hashes}, set[str](), False
     for patch in patches.patches.values():
         about = patch.record.data
+        # hashes of the training images are proof; without them a folder of the same name is a hint
         listed, sources = str(about.get(IMAGE_HASHES, "")).split(), about.get("sources")
         trained |= {short[digits] for digits in listed if digits in short}
         names = (

@@ -161,6 +161,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
             kept.write(task, files)
         cache.add(FrameAnswers(frame=frame, answers=answers))
 
+    # answers are kept frame by frame, so an interrupted run resumes
     units = list_units(asked, missing, engine)
     ran = run_resumable(
         "evaluating (pictures)", wanted, missing, units, keep, engine, log.parent, lambda task: len(task.weathers)
