@@ -146,6 +146,7 @@ class RayEngine:
 
         ray.wait([reference])
         try:
+            # a unit that runs out of memory or kills its worker fails alone
             results, reason, is_fit = ray.get(reference)
         except ray.exceptions.OutOfMemoryError:
             return [], "its node's memory is full"
@@ -153,6 +154,7 @@ class RayEngine:
             return [], KILLED
         except Exception as error:
             return [], explain_failure(error)
+        # other libraries would fail every unit of that node: stop the run
         if not is_fit:
             raise ToolkitError(reason)
         return results, reason
@@ -160,6 +162,7 @@ class RayEngine:
     def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray
 
+        # shared values are in the object store already; the rest is sent with the unit
         shared = {at: value for at, value in enumerate(unit.inputs) if isinstance(value, InStore)}
         own = tuple(None if at in shared else value for at, value in enumerate(unit.inputs))
         try:
@@ -216,7 +219,7 @@ def _speaks_http2(line: socket.socket) -> bool:
 
 
 def explain_start(where: str, error: Exception) -> str:
-    """Why Ray could not be reached or started, in a line."""
+    """Return in a line why Ray could not be reached or started."""
     said = " ".join(str(error).split())
     found = re.findall(r"Ray: (\S+) Python: (\S+)", said)
     if len(found) == 2:
@@ -236,7 +239,7 @@ def list_versions() -> dict[str, str]:
 
 
 def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
-    """What a node has otherwise than the driver, in words; empty where it is the same."""
+    """Return how a node's libraries differ from the driver's, in words; empty if they are the same."""
     return ", ".join(f"{name} {here[name]} for {version}" for name, version in wanted.items() if here[name] != version)
 
 

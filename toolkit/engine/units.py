@@ -110,7 +110,7 @@ def explain_failure(error: BaseException) -> Reason:
 
 
 def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -> tuple[list[Result], str]:
-    """The results of a unit until it ended or failed, and the reason where it failed."""
+    """Return the results of a unit until it ended or failed, and the reason if it failed."""
     results: list[Result] = []
     try:
         results.extend(work(*inputs))
@@ -149,6 +149,7 @@ def run_ahead(
         waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, PREFETCH * workers - len(waiting))))
         if not waiting:
             return
+        # in the order of submission: results come back as if a single process had done them
         unit, pending = waiting.popleft()
         results, reason = end(unit, pending, waiting)
         yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
@@ -163,7 +164,7 @@ Item = TypeVar("Item")
 
 FAILURES = "failures.log"
 MOST_TRACES = 100
-"""In that file; a hundred show what is wrong."""
+"""Largest number of tracebacks in that file; a hundred show what is wrong."""
 GIVE_UP_AFTER = 3
 """Number of first units that must fail for the same reason before the run gives up: the fault is the run's."""
 
@@ -233,6 +234,7 @@ def run_resumable(
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
     log = _FailureLog(folder)
+    # tracebacks of an earlier run would be mistaken for this run's
     if missing:
         log.clear()
     made = 0
@@ -249,6 +251,7 @@ def run_resumable(
             # after `keep`: what the bar counts is on disk
             made += weigh(item)
             bar.advance(weigh(item), note=outcome.unit.name)
+    # a run without a single result is an error, not an empty result
     if failed and not made and todo == total:
         raise ToolkitError(failed[0][1])
     return Ran(made, total - todo, tuple(failed))
@@ -276,7 +279,7 @@ class _FailureLog:
 
 
 def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
-    """The units, each named on the bar as it is begun."""
+    """Yield the units, each named on the bar when it starts."""
     bar.advance(0, note="preparing")
     for unit in units:
         bar.advance(0, note=unit.name)

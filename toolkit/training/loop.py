@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 OPTIMISERS = ("sign", "sgd", "adam")
 SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
 LAST_LR_SHARE = 0.05
-"""Final learning rate of the falling schedules, as a share of the highest. For pixels it is half an 8-bit level."""
+"""Lowest learning rate of the falling schedules, as a share of the highest. For pixels it is half an 8-bit level."""
 # torch's OneCycleLR by default: 1/25 of the highest rate at first, and 1e-4 of that at last
 CYCLE_FIRST_SHARE, CYCLE_LAST_SHARE = 0.04, 1e-4
 TINY = 1e-12

@@ -348,7 +348,7 @@ def read_judged(folder: Path) -> Judged:
     """An entry with its score, as it stands in the files.
 
     Raises:
-        ToolkitError: no entry, no score, or a damaged one.
+        ToolkitError: no entry, no score, or a damaged score.
     """
     entry = read_entry(folder)
     files = [entry.folder / SCORE / name for name in (SCORE_FILE, OUTCOMES)]
