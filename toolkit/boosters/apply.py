@@ -1,4 +1,4 @@
-"""Lay patches on batches of images: one patch at random, or each image's own by its seed; differentiable."""
+"""Lay patches on batches of images: a patch at random, or each image's own by its seed; differentiable."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ def apply_patch(
 
     Args:
         images: x, (b, 3, h, w) float, sRGB-encoded in [0, 1], not normalised, on any device.
-        patch: θ, (3, n, n) float in [0, 1] for all images, or (b, 3, n, n) with one for each.
+        patch: θ, (3, n, n) float in [0, 1] for all images, or (b, 3, n, n) with a patch for each.
         seed: of the placements. Image i depends on (seed, i) alone: give the number of the step. With a sequence of b
             seeds image i depends on seeds[i] alone, whatever its place in the batch.
         placement: what is drawn; by default `AffineRanges()`: any turn, a side of 20 to 42 % of the image's shorter
@@ -41,7 +41,7 @@ def apply_patch(
         (b, 3, h, w) of the images' type, sRGB-encoded in [0, 1].
 
     Raises:
-        ToolkitError: another shape, integers instead of floats, or not one seed or patch for each image.
+        ToolkitError: another shape, integers instead of floats, or seeds or patches that do not match the images.
     """
     import torch
 
@@ -69,7 +69,7 @@ def _draw_placements(
 ) -> np.ndarray:
     """(count, 3, 3) `T_image_patch`, each with a generator of its own."""
     # a generator for each image, so that it depends on neither order nor size of the batch
-    streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(one,) for one in seed]
+    streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(part,) for part in seed]
     return np.concatenate([placement.place(np.random.default_rng(s), 1, patch_px, image_px) for s in streams])
 
 
@@ -118,7 +118,7 @@ def boost_images(
         images: x, (b, 3, m, m) sRGB-encoded in [0, 1].
         pictures: θ of each image's class, (b, 3, n, n) sRGB-encoded in [0, 1].
         placement: the ranges of T.
-        seeds: b, one for each image.
+        seeds: b, a seed for each image.
 
     Returns:
         (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in both.

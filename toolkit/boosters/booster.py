@@ -1,4 +1,4 @@
-"""The one run behind every booster: its files, its loop and what it goes on from, its record, and its preview."""
+"""The run behind every booster: its files, its loop and what it goes on from, its record, and its preview."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -65,7 +65,7 @@ class TrainedBooster:
         }  # fmt: skip
 
     def was_there(self) -> str:
-        """The line for a run that an earlier one had finished."""
+        """Return the line for a run that was finished before."""
         return f"{self.files.png} was trained with these inputs before: nothing to do; --restart trains it again"
 
 
@@ -119,7 +119,7 @@ class BoosterTask(PixelTask[Trained]):
 def train_booster(
     task: BoosterTask[Trained], *, restart: bool, checkpoint_every_s: float, shared: Sequence[str] = ()
 ) -> Trained:
-    """Train, or take the run up where an interrupted one of the same inputs left it.
+    """Train, or resume an interrupted run of the same inputs.
 
     Args:
         task: the booster.

@@ -21,7 +21,7 @@ from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.local import InProcess
-from toolkit.engine.units import Engine, Shared, Unit, give, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit, done_unit, run_resumable
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch
@@ -62,12 +62,12 @@ class ClassPatches:
     @property
     def sets(self) -> list[str]:
         """Names of the sets."""
-        return list(dict.fromkeys(one.set_name for one in self.patches))
+        return list(dict.fromkeys(patch.set_name for patch in self.patches))
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
         lost = [{"path": path, "reason": reason} for path, reason in self.skipped]
-        return {"sets": self.sets, "patches": [asdict(one) for one in self.patches], "skipped": lost}
+        return {"sets": self.sets, "patches": [asdict(patch) for patch in self.patches], "skipped": lost}
 
     def lines(self) -> Iterator[str]:
         """How many lie where."""
@@ -104,12 +104,12 @@ def train_class_patches(
     config: ClassPatchesConfig, patch: PatchConfig, images: ImageSet, classes: Sequence[int], network: Network,
     workspace: Workspace, *, restart: bool = False, engine: EngineConfig | None = None,
 ) -> ClassPatches:  # fmt: skip
-    """Train every patch that is not finished; one that fails is listed, and the others are trained.
+    """Train every patch that is not finished; a failed patch is listed, and the others are trained.
 
     An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches that
     are half done begin anew. The engine changes no result.
 
-    In memory are the images of a class (or of all, once) and one patch, n × n, at a time; with workers, those of the
+    In memory are the images of a class (or of all, once) and a patch, n × n, at a time; with workers, those of the
     units that wait.
 
     Args:
@@ -132,7 +132,8 @@ def train_class_patches(
         raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: take one of them", {})
     folder = workspace.root / "print" / "patches"
     orders = {
-        f"{one.out.name}/{one.name}": one for one in _list_orders(config, patch, classes, network, folder, restart)
+        f"{order.out.name}/{order.name}": order
+        for order in _list_orders(config, patch, classes, network, folder, restart)
     }
     source = _Source(images, config, network.preprocessing)
     done: dict[str, ClassPatch] = {}
@@ -146,7 +147,7 @@ def train_class_patches(
         told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
         notice(f"{name}: {told}")
 
-    # what stops one of torchrun's processes has to stop all of them
+    # what stops any of torchrun's processes has to stop all of them
     opened = InProcess(raises=True) if is_torchrun else engine.open(gpus=int(network.device != "cpu"))
     with opened as workers:
         units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
@@ -191,9 +192,9 @@ def _list_units(
         if not order.restart and read_finished(read_patch, files, key):
             # what a kill after the patch and before its own clean-up has left
             Checkpoint(files.training, key, shared=RENDERS).remove()
-            yield Unit((name,), give, ((None, {}),), name)
+            yield Unit((name,), done_unit, ((None, {}),), name)
             continue
-        # shared once for all patches of the same images, which come one after the other
+        # shared once for all patches of the same images, which are trained in turn
         if held is None or held[0] is not data:
             held = data, engine.share(data)
         yield Unit((name,), train_unit, (shared, held[1], order, workspace, is_here), name)
@@ -228,12 +229,12 @@ class _Source:
         self._images, self._config, self._how = images, config, how
         self.skipped = list(images.refused)
         self.refused: dict[str, ToolkitError] = {}
-        # memory holds the images of one class at a time, or those of all classes once
+        # memory holds the images of a class at a time, or those of all classes once
         self._load = lru_cache(maxsize=1)(self._decode)
 
     def load(self, class_index: int) -> TrainingData:
         """Those of the class, or of all classes."""
-        count = sum(one.class_index == class_index for one in self._images.images)
+        count = sum(image.class_index == class_index for image in self._images.images)
         wanted = self._config.backgrounds
         own = wanted == "class" or (wanted == "auto" and count >= FEW_IMAGES)
         if own and not count:
@@ -242,7 +243,7 @@ class _Source:
         return self._load(class_index if own else None)
 
     def _decode(self, class_index: int | None) -> TrainingData:
-        found = [one for one in self._images.images if class_index in (None, one.class_index)]
+        found = [image for image in self._images.images if class_index in (None, image.class_index)]
         # whole squares at `resize_px`, so that training can cut at random
         square = replace(self._how, crop_px=self._how.resize_px)
         pixels: list[np.ndarray] = []

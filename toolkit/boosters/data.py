@@ -85,7 +85,7 @@ class FolderImages:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Images of one source.
+    """Images of a source.
 
     Attributes:
         images: (k, s, s, 3) uint8 sRGB.
@@ -132,6 +132,7 @@ def choose_images(
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
         raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
+    # images of the class are recognised by a folder's name, the given folder's too
     inside_class = plain_name(real_path(folder).name) in names
     own = tuple(
         parts for parts in found.images if inside_class or any(plain_name(part) in names for part in parts[:-1])
@@ -143,6 +144,7 @@ def choose_images(
         )
     if own and backgrounds != "all":
         return FolderImages(folder, own, "class", found.refused)
+    # without images of the class, all are backgrounds
     use = "class" if len(own) == len(found.images) else "backgrounds"
     return FolderImages(folder, found.images, use, found.refused)
 
@@ -160,7 +162,7 @@ def list_image_hashes(hashes: Sequence[str]) -> dict[str, Any]:
 def load_files(
     choice: FolderImages, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
 ) -> Loaded:
-    """Decode up to `count` images, chosen at random; one that cannot be read is skipped and another takes its place.
+    """Decode up to `count` images, chosen at random; an unreadable image is skipped and replaced.
 
     Args:
         choice: the files.
@@ -176,6 +178,7 @@ def load_files(
     images: list[np.ndarray] = []
     hashes: list[str] = []
     skipped = list(choice.refused)
+    # in random order, until enough images could be read
     for k in rng.permutation(len(choice.files)):
         if len(images) == count:
             break
@@ -196,7 +199,7 @@ def load_files(
 
 
 def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:
-    """The object to render: the one that is named after the colon, else the one whose class is trained.
+    """Return the object to render: named after the colon, else the object whose class is trained.
 
     Raises:
         ToolkitError: there is none, or several have that class.
@@ -278,7 +281,7 @@ class TrainingData:
         train, held_out: (k, s, s, 3) uint8 sRGB.
         skipped: (path, reason) of files that could not be used.
         record: for the patch's record: sources with counts, and the hash of all pixels.
-        is_held_out: False where there was but one image, which then serves for both.
+        is_held_out: False for a single image, which then serves for both.
     """
 
     train: np.ndarray
@@ -289,7 +292,7 @@ class TrainingData:
 
     @property
     def sha256(self) -> str:
-        """Of all pixels in their order."""
+        """Hash of all pixels in their order."""
         return self.record["sha256"]
 
 

@@ -61,7 +61,7 @@ class DetectorNetwork:
 
     @property
     def untrainable(self) -> str:
-        """Why no gradient leads back to the image; empty where one does."""
+        """Return why no gradient leads back to the image; empty if a gradient does."""
         return self.detector.untrainable
 
     @property
@@ -90,18 +90,20 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
     """The networks, where they are detectors; None where they are classifiers.
 
     Raises:
-        ToolkitError: some are the one and some the other.
+        ToolkitError: classifiers and detectors are mixed.
     """
-    found = [one for one in networks if isinstance(one, DetectorNetwork)]
+    found = [network for network in networks if isinstance(network, DetectorNetwork)]
     if found and len(found) < len(networks):
-        raise FieldError("name classifiers or detectors, not both", {"model": " ".join(one.arch for one in networks)})
+        raise FieldError(
+            "name classifiers or detectors, not both", {"model": " ".join(network.arch for network in networks)}
+        )
     return found or None
 
 
 def meet_networks(
     config: Settings, networks: Sequence[Network], class_name: str | int
 ) -> tuple[Settings, list[Target]]:
-    """The settings that act for these networks, and the class in each one's own labels.
+    """The settings that act for these networks, and the class in each network's own labels.
 
     Raises:
         ToolkitError: a network does not know the class or cannot be trained against, some are classifiers and some
@@ -111,7 +113,7 @@ def meet_networks(
     if find_detectors(networks):
         refuse_for_detectors([name for name, part in config.held_transforms() if part.stage in OF_NETWORKS])
     if config.feature_mixup is not None:
-        whole = [one for one in networks if not find_layers(getattr(one, "module", None))]
+        whole = [network for network in networks if not find_layers(getattr(network, "module", None))]
         if whole:
             expected = "its features cannot be reached, so {feature_mixup} cannot mix them: leave one of the two out"
             raise FieldError(expected, {"model": whole[0].arch})
@@ -134,15 +136,15 @@ def load_networks(
 
     Args:
         models, weights, device, folder: as for these; the name of a set stands for its networks.
-        may_mix: whether some may be the one and some the other: to judge, for none is trained against both.
+        may_mix: whether classifiers and detectors may be mixed, as judges; no training uses both.
 
     Raises:
-        ToolkitError: as these, two of one name, or some are the one and some the other and may not be.
+        ToolkitError: as these, two of the same name, or a mixture that is not allowed.
     """
-    if not may_mix:  # a network that is left out is one of its own, and no checkpoint of those that train
+    if not may_mix:  # a left-out network is a mixture by itself, and no checkpoint of those that train
         models = expand_sets(models, folder)
     networks = _load_each(models, weights, device, folder, may_mix)
-    names = [one.name for one in networks]
+    names = [network.name for network in networks]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         expected = f"several are called '{twice}': name each once; one of two files may have another 'name' in its TOML"
@@ -159,6 +161,7 @@ def _load_each(
     if any(map(may_be_detector, named)):
         from toolkit.models.load_detector import is_detector, load_detector
 
+        # detectors may be mixed with classifiers only as judges
         kinds = [is_detector(name) for name in named]
         if any(kinds):
             if not (all(kinds) or may_mix):

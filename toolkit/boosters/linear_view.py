@@ -1,4 +1,4 @@
-"""Photographs of an object, differentiable in the texture of one of its materials: Algorithm 2, forward and backward.
+"""Photographs of an object, differentiable in the texture of a material: Algorithm 2, forward and backward.
 
 The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.shading.LinearView`s.
 """
@@ -181,7 +181,7 @@ class ViewBatch:
 def batch_views(
     views: list[LinearView], device: str, behind: "list[np.ndarray | None] | None" = None, half: bool = False
 ) -> ViewBatch:
-    """Put views of one size together.
+    """Put views of the same size together.
 
     Args:
         views: at least one.
@@ -253,7 +253,9 @@ def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor |
 
     count, height, width, _ = batch.still.shape
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
-    photos = torch.stack([tone_map(still * one) for still, one in zip(batch.still, factor, strict=True)]).view(-1, 3)
+    photos = torch.stack([tone_map(still * scale) for still, scale in zip(batch.still, factor, strict=True)]).view(
+        -1, 3
+    )
     # only pixels that show the material carry a gradient, and they may be few
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(linear), batch.uv, batch.lod) * batch.gain

@@ -1,6 +1,6 @@
 """Training on the mounted sheets: the patch as the rig shows it on its object, bent, lit and partly hidden.
 
-Its paper is one material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with a white margin.
+Its paper is a material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with a white margin.
 """
 
 from collections.abc import Callable, Sequence
@@ -55,7 +55,7 @@ class MountedViews:
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
         boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
-        held_out: how many of the last ones are never trained on; None: a fifth.
+        held_out: how many of the last views are never trained on; None: a fifth.
     """
 
     batch: ViewBatch
@@ -69,7 +69,7 @@ class MountedViews:
         return len(self.batch)
 
     def divide(self) -> tuple["MountedViews", "MountedViews"]:
-        """Those to train on, and the last ones, which are held out."""
+        """Return the views to train on, and the last views, which are held out."""
         kept = len(self) - (count_held_out(len(self)) if self.held_out is None else self.held_out)
         train, held_out = (
             replace(
@@ -113,7 +113,7 @@ def render_mounted_views(
         setting: the world that they are taken in, where the object has its real size; None: studios.
 
     Raises:
-        ToolkitError: a sheet that cannot be mounted, or no real size where one is needed.
+        ToolkitError: a sheet that cannot be mounted, or no real size where it is needed.
     """
     subject = make_sheet_subject(item, sizes_mm, patch_px, at_real_size=setting is not None)
     views: list[LinearView] = []
@@ -125,7 +125,7 @@ def render_mounted_views(
                 (subject,), settings, seed, TRAIN, block,
                 setting=setting or IN_STUDIO, with_depth=with_depth, threads=None,
             )  # fmt: skip
-            views += [one.view for one in taken]
+            views += [mounted.view for mounted in taken]
             bar.advance(len(taken))
     return views
 
@@ -139,7 +139,7 @@ def make_sheet_subject(
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
-    material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
+    material = next(k for k, candidate in enumerate(mesh.materials) if candidate.texture is paper)
     if at_real_size:
         mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
     return PaintableObject(mesh, material, mesh)

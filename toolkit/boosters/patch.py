@@ -105,7 +105,7 @@ class TrainedPatch(TrainedBooster):
         }  # fmt: skip
 
     def lines(self, object_name: str | None = None) -> Iterator[str]:
-        """What it is, how well it is recognised, and what comes next, for the object where one is named."""
+        """What it is, how well it is recognised, and what comes next, for the object if it is named."""
         record, files = self.patch.record, self.files
         if self.was_finished:
             yield self.was_there()
@@ -122,7 +122,7 @@ class TrainedPatch(TrainedBooster):
             yield f"note: the rig puts a patch called '{object_name}' on {object_name}: leave out --name for that"
 
     def _describe_shares(self, record: PatchRecord) -> Iterator[str]:
-        """First on the object, where it was put on one: that is what a camera sees."""
+        """First on the object, if it was put on an object: that is what a camera sees."""
         final = record.final
         for answer in self.on_object:
             where = f"{answer.network} on the object, held-out views"
@@ -162,7 +162,7 @@ def train_patch(
     Args:
         config: every setting, see `make_config` and `RECIPES`.
         class_name: a label of the networks, an index, or a WordNet id.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         data: which images, or images that are in memory already.
         workspace: whose folders and objects are used.
         name: of the patch's files; by default from the label.
@@ -178,6 +178,7 @@ def train_patch(
     detectors = find_detectors(networks)
     if detectors is not None:
         config = config.model_copy(update={"mounted_share": 1.0})
+    # the first network leads: its labels name the class, its crop bounds the patch
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -194,6 +195,7 @@ def train_patch(
             raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
     else:
         views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data)
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     kind = PatchTask if detectors is None else DetectorPatchTask
@@ -230,6 +232,7 @@ def _render_views(
     if rig_source is None:
         found = {"mounted_share": config.mounted_share}
         raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
+    # the object, with sheets of the size at which the patch is printed
     object_name = choose_object(workspace, rig_source, class_names)
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
     item = load_object(workspace.object_spec(object_name))
@@ -241,6 +244,7 @@ def _render_views(
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
+    # weather acts over metres: the rig's millimetres are converted, a world has metres already
     with_depth = config.weather is not None
     metres_per_unit = item.spec.metres_per_mm if with_depth and setting is None else 1.0
     views = render_mounted_views(
@@ -322,14 +326,17 @@ class PatchTask(BoosterTask[TrainedPatch]):
         """
         config, pixels, data = self.config, quantise(self.pixels), self._data
         printed = from_picture(pixels, self._device)
+        # on held-out photographs: as printed, without the corruptions of the training
         held_out = stack_on_device(data.held_out, self._device)
         clear = config.model_copy(update={"corrupted": None, "cutout": None}).appearance()
         with progress("Validating", count_placements(len(held_out))) as bar:
             validations = validate_patch(printed, held_out, self.targets, clear, config.seed, advance=bar.advance)
+        # again with every photograph corrupted, if the training had corruptions
         corrupted: list[Validation] = []
         if config.corrupted is not None:
             always = config.corrupted.with_overrides(probability=1.0)
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
+        # mounted on the object: in clear air, then in weather
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
         weathered: list[Validation] = []
@@ -338,6 +345,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        # the record: what was seen, how well it is recognised, at which size it is printed
         seen: dict[str, Any] = {} if views is None else {"mounted_views_sha256": views.sha256}
         if views is not None and len(views.sizes_mm) > 1:
             seen["sheets_mm"] = list(views.sizes_mm)
@@ -376,7 +384,7 @@ class DetectorPatchTask(PatchTask):
     """A patch that makes detectors find its object: the loss is theirs, at the object's place (Angelic Patches, 2023).
 
     Every image is a view of the object with its sheet, whose box is known. `accuracy` counts views in which the class
-    is the one that the network is surest of, wherever it sees it.
+    is the class of highest probability, wherever the network finds it.
     """
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""What decides a patch's pixels: the one declaration of its settings, its recipes, and what makes a config of them."""
+"""What decides a patch's pixels: the declaration of its settings, its recipes, and what makes a config of them."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -134,7 +134,7 @@ class PatchConfig(PixelConfig):
         return weigh
 
     def lines(self, networks: list[str]) -> list[str]:
-        """One line per setting or part that acts, `name  value`, and one for the parts that do not."""
+        """Return a line per active setting or part, `name  value`, and a line for the inactive parts."""
         epochs = "" if self.epochs is None else f" ({self.epochs} epochs)"
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
@@ -185,7 +185,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
     lengths = {name: fitted[name] for name in ("steps", "epochs") if fitted.get(name) is not None}
     if len(lengths) == 2:
         raise FieldError("expected one of the two", lengths)
-    # one of the two was asked for: the recipe's own must not stand beside it
+    # the request replaces the recipe's own setting
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
     if fitted.get("world") is not None:
@@ -231,7 +231,7 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
 def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
     """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's.
 
-    Of several sheets the first one's counts: inks bleed by its millimetres on a texel.
+    Of several sheets the first sheet's width counts: inks bleed by its millimetres on a texel.
     """
     size_mm = overrides.get("size_mm") or spec.mounts[0].size_mm
     if size_mm is None:

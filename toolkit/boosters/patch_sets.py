@@ -49,7 +49,7 @@ def name_class(labels: Sequence[str], index: int) -> str:
 
 @dataclass(frozen=True)
 class PatchSet:
-    """Pictures of one size, one for each class.
+    """Pictures of the same size, a picture for each class.
 
     Attributes:
         name: of the folder.
@@ -78,7 +78,7 @@ class PatchSet:
 
     @property
     def sha256(self) -> str:
-        """Of all pictures and the classes that they stand for."""
+        """Hash of all pictures and their classes."""
         return sha256_bytes(repr([(k, self.patches[k].record.png_sha256) for k in sorted(self.patches)]).encode())
 
     def stack(self, classes: "np.ndarray") -> "np.ndarray":
@@ -93,8 +93,8 @@ def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) ->
     """Read all pictures of a set and check them against the labels that they shall stand for, if any are given.
 
     Raises:
-        ToolkitError: no such set, pictures of several sizes or two of a class, one that is damaged, or a class that is
-            not the one that the labels have at its index.
+        ToolkitError: no such set, pictures of several sizes or two of a class, a damaged picture, or a class that is
+            not the label at its index.
     """
     from toolkit.objects.records import read_patch
 

@@ -64,7 +64,7 @@ class DataConfig(Config):
 
     @property
     def rig_source(self) -> str | None:
-        """The first source that is renders of an object, where there is one."""
+        """Return the first source that is renders of an object; None without such a source."""
         return next((source for source in self.sources if is_rig_source(source)), None)
 
 
@@ -177,7 +177,11 @@ class PixelConfig(Config):
     def held_transforms(self) -> list[tuple[str, Transform]]:
         """(field, part) of each transform that a field holds, alone or in a tuple, in the order of the fields."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
-        flat = [(name, part) for name, one in held for part in (one if isinstance(one, tuple) else (one,))]
+        flat = [
+            (name, part)
+            for name, transform in held
+            for part in (transform if isinstance(transform, tuple) else (transform,))
+        ]
         return [(name, part) for name, part in flat if isinstance(part, Transform)]
 
     def transforms(self, stage: str) -> tuple[Any, ...]:
@@ -187,7 +191,7 @@ class PixelConfig(Config):
     def transform_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
         """(name, value) of the transforms that act, in the order in which they do; those of some stages do not."""
         # a stable sort: within a stage the fields' order decides, as it does in a step
-        held = sorted(self.held_transforms(), key=lambda one: STAGES.index(one[1].stage))
+        held = sorted(self.held_transforms(), key=lambda held_stage: STAGES.index(held_stage[1].stage))
         rows = [
             (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
             for name, part in held if part.stage not in (*idle_stages, *OF_NETWORKS)
@@ -211,8 +215,8 @@ class PixelConfig(Config):
         return self.steps
 
     def for_networks(self: "Settings", count: int) -> "Settings":
-        """The same for so many networks: of one there is no ensemble, and of several one of the ways acts."""
-        # part of the settings that are hashed: with one network every way gives the same pixels
+        """Return the config for so many networks: a single network has no ensemble, several need a way to combine."""
+        # part of the settings that are hashed: with a single network every way gives the same pixels
         wanted = None if count == 1 else self.ensemble or DEFAULT_ENSEMBLE
         return self.model_copy(update={"ensemble": wanted})
 
@@ -268,11 +272,11 @@ def make_camera() -> CameraParts:
 
 def record_transforms(transforms: Sequence[Transform]) -> dict[str, Any] | None:
     """The settings of transforms under their names; None where there are none."""
-    return {type(one).__name__: one.model_dump() for one in transforms} or None
+    return {type(transform).__name__: transform.model_dump() for transform in transforms} or None
 
 
 def name_files(name: str | None, label: str, index: int) -> str:
-    """A booster's file name without suffix: the one that was asked for, else from its class.
+    """A booster's file name without suffix: the requested name, else a name from its class.
 
     Raises:
         FieldError: the name that was asked for cannot be a file's everywhere.

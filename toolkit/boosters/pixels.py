@@ -59,7 +59,7 @@ class Target:
 
     @property
     def label(self) -> str:
-        """Of the class."""
+        """Label of the class."""
         return self.classifier.labels[self.class_index]
 
     def logits(self, photos: torch.Tensor) -> torch.Tensor:
@@ -81,7 +81,7 @@ class Target:
 
 
 def _in_parts(photos: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Of (b, 3, m, m) photographs as many at a time as a network is asked about; all on a GPU, which needs many."""
+    """Split (b, 3, m, m) photographs into the parts of a forward pass; a GPU takes all of them at once."""
     return photos.split(PER_THREAD * torch.get_num_threads()) if photos.device.type == "cpu" else (photos,)
 
 
@@ -107,7 +107,7 @@ class PixelTask(TrainingTask[Made]):
         Args:
             config: how θ is moved.
             size_px: n.
-            targets: the networks, at least one; θ is trained where the first one runs.
+            targets: the networks, at least one network; θ is trained on the device of the first.
             optimiser: by which rule.
         """
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
@@ -188,7 +188,7 @@ def judge_photos(
 
 
 def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tuple[torch.Tensor, float]:
-    """`judge_photos` of one network, a part at a time: what it keeps of photographs for the way back is much memory."""
+    """`judge_photos` of a network, a part at a time: what it keeps of photographs for the way back is much memory."""
     if not photos.requires_grad:
         return judge_photos(photos, [target], objective)
     value, recognised = photos.new_zeros(()), 0.0
@@ -207,7 +207,7 @@ def judge_ensemble(
 ) -> tuple[torch.Tensor, float]:  # fmt: skip
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
-    What networks share carries over to those that were never asked; what one of them has alone does not. The means are
+    What networks share carries over to unseen networks; what a single network has alone does not. The means are
     those of the literature on transfer: an ensemble (Liu et al. 2017), diverse inputs (DI; Xie et al. 2019), the logit
     in place of the cross-entropy (Zhao et al. 2021). Momentum (MI; Dong et al. 2018) and smoothed gradients (TI; Dong
     et al. 2019) are in `PixelTask.adjust_gradients`.
@@ -226,16 +226,16 @@ def judge_ensemble(
     def ask(seen: torch.Tensor, number: int) -> tuple[torch.Tensor, float]:
         target = targets[number].folded
         # drawn for each network by its number: they do not look at the same cut
-        for one in config.transforms("network"):
-            seen = one.change(seen, one.rng(draws, f" {number}"))
+        for transform in config.transforms("network"):
+            seen = transform.change(seen, transform.rng(draws, f" {number}"))
         if clean is None:
             return judge_in_parts(current().share(seen), target, config.objective)
         network, see_clean = target.classifier, partial(judge_photos, clean, [target])
         assert isinstance(network, Classifier)
         with ExitStack() as acting:
-            for one in config.transforms("features"):
+            for transform in config.transforms("features"):
                 side = network.preprocessing.crop_px
-                acting.enter_context(one.inside(network.module, side, see_clean, draws, f" {number}"))
+                acting.enter_context(transform.inside(network.module, side, see_clean, draws, f" {number}"))
             return judge_photos(current().share(seen), [target], config.objective)
 
     if config.ensemble == "turns":
@@ -255,7 +255,7 @@ def choose_turn(seed: int, step: int, count: int) -> int:
 def _normalise(
     photos: torch.Tensor, ask: Callable[[torch.Tensor, int], tuple[torch.Tensor, float]], count: int
 ) -> tuple[torch.Tensor, float]:
-    """One network after the other, each graph freed before the next; one way back through the render for all."""
+    """Network after network, each graph freed before the next; one way back through the render for all."""
     # a leaf of its own: the render's graph is walked once, with the joined gradient
     seen = photos.detach().requires_grad_(True)
     value, recognised = photos.new_zeros(()), []
@@ -266,14 +266,16 @@ def _normalise(
         value = value + loss.detach()
         recognised.append(hits)
     # of the whole batch, of which each process holds a part
-    lengths = current().add(torch.stack([one.square().sum() for one in gradients])).sqrt()
+    lengths = current().add(torch.stack([gradient.square().sum() for gradient in gradients])).sqrt()
     scales = lengths.mean() / lengths.clamp_min(1e-30)
-    joined = sum((one * scale for one, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos))
+    joined = sum(
+        (gradient * scale for gradient, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos)
+    )
     return _stand_in(photos, joined, value), _mean(recognised)
 
 
 def _stand_in(photos: torch.Tensor, gradient: torch.Tensor, value: torch.Tensor) -> torch.Tensor:
-    """A scalar of this value whose gradient by the photographs is this one."""
+    """Return a scalar with this value and this gradient by the photographs."""
     along = (photos * gradient).sum()
     return along - along.detach() + value
 
@@ -288,10 +290,11 @@ def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[
     Raises:
         ToolkitError: a network does not know it, or cannot be trained against.
     """
-    for one in networks:
-        if one.untrainable:
+    for network in networks:
+        if network.untrainable:
             raise FieldError(
-                f"it can judge, but no booster can be trained against it: {one.untrainable}", {"model": one.arch}
+                f"it can judge, but no booster can be trained against it: {network.untrainable}",
+                {"model": network.arch},
             )
     return [Target(network, network.class_index(class_name)) for network in networks]
 
@@ -318,8 +321,8 @@ def record_network(classifier: Network) -> records.NetworkRecord:
 def list_networks(targets: list[Target]) -> list[list[object]]:
     """The networks and their classes, as hashes of inputs name them; of programs also what a TOML says of images."""
     rows: list[list[object]] = []
-    for one in targets:
-        network = one.classifier
+    for target in targets:
+        network = target.classifier
         said = [network.preprocessing.describe()] if is_program(network.arch) else []
-        rows.append([network.arch, network.weights.sha256, one.class_index, *said])
+        rows.append([network.arch, network.weights.sha256, target.class_index, *said])
     return rows

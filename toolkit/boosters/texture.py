@@ -95,7 +95,7 @@ class TrainedTexture(TrainedBooster):
                 yield f"{glb}: the object in it, for Blender, Unreal, three.js"
             yield f"{files.preview}: the object turning, with the network's first guess"
             yield from say_held_out(self.validations, "with the texture")
-        shown = " ".join(f"--object {one.name}" for one in record.objects)
+        shown = " ".join(f"--object {item.name}" for item in record.objects)
         yield f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/"
 
 
@@ -118,13 +118,13 @@ def train_texture(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         workspace: whose folders and objects are used.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the objects' specs name.
         name: of the texture's files; by default the object's, for several objects the class's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; None: one for each core; 0: none.
+        workers: threads that render ahead; None: a thread for each core; 0: none.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:
@@ -137,6 +137,7 @@ def train_texture(
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
     decides = [
         METHOD_VERSION, name, list_networks(targets),
@@ -169,14 +170,14 @@ class SurfaceTask(BoosterTask[Trained]):
         Args:
             config, targets, files, inputs_sha256: see `BoosterTask`.
             inputs: what it is trained on.
-            workers: threads that render ahead; None: one for each core; 0: none.
+            workers: threads that render ahead; None: a thread for each core; 0: none.
         """
         super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
         self.title = f"Training {files.training.name}"
         self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
         is_model = config.weather is not None and config.world is None
-        self._metres = [one.metres_per_mm if is_model else 1.0 for one in inputs.objects]
+        self._metres = [item.metres_per_mm if is_model else 1.0 for item in inputs.objects]
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
         self._allowed: dict[str, Any] = {}
 
@@ -212,13 +213,13 @@ class SurfaceTask(BoosterTask[Trained]):
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
         inputs = self.inputs
-        world = None if inputs.setting is None else inputs.setting.describe([one.mesh for one in inputs.at_real_size])
-        return self.config.lines(self.targets[0].label, [one.describe() for one in inputs.objects], names, world)
+        world = None if inputs.setting is None else inputs.setting.describe([item.mesh for item in inputs.at_real_size])
+        return self.config.lines(self.targets[0].label, [item.describe() for item in inputs.objects], names, world)
 
     @contextmanager
     def open(self) -> Iterator[None]:
         """Start the threads that render, and set the turntable up."""
-        subjects, device = [one.subject() for one in self.inputs.objects], str(self.pixels.device)
+        subjects, device = [item.subject() for item in self.inputs.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
         self._stream = ViewStream(
@@ -233,20 +234,23 @@ class SurfaceTask(BoosterTask[Trained]):
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy of photographs of random views; the first step of a group waits until it is rendered."""
         config, draws = self.config, Draws(self.config.seed, step)
+        # the views of the step, with photographs behind them
         group, inside = divmod(step, config.steps_per_group)
         views = choose_views(self._stream.group(group), config, group, inside)
         behind = choose_backgrounds(
             self.inputs.backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
         )
-        batch = batch_views([one.view for one in views], str(self.pixels.device), behind).to(self.pixels.dtype)
+        batch = batch_views([view.view for view in views], str(self.pixels.device), behind).to(self.pixels.dtype)
+        # weather acts on the light of the render, by its depth
         if config.weather is not None:
             rng = config.weather.rng(draws)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
         photos = take_photos(self.dilated(), batch, config, draws)
         if find_detectors([target.classifier for target in self.targets]):
-            boxes = np.array([box_of_coverage(one.view.coverage) for one in views], np.float32)
+            boxes = np.array([box_of_coverage(view.view.coverage) for view in views], np.float32)
             loss, recognised = judge_detectors(photos, self.targets, boxes)
         else:
+            # feature mixup needs the same views with a grey object
             clean = None
             if config.feature_mixup is not None:
                 with torch.no_grad():
@@ -273,18 +277,21 @@ class SurfaceTask(BoosterTask[Trained]):
                 corrupted=config.corrupted, weather=config.weather, metres_per_unit=self._metres,
             )  # fmt: skip
             bar.advance()
+        # the record: what was rendered, and the shares by condition
         views: dict[str, Any] = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
-            "objects": [one.name for one in inputs.objects],
+            "objects": [item.name for item in inputs.objects],
         }
         if inputs.setting is not None:
-            views["world"] = inputs.setting.record([one.mesh for one in inputs.at_real_size])
+            views["world"] = inputs.setting.record([item.mesh for item in inputs.at_real_size])
         shares = {
-            "held_out": [one.clear for one in validations],
-            "held_out_fog": [one.fog for one in validations],
-            "held_out_corrupted": [one.corrupted for one in validations if one.corrupted is not None],
-            "held_out_weather": [one.weather for one in validations if one.weather is not None],
+            "held_out": [validation.clear for validation in validations],
+            "held_out_fog": [validation.fog for validation in validations],
+            "held_out_corrupted": [
+                validation.corrupted for validation in validations if validation.corrupted is not None
+            ],
+            "held_out_weather": [validation.weather for validation in validations if validation.weather is not None],
         }
         record = self.record(
             history, {"views": views, "backgrounds": inputs.backgrounds.record},
@@ -309,7 +316,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
     @cached_property
     def _glbs(self) -> dict[str, Path]:
         folder, name = self.files.png.parent, self.files.png.stem
-        return {one.name: folder / glb_name(name, one.name) for one in self.inputs.objects}
+        return {item.name: folder / glb_name(name, item.name) for item in self.inputs.objects}
 
     def find_finished(self) -> TrainedTexture | None:
         """The texture, where its files are whole and of the same inputs."""
@@ -323,16 +330,16 @@ class TextureTask(SurfaceTask[TrainedTexture]):
         """Write texture, record and the objects in it."""
         config, inputs = self.config, self.inputs
         worn = [
-            {"name": one.name, "mesh_sha256": one.item.shape_sha256, "keep": list(config.keep)}
-            for one in inputs.objects
+            {"name": item.name, "mesh_sha256": item.item.shape_sha256, "keep": list(config.keep)}
+            for item in inputs.objects
         ]
         texture = write_texture(
             self.files.png.parent,
             pixels,
             record | {"objects": worn},
-            corner_uv={one.name: one.atlas.corner_uv for one in inputs.objects if one.atlas.unwrapped},
+            corner_uv={item.name: item.atlas.corner_uv for item in inputs.objects if item.atlas.unwrapped},
             keep_images={} if inputs.keep_image is None else {inputs.objects[0].name: inputs.keep_image},
-            glbs={one.name: to_glb(apply_texture(one.atlas, pixels), one.name) for one in inputs.objects},
+            glbs={item.name: to_glb(apply_texture(item.atlas, pixels), item.name) for item in inputs.objects},
         )
         skipped = inputs.backgrounds.skipped
         return TrainedTexture(
@@ -346,11 +353,11 @@ def take_photos(texture: torch.Tensor, batch: ViewBatch, config: TextureConfig, 
     for printer in config.transforms("print"):
         texture = printer.change(texture, printer.rng(draws))
     light: torch.Tensor | float = 1.0
-    for one in config.transforms("light"):
-        light = light * one.draw(one.rng(draws), count, texture)
+    for transform in config.transforms("light"):
+        light = light * transform.draw(transform.rng(draws), count, texture)
     photos = show_texture(texture, batch, config.gradient, light)
-    for one in config.transforms("photo"):
-        photos = one.change(photos, one.rng(draws))
+    for transform in config.transforms("photo"):
+        photos = transform.change(photos, transform.rng(draws))
     return photos
 
 

@@ -1,4 +1,4 @@
-"""What decides the pixels of a texture, and of a wrap: the one declaration of their settings, and their recipes."""
+"""What decides the pixels of a texture, and of a wrap: the declaration of their settings, and their recipes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -251,7 +251,7 @@ def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
 
 
 def fit_recipe(recipes: dict[str, Surface], recipe: str, overrides: Mapping[str, Any]) -> Surface:
-    """A recipe with overrides; without photographs, the default one stays in the studio, and a world has its ranges.
+    """A recipe with overrides; without photographs, the default recipe stays in the studio, and a world has its ranges.
 
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.

@@ -37,7 +37,7 @@ class TexturedObject:
 
     @property
     def name(self) -> str:
-        """Of the object."""
+        """Name of the object."""
         return self.item.name
 
     def subject(self, at_real_size: bool = False) -> PaintableObject:
@@ -90,48 +90,48 @@ def read_start(file: Path, objects: Sequence[TexturedObject], size_px: int) -> n
         raise FieldError(
             f"is {texture.record.n_px} px a side: expected {size_px}, as {{size_px}} says", {"start": file}
         )
-    for one in objects:
-        check_fit(one.item, texture)
-        stored = texture.corner_uv.get(one.name)
+    for item in objects:
+        check_fit(item.item, texture)
+        stored = texture.corner_uv.get(item.name)
         # the same texels would lie elsewhere on the object
-        if one.atlas.unwrapped != (stored is not None) or (
-            stored is not None and not np.array_equal(stored, one.atlas.corner_uv)
+        if item.atlas.unwrapped != (stored is not None) or (
+            stored is not None and not np.array_equal(stored, item.atlas.corner_uv)
         ):
-            raise FieldError(f"has other texture coordinates of {one.name} than this run makes", {"start": file})
+            raise FieldError(f"has other texture coordinates of {item.name} than this run makes", {"start": file})
     return texture.pixels
 
 
 def find_source(objects: Sequence[TexturedObject]) -> np.ndarray:
     """(n, n) int64, which texel each takes its colour from: a texel that any object shows is its own."""
-    atlases = [one.atlas for one in objects]
+    atlases = [item.atlas for item in objects]
     if len(atlases) == 1:
         return atlases[0].source
-    # several objects show different texels of the one texture: what any of them shows is trained
+    # several objects show different texels of the shared texture: what any of them shows is trained
     return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in atlases]))
 
 
 def hash_objects(objects: Sequence[TexturedObject]) -> str:
     """Hash of the shapes, their texture coordinates, which faces keep their paint, and that paint."""
     parts: list[Any] = []
-    for one in objects:
-        uv = sha256_bytes(np.ascontiguousarray(one.atlas.corner_uv).tobytes())
-        trained = sha256_bytes(one.atlas.trained.tobytes())
-        kept = np.unique(one.atlas.mesh.face_material[~one.atlas.trained])
+    for item in objects:
+        uv = sha256_bytes(np.ascontiguousarray(item.atlas.corner_uv).tobytes())
+        trained = sha256_bytes(item.atlas.trained.tobytes())
+        kept = np.unique(item.atlas.mesh.face_material[~item.atlas.trained])
         # nothing where all is trained: then no paint is seen beside the texture
-        paint = [hash_paint(one.atlas.mesh.materials[index] for index in kept)] if len(kept) else []
-        parts.append([one.name, one.item.shape_sha256, uv, trained, one.atlas.covered.shape, *paint])
+        paint = [hash_paint(item.atlas.mesh.materials[index] for index in kept)] if len(kept) else []
+        parts.append([item.name, item.item.shape_sha256, uv, trained, item.atlas.covered.shape, *paint])
     return sha256_bytes(json.dumps(parts).encode())
 
 
 def choose_class(class_name: str | int | None, objects: Sequence[TexturedObject]) -> str | int:
-    """The class to train for: the one asked for, else the one that all objects have.
+    """Return the class to train for: the requested class, else the class that all objects have.
 
     Raises:
         FieldError: the objects have several.
     """
     if class_name is not None:
         return class_name
-    classes = {one.name: str(one.item.spec.class_name) for one in objects}
+    classes = {item.name: str(item.item.spec.class_name) for item in objects}
     if len(set(classes.values())) > 1:
         found = ", ".join(f"{name}: {label}" for name, label in classes.items())
         raise FieldError(f"the objects have several classes ({found}): say which is trained with {{class_name}}", {})
@@ -171,7 +171,7 @@ class TextureInputs:
         backgrounds: photographs; there may be none.
         setting: the world that it is trained in; None: studios.
         start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
-        paint: (n, n, 3) uint8 sRGB that `max_change` is counted from, where there is one.
+        paint: (n, n, 3) uint8 sRGB that `max_change` is counted from; None without a limit.
         keep_image: (h, w) bool mask of the only object, to be recorded.
     """
 
@@ -185,18 +185,18 @@ class TextureInputs:
     @property
     def at_real_size(self) -> list[PaintableObject]:
         """What is rendered for training: in a world at its real size."""
-        return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
+        return [item.subject(at_real_size=self.setting is not None) for item in self.objects]
 
     def sha256(self, needs_size: bool) -> str:
-        """Of all pixels and shapes, and of the objects' real sizes where these are needed."""
+        """Return the hash of all pixels and shapes, and of the objects' real sizes if `needs_size`."""
         parts = hash_objects(self.objects) + sha256_bytes(self.backgrounds.images.tobytes())
         if needs_size:
-            parts += "".join(f" {one.metres_per_mm!r}" for one in self.objects)
+            parts += "".join(f" {item.metres_per_mm!r}" for item in self.objects)
         # the start decides the pixels as the paint does, and without a start it is the paint
         given = (self.paint if self.start is None else self.start, self.paint)
-        parts += "".join(sha256_bytes(one.tobytes()) for one in given if one is not None)
+        parts += "".join(sha256_bytes(array.tobytes()) for array in given if array is not None)
         if self.setting is not None:
-            parts += json.dumps(self.setting.record([one.mesh for one in self.at_real_size]))
+            parts += json.dumps(self.setting.record([item.mesh for item in self.at_real_size]))
         return parts
 
 

@@ -26,7 +26,7 @@ def train_patch(
 ) -> TrainedPatch:  # fmt: skip
     """Train a patch that makes classifiers see a class, into `print/patches/NAME.png` and its record.
 
-    An interrupted run goes on where it stopped, and one that was finished before comes back as it is: the same
+    An interrupted run goes on where it stopped, and a finished run is returned as it is: the same
     arguments give the same pixels.
 
     Args:
@@ -49,7 +49,7 @@ def train_patch(
         images with the patch and without.
 
     Raises:
-        ToolkitError: an unknown class, recipe or setting, one that is out of its range, data that cannot be used, or
+        ToolkitError: an unknown class, recipe or setting, a value out of its range, data that cannot be used, or
             the disk is full.
     """
     sources = DataConfig(sources=tuple(map(str, data)), images=images, seed=seed)
@@ -66,11 +66,11 @@ def train_texture(
 ) -> TrainedTexture:  # fmt: skip
     """Train the whole surface of an object, into `rig/textures/NAME.png`, its record, and a GLB of the object in it.
 
-    An interrupted run goes on where it stopped, and one that was finished before comes back as it is.
+    An interrupted run goes on where it stopped, and a finished run is returned as it is.
 
     Args:
         workspace: whose objects are meant, and where the texture is written.
-        objects: name of the object; several of one class share one texture.
+        objects: name of the object; several of the same class share a texture.
         classifiers: the networks that shall see its class; the labels and the preprocessing of the first lead.
         class_name: a label of the classifiers, an index, or a WordNet id; by default the objects' own class.
         recipe: `default`, or `paper` for Algorithm 2 as published, which needs `backgrounds`.
@@ -81,7 +81,7 @@ def train_texture(
         name: of the files; by default the object's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; 0: none; by default one for each core.
+        workers: threads that render ahead; 0: none; by default a thread for each core.
         settings: instead of the recipe's: steps, batch, lr, reuse and so on, by the names of
             `toolkit.boosters.texture_config.TextureConfig`.
 
@@ -90,7 +90,7 @@ def train_texture(
         held-out views in the texture and in the object's own paint, clear and in fog.
 
     Raises:
-        ToolkitError: an unknown object, recipe or setting, one that is out of its range, photographs that cannot be
+        ToolkitError: an unknown object, recipe or setting, a value out of its range, photographs that cannot be
             used, or the disk is full.
     """
     config = texture_config.make_config(recipe, {
@@ -111,8 +111,8 @@ def train_wrap(
 ) -> TrainedWrap:  # fmt: skip
     """Train what is on the flat pieces of an object's wrap, into `print/wraps/NAME`: a picture of each, and a record.
 
-    The object's own plan is used, and one is made by default where it has none. The pieces are met as they will be:
-    printed, and stuck on a little beside their places. An interrupted run goes on where it stopped, and one that was
+    The object's own plan is used, and a default plan is made if it has none. The pieces are met as they will be:
+    printed, and stuck on a little beside their places. An interrupted run goes on where it stopped, and a run that was
     finished before comes back as it is.
 
     Args:
@@ -125,7 +125,7 @@ def train_wrap(
         print_profile: file of a printer that was measured, in place of printers that are drawn.
         seed: of every random draw.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; 0: none; by default one for each core.
+        workers: threads that render ahead; 0: none; by default a thread for each core.
         settings: instead of the recipe's: steps, batch, lr and so on, by the names of
             `toolkit.boosters.texture_config.WrapTrainConfig`; `misfit=False` sticks each piece exactly in its place.
 
@@ -134,7 +134,7 @@ def train_wrap(
         network how often it answers right on held-out views with the wrap stuck on and in the object's own paint.
 
     Raises:
-        ToolkitError: an unknown object, recipe or setting, one that is out of its range, a plan of another mesh, no
+        ToolkitError: an unknown object, recipe or setting, a value out of its range, a plan of another mesh, no
             piece that lies flat, photographs that cannot be used, or the disk is full.
 
     Example:
@@ -214,7 +214,7 @@ def prepare_patch(
 
 
 def _describe_misfit(name: str, spec: ObjectSpec, asked_mm: float | None) -> str:
-    others_mm = [f"{one.size_mm:g}" for one in spec.mounts if one.size_mm not in (None, asked_mm)]
+    others_mm = [f"{mount.size_mm:g}" for mount in spec.mounts if mount.size_mm not in (None, asked_mm)]
     if not asked_mm or not others_mm:
         return ""
     return (
@@ -242,7 +242,7 @@ def try_place(
 ) -> list[Validation]:  # fmt: skip
     """Train a patch briefly in a place: per network, held-out random views with it, and with grey paper for `bare`.
 
-    In as many places as there are mounts, one for each sheet. Nothing of it is kept.
+    In as many places as there are mounts, a mount for each sheet. Nothing of it is kept.
     """
     # a copy of the objects: a trial writes its mounts into no file of the user's
     with TemporaryDirectory() as folder:

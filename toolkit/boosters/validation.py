@@ -76,7 +76,7 @@ def validate_patch(
         appearance: what happens to the patch; drawn anew, never as in training.
         seed: of the run.
         draws: placements in all; each image comes equally often, so that fewer images than this come several times
-            in the patched share, and once in the bare one.
+            in the patched share, and once in the bare share.
         advance: called with how many placements were just answered.
         corrupted: how the photographs are corrupted, with the patch and bare alike.
     """
@@ -111,7 +111,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
     final: dict[str, float] = {}
     names = [answer.network for answer in validations]
     for k, answer in enumerate(validations):
-        # networks of one name get a number, so that none overwrites the other's figures
+        # networks of the same name get a number, so that none overwrites the other's figures
         network = answer.network if names.index(answer.network) == k else f"{answer.network}_{k + 1}"
         for what, share in (("patched", answer.patched), ("bare", answer.bare)):
             low, high = share.ci95
@@ -122,7 +122,7 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class WeatherValidation:
-    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
+    """Answers of a network to held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
 
     Attributes:
         clear: as they are.
@@ -141,7 +141,9 @@ def draw_weather(
     views: list[RenderedView], metres_per_unit: Sequence[float], weather: Weathered, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Weather over views of objects whose meshes' units are so long at real size, see `ViewBatch.through`."""
-    return weather.draw(find_depths([one.view for one in views], [metres_per_unit[one.subject] for one in views]), rng)
+    return weather.draw(
+        find_depths([view.view for view in views], [metres_per_unit[view.subject] for view in views]), rng
+    )
 
 
 def measure_known(texture: torch.Tensor, views: list[RenderedView], targets: list[Target]) -> float:
@@ -149,7 +151,7 @@ def measure_known(texture: torch.Tensor, views: list[RenderedView], targets: lis
     hits = 0
     with torch.inference_mode():
         for start in range(0, len(views), TEXTURE_BATCH):
-            batch = batch_views([one.view for one in views[start : start + TEXTURE_BATCH]], str(texture.device))
+            batch = batch_views([view.view for view in views[start : start + TEXTURE_BATCH]], str(texture.device))
             photos = show_texture(texture, batch)
             hits += sum(target.count_hits(photos) for target in targets)
     return hits / len(views) / len(targets)
@@ -199,7 +201,7 @@ def _show_both(
 ) -> Iterator[tuple[str, Pair]]:
     """Views as they are, in fog, and corrupted: both paints alike."""
     device = str(texture.device)
-    bare = torch.from_numpy(np.stack([one.bare for one in views if one.bare is not None])).to(device)
+    bare = torch.from_numpy(np.stack([view.bare for view in views if view.bare is not None])).to(device)
     clear = bare.permute(0, 3, 1, 2).float() / 255, show_texture(texture, batch_views([v.view for v in views], device))
     yield "clear", clear
     # the same clouds for both paints
@@ -222,6 +224,6 @@ def _show_in_weather(
     # once for both paints: what differs is the paint
     drawn = draw_weather(views, metres_per_unit, always, weather.rng(draws))
     factor, offset = (part.to(device) for part in drawn)
-    lights = np.stack([one.bare_light for one in views if one.bare_light is not None])
+    lights = np.stack([view.bare_light for view in views if view.bare_light is not None])
     bare = tone_map(torch.from_numpy(lights).to(device).float() * factor + offset).permute(0, 3, 1, 2)
-    return bare, show_texture(texture, batch_views([one.view for one in views], device).through(factor, offset))
+    return bare, show_texture(texture, batch_views([view.view for view in views], device).through(factor, offset))

@@ -169,7 +169,7 @@ class TrainedWrap(TrainedBooster):
         record = self.wrap.record
         ranking = record.booster.ranking if record.booster is not None else []
         if ranking:
-            known = ", ".join(f"{count}: {one.recognised:.0%}" for count, one in enumerate(ranking, 1))
+            known = ", ".join(f"{count}: {piece.recognised:.0%}" for count, piece in enumerate(ranking, 1))
             yield f"recognised with so many of the best pieces, in views for this alone: {known}"
             yield f"{len(record.pieces)} of {len(ranking)} pieces are kept; numbers are by rank"
 
@@ -188,7 +188,7 @@ def paint_pieces(record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, numb
 def rank_pieces(
     record: WrapRecord, pixels: np.ndarray, paint: np.ndarray, views: Sequence[RenderedView], targets: Sequence[Target]
 ) -> list[RankedPiece]:
-    """All pieces, each next the one with which the networks are surest of the class (greedy forward selection).
+    """Rank all pieces by greedy forward selection: next is the piece that most raises the class's probability.
 
     Args:
         record: of the plan.
@@ -197,20 +197,20 @@ def rank_pieces(
         targets: the networks.
     """
     batches = [
-        batch_views([one.view for one in views[start : start + BATCH]], targets[0].classifier.device)
+        batch_views([view.view for view in views[start : start + BATCH]], targets[0].classifier.device)
         for start in range(0, len(views), BATCH)
     ]
-    left, ranked = [one.number for one in record.pieces], list[RankedPiece]()
+    left, ranked = [piece.number for piece in record.pieces], list[RankedPiece]()
     with progress("Ranking pieces", len(left) * (len(left) + 1) // 2) as bar:
         while left:
             tried = []
             for number in left:
-                canvas = paint_pieces(record, pixels, paint, [*(one.number for one in ranked), number])
+                canvas = paint_pieces(record, pixels, paint, [*(piece.number for piece in ranked), number])
                 sure, known = _judge(canvas, batches, targets)
                 tried.append(RankedPiece(number=number, recognised=known, mean_log_prob=sure))
                 bar.advance()
-            # of equally good ones the first by number, so that a ranking can be repeated
-            best = max(tried, key=lambda one: (one.mean_log_prob, -one.number))
+            # of equally good pieces the first by number, so that a ranking can be repeated
+            best = max(tried, key=lambda piece: (piece.mean_log_prob, -piece.number))
             ranked.append(best)
             left.remove(best.number)
     return ranked
@@ -239,11 +239,11 @@ def train_wrap(
 
     Args:
         config: every setting, see `make_config` and `RECIPES`.
-        networks: at least one; the first one's labels and preprocessing lead.
+        networks: at least one network; the labels and preprocessing of the first lead.
         workspace: whose folders and objects are used; a plan is made where the object has none.
         class_name: a label of the networks, an index, or a WordNet id; None: the class that the object's spec names.
         restart: forget what an earlier run left.
-        workers: threads that render ahead; None: one for each core; 0: none.
+        workers: threads that render ahead; None: a thread for each core; 0: none.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:
@@ -256,9 +256,11 @@ def train_wrap(
     worn = wrap_object(item, wrap, config.misfit)
     config, targets = meet_networks(config, networks, choose_class(class_name, [worn]))
     record = wrap.record
+    # the plan decides the size of the picture and of a texel
     config = config.with_overrides(
         {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
     )
+    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, [worn], None, networks[0], workspace)
     decides = [
         METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm, record.n_px,
@@ -309,10 +311,10 @@ class WrapTask(SurfaceTask[TrainedWrap]):
         paint = worn.paint().reshape(-1, 3)[worn.atlas.source]
         self._ranking = rank_pieces(worn.wrap.record, pixels, paint, views, self.targets)
         low, high = (min(count, len(self._ranking)) for count in self.config.pieces)
-        shares = [one.recognised for one in self._ranking[:high]]
+        shares = [piece.recognised for piece in self._ranking[:high]]
         # the fewest pieces that reach the best share: more would add nothing
         enough = max(low, shares.index(max(shares)) + 1)
-        self._kept = [one.number for one in self._ranking[:enough]]
+        self._kept = [piece.number for piece in self._ranking[:enough]]
         return paint_pieces(worn.wrap.record, pixels, paint, self._kept)
 
     def write(self, pixels: np.ndarray, record: dict[str, Any], validations: list[WeatherValidation]) -> TrainedWrap:

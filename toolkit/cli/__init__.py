@@ -1,4 +1,4 @@
-"""The command line: parse, call one function, print."""
+"""The command line: parse, call a function, print."""
 
 import logging
 import os
@@ -52,22 +52,22 @@ def _is_debugging() -> bool:
 
 def _quiet_libraries() -> None:
     """Keep what libraries log and warn of to themselves: trimesh logs a traceback for each file that it cannot read."""
-    logging.lastResort = logging.NullHandler()  # in place of the one that prints what no handler takes
+    logging.lastResort = logging.NullHandler()  # in place of the handler that prints what no other takes
     warnings.filterwarnings("ignore", module=r"(?!toolkit\b)")
 
 
 def _open_closed_streams() -> None:
-    """Where a shell closed one (`>&-`), the next file that is opened would take its place, and get what is printed."""
+    """If a shell closed a stream (`>&-`), the next opened file would take its place, and get what is printed."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this stream's
             setattr(sys, name, os.fdopen(opened, "r" if number == 0 else "w", closefd=False))
 
 
 def _join_processes(typed: list[str]) -> AbstractContextManager[None]:
-    """Train with those that torchrun started beside this one; any other command is run by the first of them alone."""
+    """Train with the processes that torchrun started; any other command is run by the first of them alone."""
     if LAUNCHED not in os.environ:
         return nullcontext()
     if typed[:1] and typed[0] in TRAINED_TOGETHER:
@@ -122,6 +122,7 @@ def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]
             return [
                 f"error: {found!a} is no character and cannot be written: rename what has it in its name"
             ], BAD_INPUT
+    # anything else is a defect of ours
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
     said = " ".join(str(error).split())

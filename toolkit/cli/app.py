@@ -19,7 +19,7 @@ SHARED = "Every command"
 DEBUG = "--debug"
 """Taken out of what is typed before anything reads it, so that it may stand anywhere."""
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
-"""Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
+"""Error in what was typed: Click's own class, or the class of the copy of Click that newer typers carry."""
 
 PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
@@ -152,10 +152,13 @@ class GroupedCommand(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """`[OPTIONS] PHOTOS...`."""
-        arguments = [one for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        arguments = [parameter for parameter in self.get_params(ctx) if parameter.param_type_name == "argument"]
         return [
             "[OPTIONS]",
-            *(_name_parameter(one) if one.required else f"[{_name_parameter(one)}]" for one in arguments),
+            *(
+                _name_parameter(argument) if argument.required else f"[{_name_parameter(argument)}]"
+                for argument in arguments
+            ),
         ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -186,7 +189,9 @@ class GroupedCommand(TyperCommand):
         try:
             return super().invoke(ctx)
         except FieldError as error:
-            names = {one.name.replace("__", "."): _name_parameter(one) for one in self.get_params(ctx)}
+            names = {
+                parameter.name.replace("__", "."): _name_parameter(parameter) for parameter in self.get_params(ctx)
+            }
             raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
 
 
@@ -246,7 +251,7 @@ class LazyCommand(TyperCommand):
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
         command = self.load(is_completed=bool(extra.get("resilient_parsing")))
-        known = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
+        known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
         old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
         return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
@@ -257,15 +262,16 @@ def _respell(word: str, old: Mapping[str, str]) -> str:
 
 
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
-    """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
+    """Return a `UsageError` as a single line: the option and what was typed, or the nearest option."""
     line = f"{' '.join(typed)} "
     command = next((name for name in (*dict(list_places()), *WORDS) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
-        known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
+        known = [name for parameter in error.ctx.command.get_params(error.ctx) for name in parameter.opts]
         near = get_close_matches(error.option_name, known, n=3)
         hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
         return ToolkitError(f"no option called '{error.option_name}': {hint}")
+    # errors that name no parameter keep Click's own text
     parameter = getattr(error, "param", None)
     if parameter is None:
         message = error.format_message().rstrip(".")
@@ -273,10 +279,12 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     name = _name_parameter(parameter)
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
+    # what was typed after the option, so that the line can quote it
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
     given = typed[at : at + parameter.nargs]
     if any(word.lower().lstrip("+-") == "nan" for word in given):
         return ToolkitError(f"{' '.join([name, *given])}: expected a number")
+    # pydantic's words, shortened
     expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
     for long, short in (
         ("greater than or equal to", "at least"),
@@ -289,7 +297,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
 
 
 class WordGroup(TyperGroup):
-    """The commands that begin with one word, such as `world`; any other word is answered by all of them."""
+    """Commands that begin with a word, such as `world`; any other word is answered by all of them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that was typed.
@@ -303,7 +311,7 @@ class WordGroup(TyperGroup):
 
 
 class RoadGroup(TyperGroup):
-    """All commands, listed by group; a mistyped one is answered in one line that names the nearest.
+    """All commands, listed by group; a mistyped command is answered by a line that names the nearest.
 
     `commands` has each by all its words, `words` those of several words by the first.
     """
@@ -375,8 +383,8 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
     if "quiet" in signature.parameters:
         return command
     quiet = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet)
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
-    at = next((k for k, one in enumerate(parameters) if one.name == "as_json"), len(parameters))
+    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in signature.parameters.values()]
+    at = next((k for k, parameter in enumerate(parameters) if parameter.name == "as_json"), len(parameters))
 
     @wraps(command)
     def run(quiet: bool, **typed: Any) -> None:
@@ -388,7 +396,7 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
-    """The command line of one function, with the help that every command has."""
+    """Command line of a function, with the help that every command has."""
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
     single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single

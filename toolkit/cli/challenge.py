@@ -41,7 +41,7 @@ def check(
     from toolkit.experiments.challenge.entry import check_entry
     from toolkit.experiments.challenge.score import check_score, rescore
 
-    # an entry that cannot be read is one fault
+    # an entry that cannot be read is a single fault
     faults = list(dict.fromkeys(check_entry(entry) + (rescore if again else check_score)(entry)))
     if as_json:
         show_json({"entry": str(entry), "faults": faults})
@@ -82,6 +82,7 @@ def run(
     with engine.open() as workers:
         judged = run_entry(read, networks, space, workers, with_controls=controls)
     score = judged.score
+    # a board of this entry alone: the page to look at before others join
     page = read.folder / SCORE / "page"
     write_board([read.folder], page)
     if as_json:

@@ -61,7 +61,7 @@ def _list_runs(space: Workspace) -> list[str]:
 def _list_models(space: Workspace) -> list[str]:
     from toolkit.models.find import BUNDLED_DIR, list_own
 
-    # of torchvision's, whose list would take seconds, the one that is the default
+    # of torchvision's, whose list would take seconds, only the default
     return sorted(
         {"resnet18", *(file.stem for file in BUNDLED_DIR.glob("*.safetensors")), *list_own(space.classifiers_dir)}
     )

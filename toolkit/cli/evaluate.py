@@ -99,10 +99,11 @@ def _detect(
             say(f"  {heading}: {text}")
         rows = [
             (
-                one.source, one.object, one.variant, one.n, format_percent(one.found), format_interval(one.found_ci95),
-                format_percent(one.recall50), *("" if ap is None else f"{ap:.2f}" for ap in (one.ap50, one.ap50_95)),
+                group.source, group.object, group.variant, group.n, format_percent(group.found),
+                format_interval(group.found_ci95), format_percent(group.recall50),
+                *("" if ap is None else f"{ap:.2f}" for ap in (group.ap50, group.ap50_95)),
             )
-            for one in done.groups
+            for group in done.groups
         ]  # fmt: skip
         show_table(("source", "object", "variant", "n", "found, %", "95 %", "recall, %", "AP50", "AP50:95"), rows)
         for line in describe_pairs(done):
@@ -227,6 +228,7 @@ def corrupt(
     if as_json:
         show_json({"out": str(out)} | result.as_json())
     else:
+        # corruptions that differ from the published definitions are named
         note = find_note(list(dict.fromkeys(name for name, _ in chosen)))
         for line in (*result.describe_scale(), *([note] if note else [])):
             remark(line)
@@ -319,7 +321,7 @@ def transfer(
 
     space = open_workspace(workspace)
     networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
-    typed = dict(zip(model or (), (one.name for one in networks), strict=False))
+    typed = dict(zip(model or (), (network.name for network in networks), strict=False))
     config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
     result = leave_one_out(space, config, networks)
     if as_json:

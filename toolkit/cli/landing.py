@@ -93,6 +93,7 @@ def train(
     config = TRAINING[recipe].with_overrides(overrides)
     folders = [find_dataset(space, word) for word in datasets]
     trained = train_regressor(space, datasets, config, seed=seed, device=device, restart=restart)
+    # errors on held-out images, beside the baselines'
     rows = {trained.regressor.name: trained.regressor.record.held_out}
     if baselines:
         from toolkit.landing.baselines import measure_baselines
@@ -165,15 +166,16 @@ def fly(
     list_skipped(flown.failed)
     flown = place_results(config, flown, seed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
+    # an episode in clear air, and another in the last weather
     filmed = [results[0].records[0], *(last.records[0] for last in results[1:][-1:])] if film else []
-    films = [film_episode(space, config, flown, one, seed) for one in filmed]
+    films = [film_episode(space, config, flown, condition, seed) for condition in filmed]
     paths = [
-        made.write(flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4")
-        for made, one in zip(films, filmed, strict=True)
+        made.write(flown.folder / f"episode-{condition.pad}-{condition.weather}-{condition.severity}.mp4")
+        for made, condition in zip(films, filmed, strict=True)
     ]
     page = write_report(config, flown, results, pairs, space, films)
     if as_json:
-        rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
+        rows = {"cells": [result.as_json() for result in results], "pairs": [pair.as_json() for pair in pairs]}
         show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
     else:
         show_flights(results, pairs)
@@ -196,19 +198,22 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     from toolkit.core.tables import build_table, format_interval, format_p, format_percent
     from toolkit.landing.episodes import OUTCOMES
 
-    ends = [name for name in OUTCOMES[1:] if any(one.count(name) for one in results)]
+    ends = [name for name in OUTCOMES[1:] if any(result.count(name) for result in results)]
     rows = []
-    for one in results:
-        row = one.as_json()
+    for result in results:
+        row = result.as_json()
         error = "-" if row["median_error_m"] is None else f"{row['median_error_m']:.2f}"
-        shares = format_percent(one.success), format_interval(one.success_ci95)
-        where = one.cell.pad, one.cell.regressor, f"{one.cell.air}, {one.cell.gains}", str(one.n)
-        rows.append((*where, *shares, *(str(one.count(name)) for name in ends), error))
+        shares = format_percent(result.success), format_interval(result.success_ci95)
+        where = result.cell.pad, result.cell.regressor, f"{result.cell.air}, {result.cell.gains}", str(result.n)
+        rows.append((*where, *shares, *(str(result.count(name)) for name in ends), error))
     heads = ("n", "success", "95 %", *(name.replace("_", " ") for name in ends), "error m")
     console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
     if pairs:
-        found = [(one.cell.words, one.other, one.outcomes) for one in pairs]
-        cells = [(*words, str(one.only_second), str(one.only_first), format_p(one.mcnemar_p)) for *words, one in found]
+        found = [(pair.cell.words, pair.other, pair.outcomes) for pair in pairs]
+        cells = [
+            (*words, str(outcomes.only_second), str(outcomes.only_first), format_p(outcomes.mcnemar_p))
+            for *words, outcomes in found
+        ]
         console.print(build_table("Episode by episode", ("flown", "against"), ("gained", "lost", "exact p"), cells))
 
 

@@ -76,7 +76,9 @@ def calibrate(
             f"{new.focal_sigma_px} px; --replace takes the new one"
         )
     if as_json:
-        show_json(_calibration_json(run) | {"kept_older": len(better), "pictures": [str(one) for one in pictures]})
+        show_json(
+            _calibration_json(run) | {"kept_older": len(better), "pictures": [str(picture) for picture in pictures]}
+        )
     else:
         _report_lenses(run)
         for picture in pictures:
@@ -235,7 +237,7 @@ def print_profile(
     if (class_name is None) == (from_patch is None):
         raise FieldError("give one of {class_name} and {from_patch}", {})
     if from_patch is not None:
-        known = [read_known(space, one) for one in from_patch]
+        known = [read_known(space, source) for source in from_patch]
         run = profile_patches(photos, known, name or known[0].name, by)
     else:
         patch, size_mm = choose_printed(space, str(class_name), size_mm)

@@ -147,7 +147,7 @@ Device = Annotated[
 
 @dataclass(frozen=True)
 class ConfigFlag:
-    """The flag of one field of a config, or of a part of it.
+    """Flag of a field of a config, or of a part of it.
 
     Attributes:
         path: of the field, such as `affine.share`.
@@ -227,9 +227,9 @@ class Only(dict[str, Config]):
 
 
 def list_flags(source: Source) -> list[ConfigFlag]:
-    """Every flag of a config class, or of the recipes of one, in the order of its fields."""
+    """Return every flag of a config class, or of its recipes, in the order of its fields."""
     if isinstance(source, Only):
-        return [one for one in list_flags(dict(source)) if one.path in source.fields]
+        return [flag for flag in list_flags(dict(source)) if flag.path in source.fields]
     if isinstance(source, Mapping):
         return list(_walk(type(next(iter(source.values()))), dict(source), ""))
     return list(_walk(source, {"": None}, ""))
@@ -249,21 +249,21 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
     def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
         flags = {parameter: list_flags(source) for parameter, source in sources.items()}
         signature = inspect.signature(command, eval_str=True)
-        names = {one.path: one.spelling for some in flags.values() for one in some}
-        names |= _spellings([one for one in signature.parameters.values() if one.name not in sources])
+        names = {flag.path: flag.spelling for some in flags.values() for flag in some}
+        names |= _spellings([parameter for parameter in signature.parameters.values() if parameter.name not in sources])
         parameters = _spread(signature, sources, flags, names)
         _refuse_twins(list(names.items()))
 
         @wraps(command)
         def run(**typed: Any) -> Result:
             for parameter, source in sources.items():
-                given = {one.path: typed.pop(one.parameter, None) for one in flags[parameter]}
+                given = {flag.path: typed.pop(flag.parameter, None) for flag in flags[parameter]}
                 given = {path: value for path, value in given.items() if value not in (None, [], ())}
                 typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
             return command(**typed)
 
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in parameters}
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return run
 
     return decorate
@@ -272,7 +272,9 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
 def _walk(config: type[Config], holders: Mapping[str, object], before: str) -> Iterator[ConfigFlag]:
     for name, info in config.model_fields.items():
         default = None if info.is_required() else info.get_default(call_default_factory=True)
-        values = {recipe: getattr(one, name) if one is not None else default for recipe, one in holders.items()}
+        values = {
+            recipe: getattr(holder, name) if holder is not None else default for recipe, holder in holders.items()
+        }
         flag, is_switch = flag_of(info), part_maker(config, name) is not None
         if flag is not None:
             yield ConfigFlag(before + name, info, flag, is_switch and flag.typed is None, values)
@@ -285,8 +287,8 @@ def _parts(annotation: object) -> Iterator[type[Config]]:
     if is_config(annotation):
         yield annotation
     elif get_origin(annotation) is not tuple:
-        for one in get_args(annotation):
-            yield from _parts(one)
+        for member in get_args(annotation):
+            yield from _parts(member)
 
 
 def _spread(
@@ -298,9 +300,11 @@ def _spread(
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
         if name in sources:
-            parameters += [one.option(names) for one in flags[name]]
+            parameters += [flag.option(names) for flag in flags[name]]
         elif name == "recipe" and parameter.annotation is str:
-            parameters.append(_recipe_option(next(one for one in sources.values() if isinstance(one, Mapping))))
+            parameters.append(
+                _recipe_option(next(source for source in sources.values() if isinstance(source, Mapping)))
+            )
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
     return parameters
@@ -308,7 +312,7 @@ def _spread(
 
 def _recipe_option(recipes: Mapping[str, Config]) -> inspect.Parameter:
     about = "; ".join(
-        f"{name}: {text}" if (text := getattr(one, "about", "")) else name for name, one in recipes.items()
+        f"{name}: {text}" if (text := getattr(recipe, "about", "")) else name for name, recipe in recipes.items()
     )
     first = next(iter(recipes))
     option = typer.Option(
@@ -323,11 +327,11 @@ def _recipe_option(recipes: Mapping[str, Config]) -> inspect.Parameter:
 def _spellings(parameters: list[inspect.Parameter]) -> dict[str, str]:
     """Flags of the command's own options, which other fields' errors may name."""
     names = {}
-    for one in parameters:
-        option = next((mark for mark in get_args(one.annotation)[1:] if isinstance(mark, OptionInfo)), None)
-        if option is not None and "__" not in one.name:
+    for parameter in parameters:
+        option = next((mark for mark in get_args(parameter.annotation)[1:] if isinstance(mark, OptionInfo)), None)
+        if option is not None and "__" not in parameter.name:
             given = [text for text in (option.default, *(option.param_decls or ())) if isinstance(text, str)]
-            names[one.name] = next(iter(given), f"--{one.name.replace('_', '-')}").partition("/")[0]
+            names[parameter.name] = next(iter(given), f"--{parameter.name.replace('_', '-')}").partition("/")[0]
     return names
 
 
@@ -360,7 +364,7 @@ def _metavar(kind: object) -> str | None:
 
 def _as_typer_takes(kind: Any) -> Any:
     if get_origin(kind) is Literal:
-        return str  # the config checks it, in one line
+        return str  # the config checks it
     items = get_args(kind)
     if get_origin(kind) is tuple and items[-1] is Ellipsis:
         return list[items[0]]  # type: ignore[valid-type]

@@ -234,6 +234,7 @@ def _check_retexture(
         show_json(found.to_json())
         return
     rows = []
+    # how near a predicted picture is to the photograph, by texel and by answer
     for what, part in (("its own patch put back", found.own), ("from another patch's photograph", found.others)):
         short = summarise(part)
         if short["n"]:
@@ -241,6 +242,7 @@ def _check_retexture(
             error = f"{short['delta_e_median']:.1f} (90 % below {short['delta_e_p90']:.1f})"
             rows.append((what, str(short["n"]), error, f"{short['sharpness']:.2f}", f"{short['noise']:.2f}", alike))
     show_table(("predicted", "n", "ΔE00 by texel", "sharpness", "noise", "answered alike"), rows)
+    # the scale for this: how often two photographs of the same scene agree
     for name, (hits, n) in found.same_scene.items():
         if n:
             alike, of = summarise(found.others)["alike_there"][name]
@@ -282,6 +284,7 @@ def studio(
     from toolkit.rig.board_file import with_board
     from toolkit.studio import require_extra
 
+    # imports below need the extra, whose absence is explained first
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
@@ -301,6 +304,7 @@ def studio(
             return load_classifier(model, weights, device, space.classifiers_dir)
 
     door = listen(lan, port, address)
+    # the network loads in the background: photographs may come before it is ready
     predictor = Predictor(session, load)
     server = make_server(make_app(session, door.access, predictor))
     with end_on_signal(server), door.listener:

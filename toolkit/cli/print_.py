@@ -97,17 +97,17 @@ def _report_patches(
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
-        show_json({"printed": [one.as_json() for one in printed], "failed": failed, "notes": notes})
+        show_json({"printed": [sheet.as_json() for sheet in printed], "failed": failed, "notes": notes})
         return
-    for one in printed:
-        say(one.describe_scores())
-        say(one.describe())
+    for sheet in printed:
+        say(sheet.describe_scores())
+        say(sheet.describe())
     for note in notes:
         say(f"note: {note}")
-    if any(not one.colour_strip for one in printed):
+    if any(not sheet.colour_strip for sheet in printed):
         say("note: no room for the colour strip beside the patch: 'toolkit print --colour-strip' prints it on its own")
     if printed:
-        tiled = any(one.pages > 1 and one.tiles != (1, 1) for one in printed)
+        tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
         cut = "cut at the corner marks and tape the patch on as its arrow says"
         say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
 
@@ -142,6 +142,6 @@ def _report_wrap(printed: "PrintedWrap", as_json: bool) -> None:
     say(printed.describe())
     if printed.cut_files:
         say(f"{', '.join(map(shorten, printed.cut_files))}: the outlines alone")
-    tiled = any(one.tiles != (1, 1) for one in printed.placed)
+    tiled = any(sheet.tiles != (1, 1) for sheet in printed.placed)
     join = ["join the tiles as each map shows"] if tiled else []
     say(f"next: {', '.join([AT_TRUE_SIZE, *join, 'cut along the line and stick the pieces on as page 1 says'])}")

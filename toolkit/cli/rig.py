@@ -130,6 +130,7 @@ def plan(
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
+    # options at their defaults do not ask for new poses
     sources = [context.get_parameter_source(name) for name in POSES]
     is_about_poses = any(source is not None and source.name != "DEFAULT" for source in sources)
     if shot_list and space.plan_file.is_file() and not is_about_poses:

@@ -38,7 +38,7 @@ def list_runs(
     from toolkit.core.console import console, list_skipped
     from toolkit.evaluation.summaries import build_runs_table, find_runs, parse_where, pick_rows
 
-    wanted = [parse_where(one) for one in where or ()]
+    wanted = [parse_where(text) for text in where or ()]
     runs, refused = find_runs(open_workspace(workspace))
     rows = pick_rows([row for run in runs for row in run.rows], wanted, everything)
     list_skipped(refused)
@@ -210,12 +210,12 @@ def export(
 
         if to is not None and to not in formats:
             raise one_of("format of a mesh", to, list(formats))
-        chosen = [one for one, is_asked in formats.items() if is_asked or to == one] or ["glb"]
+        chosen = [format_name for format_name, is_asked in formats.items() if is_asked or to == format_name] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)
         return
-    for one, is_asked in formats.items():
+    for format_name, is_asked in formats.items():
         if is_asked:
-            raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{one}": True})
+            raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{format_name}": True})
     if to in formats:
         raise FieldError("goes with {objects}: add that, or name a format of predictions", {"to": to})
     from toolkit.evaluation.export import export_predictions

@@ -90,6 +90,7 @@ def list_objects(
     space = open_workspace(workspace)
     rows: list[dict[str, Any]] = []
     for name, file in space.object_specs().items():
+        # an object without a mesh can be photographed, and not rendered
         spec = read_spec(file)
         if not spec.mesh:
             rows.append(
@@ -200,10 +201,10 @@ def list_models(
     folder = open_workspace(workspace).classifiers_dir
     rows = survey.survey_models(model or survey.list_models(folder), device, folder, data)
     if as_json:
-        show_json([asdict(one) for one in rows])
+        show_json([asdict(row) for row in rows])
     else:
         _show_models(rows, data is not None)
-    if any(one.classes is None for one in rows):
+    if any(row.classes is None for row in rows):
         raise typer.Exit(1)
 
 
@@ -231,22 +232,23 @@ def _check_detectors(models: list[str], photos: Path, device: str, space: Worksp
 def _show_models(rows: "list[SurveyedModel]", with_data: bool) -> None:
     titles = ["--model", "kind", "classes", "px", "per s", "trains", "licence"]
     cells = []
-    for one in rows:
+    for model in rows:
         row = [
-            one.model, one.kind, one.classes or "", one.image_px or "",
-            f"{one.images_per_s:.0f}" if one.images_per_s else "",
-            "no" if not one.can_train else f"{one.trained_images_per_s:.0f}/s" if one.trained_images_per_s else "yes",
-            one.licence or "not said",
+            model.model, model.kind, model.classes or "", model.image_px or "",
+            f"{model.images_per_s:.0f}" if model.images_per_s else "",
+            "no" if not model.can_train
+            else f"{model.trained_images_per_s:.0f}/s" if model.trained_images_per_s else "yes",
+            model.licence or "not said",
         ]  # fmt: skip
         if with_data:
-            low, high = one.ci95 or (0.0, 0.0)
-            row.insert(4, f"{100 * one.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {one.n}"
-                       if one.accuracy is not None else "")  # fmt: skip
+            low, high = model.ci95 or (0.0, 0.0)
+            row.insert(4, f"{100 * model.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {model.n}"
+                       if model.accuracy is not None else "")  # fmt: skip
         cells.append(row)
     if with_data:
         titles.insert(4, "right")
     show_table(titles, cells)
-    for one in rows:
-        if one.why_not:
-            remark(f"{one.model}: {one.why_not}")
+    for model in rows:
+        if model.why_not:
+            remark(f"{model.model}: {model.why_not}")
     say("others: torchvision's by name, timm:NAME, onnx:FILE, FILE.pt2, python:MODULE:FUNCTION")

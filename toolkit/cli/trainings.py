@@ -288,7 +288,7 @@ def baseline(
 
 def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Iterator[str]:
     yield from made.lines()
-    names = [one.name for one in made.sets if one.made or one.found]
+    names = [patch_set.name for patch_set in made.sets if patch_set.made or patch_set.found]
     if names:
         command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
         others = kind in NEED_DATA
@@ -360,7 +360,7 @@ def describe_held_out(held_out: "HeldOut") -> list[str]:
             f"under attack ({hit.norm} {hit.eps:.4g}, {hit.steps} steps): {hit.correct} of {hit.n} right "
             f"({hit.accuracy:.1%}, {low:.1%} to {high:.1%})"
         )
-    shares = sorted((one.correct / one.n, label) for label, one in held_out.per_class.items() if one.n)
+    shares = sorted((tally.correct / tally.n, label) for label, tally in held_out.per_class.items() if tally.n)
     if shares[0][0] < 1:
         lines.append("weakest classes: " + ", ".join(f"{label} {share:.0%}" for share, label in shares[:5]))
         lines.append(

@@ -36,6 +36,7 @@ def list_worlds(
     own = list_own_worlds(space)
     rows, skipped = [describe_studio()], []
     names = [*(name for name in WORLDS if name not in own), *own]
+    # a damaged world of the user's does not hide the others
     with progress("worlds", len(names)) as bar:
         for name in names:
             try:

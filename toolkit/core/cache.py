@@ -23,7 +23,7 @@ PLACE = "TOOLKIT_CACHE"
 """The variable that names another folder for the cache."""
 PACKAGE = Path(__file__).parents[1]
 MOST_BYTES = 512 * 2**20
-"""Of all arrays that are kept; those that were used longest ago go first."""
+"""Largest size of all cached arrays, bytes; the least recently used are deleted first."""
 DIGEST_BYTES = hashlib.sha256().digest_size
 Arrays = dict[str, np.ndarray]
 
@@ -46,11 +46,11 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     if folder is None:
         return make()
     digest = hashlib.sha256(_hash_sources())
-    for one in inputs:
-        if isinstance(one, np.ndarray):
-            digest.update(f"{one.dtype} {one.shape}".encode() + one.tobytes())
+    for part in inputs:
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype} {part.shape}".encode() + part.tobytes())
         else:
-            digest.update(f"{one!r};".encode())
+            digest.update(f"{part!r};".encode())
     file = folder / f"{kind}-{digest.hexdigest()[:32]}"
     with suppress(OSError, ValueError):
         content = file.read_bytes()
@@ -63,7 +63,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     made = make()
     stream = BytesIO()
     np.savez(stream, **made)  # type: ignore[arg-type]  # its stubs take any name for `allow_pickle`
-    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this one nothing
+    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this run nothing
         write_bytes(file, hashlib.sha256(stream.getvalue()).digest() + stream.getvalue())
         _trim(folder)
     return made
@@ -89,12 +89,12 @@ def _hash_sources() -> bytes:
 
 def _trim(folder: Path) -> None:
     facts = sorted(((file.stat(), file) for file in folder.iterdir()), key=lambda pair: pair[0].st_mtime)
-    spare = sum(one.st_size for one, _ in facts) - MOST_BYTES
-    for one, file in facts:
+    spare = sum(status.st_size for status, _ in facts) - MOST_BYTES
+    for status, file in facts:
         if spare <= 0:
             break
         file.unlink(missing_ok=True)
-        spare -= one.st_size
+        spare -= status.st_size
 
 
 OTHERS_READ_OR_WRITE = stat.S_IRWXG | stat.S_IRWXO

@@ -47,7 +47,7 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
 
 
 def open_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes with one core each, which end when this one does.
+    """Processes with a core each, which end with their parent.
 
     They are spawned, not forked: torch and numba do not survive a fork.
     """
@@ -154,7 +154,7 @@ def _read_text(file: Path) -> str:
 
 
 def limit_cores(count: int) -> None:
-    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process that is one of many."""
+    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process among many."""
     global _limit
     _limit = count
     # read by the libraries when they are first imported, which takes seconds: not here, where they may not be needed
@@ -174,7 +174,7 @@ def limit_time(seconds: float) -> None:
 def limit_memory(most_bytes: int) -> Iterator[None]:
     """Within, this process may take so many bytes more, on Linux; then allocations fail as on a full machine.
 
-    The bound is the process's: where several are within, one in the other or in threads, the lowest counts.
+    The bound is the process's: of several bounds, nested or in threads, the lowest counts.
     """
     global _before
     try:
@@ -186,7 +186,7 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
     mine = used + most_bytes
 
     def bound() -> None:
-        lowest = [*_bounds, *(one for one in _before if one != resource.RLIM_INFINITY)]
+        lowest = [*_bounds, *(limit for limit in _before if limit != resource.RLIM_INFINITY)]
         resource.setrlimit(resource.RLIMIT_DATA, (min(lowest), _before[1]) if _bounds else _before)
 
     with _counting:
@@ -205,7 +205,7 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
 def is_memory_full(error: BaseException) -> bool:
     """Whether this is what Python, torch or ONNX Runtime raises where memory cannot be had."""
     words = ("can't allocate memory", "out of memory", "allocate memory", "bad_alloc", "bad allocation")
-    return isinstance(error, MemoryError) or any(one in str(error).lower() for one in words)
+    return isinstance(error, MemoryError) or any(word in str(error).lower() for word in words)
 
 
 @contextmanager

@@ -3,8 +3,8 @@
     class Sheet(Config):
         size_px: Annotated[int, Field(ge=8, le=224), Flag()] = Field(100, description="Side of the patch, pixels.")
 
-A config is frozen. A recipe is an instance of it, `with_overrides` makes another one. A config may hold others, and a
-field of one of those is named by its path, such as `affine.share`.
+A config is frozen. A recipe is an instance of it, `with_overrides` makes another. A config may hold others, and a
+field of a nested config is named by its path, such as `affine.share`.
 """
 
 import inspect
@@ -100,7 +100,7 @@ class _ShortHelp(ModelMetaclass):
     """Keeps what pydantic's models can do out of `help(SomeConfig)`, which would be most of it."""
 
     def __dir__(cls) -> list[str]:
-        ours = [vars(one) for one in cls.__mro__ if not one.__module__.startswith(("pydantic", "builtins"))]
+        ours = [vars(base) for base in cls.__mro__ if not base.__module__.startswith(("pydantic", "builtins"))]
         return sorted({name for names in ours for name in names if not name.startswith(("_", "model_"))})
 
 
@@ -178,7 +178,7 @@ class Config(BaseModel, metaclass=_ShortHelp):
         return type(self)(**values)
 
     def rows(self) -> list[tuple[str, str]]:
-        """(name, value) of every setting, in words; a part in one line, and what is None left out."""
+        """(name, value) of every setting, in words; a part as a single line, without what is None."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
         return [(name.replace("_", " "), _describe_field(self, name)) for name, value in held if value is not None]
 
@@ -254,7 +254,7 @@ def typed_as(info: FieldInfo) -> Any:
 
 
 def flag_of(info: FieldInfo) -> Flag | None:
-    """The mark of a field's flag, where it has one."""
+    """The mark of a field's flag, if it has a flag."""
     return next((mark for mark in info.metadata if isinstance(mark, Flag)), None)
 
 
@@ -280,10 +280,10 @@ def describe(value: object, name: str = "", between: str = " to ") -> str:
     if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
         if hasattr(value, "describe"):
             return str(value.describe())
-        names = list(type(value).model_fields) if isinstance(value, Config) else [one.name for one in fields(value)]
-        held = [one for one in names if getattr(value, one) is not None]
+        names = list(type(value).model_fields) if isinstance(value, Config) else [field.name for field in fields(value)]
+        held = [field for field in names if getattr(value, field) is not None]
         held.sort(key=lambda name: name.endswith("probability"))
-        return ", ".join(f"{_words(one)} {_describe_field(value, one)}" for one in held)
+        return ", ".join(f"{_words(field)} {_describe_field(value, field)}" for field in held)
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g}{between}{value[1]:g}{unit}"
@@ -322,7 +322,7 @@ def _members(annotation: object) -> list[Any]:
     if get_origin(annotation) is Annotated:
         return _members(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
-        return [kind for one in get_args(annotation) if one is not NoneType for kind in _members(one)]
+        return [kind for member in get_args(annotation) if member is not NoneType for kind in _members(member)]
     return [annotation]
 
 
@@ -336,7 +336,7 @@ def _is_part(kind: object) -> bool:
 
 
 def _has(info: FieldInfo, mark: type) -> bool:
-    return any(one is mark or isinstance(one, mark) for one in info.metadata)
+    return any(note is mark or isinstance(note, mark) for note in info.metadata)
 
 
 def _words(name: str) -> str:

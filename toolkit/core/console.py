@@ -22,11 +22,11 @@ from toolkit.core.text import escape
 
 
 class LineConsole(Console):
-    """A console that shows each string it is given as one line, whatever names from elsewhere stand in it."""
+    """A console that prints each string as a single line, whatever names from elsewhere stand in it."""
 
     def print(self, *objects: Any, **options: Any) -> None:
         """As rich does; a string loses its power over the terminal."""
-        super().print(*(escape(one) if isinstance(one, str) else one for one in objects), **options)
+        super().print(*(escape(item) if isinstance(item, str) else item for item in objects), **options)
 
 
 console = LineConsole(highlight=False)
@@ -121,7 +121,7 @@ class Ticker:
 def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
     """A progress bar on stderr over `total` units, `done` of them finished by an earlier run; none `quietly`.
 
-    Where stderr is no terminal, lines stand in for the bar: one at the start, and one every ten seconds.
+    Where stderr is no terminal, lines stand in for the bar: a line at the start, and a line every ten seconds.
     """
     if quiet or _is_quiet:
         yield Ticker(None, TaskID(0))

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Draws:
-    """The random draws of one step.
+    """Random draws of a training step.
 
     Attributes:
-        seed: of the run; where one number does not say which, several.
+        seed: of the run; several numbers if a single number is ambiguous.
         step: which step of it.
         phase: what the steps are of, such as `train` or `validate`; the same step of another draws something else.
     """
@@ -29,19 +29,19 @@ class Draws:
     phase: str = "train"
 
     def key(self, part: str) -> tuple[int, ...]:
-        """The seed of one part: adding a part to a recipe leaves the draws of the others as they were."""
+        """Return the seed of a part: adding a part to a recipe leaves the draws of the others as they were."""
         seeds = (self.seed,) if isinstance(self.seed, int) else self.seed
         return (*seeds, self.step, crc32(f"{self.phase}/{part}".encode()))
 
     def of(self, part: str) -> "np.random.Generator":
-        """A fresh generator for one part, see `key`."""
+        """Return a fresh generator for a part, see `key`."""
         import numpy as np
 
         return np.random.default_rng(self.key(part))
 
 
 def image_seed(seed: int, image_id: str | int) -> int:
-    """The seed of one image of a run: the same for the same `seed` and `image_id`, whatever else is in the run.
+    """Return the seed of an image of a run: the same for the same `seed` and `image_id`, whatever else is in the run.
 
     Args:
         seed: of the run.
@@ -56,7 +56,7 @@ def _hash(address: str) -> int:
 
 
 class RandomStreams:
-    """The random numbers of one batch under one corruption: one stream per image.
+    """Random numbers of a batch under a corruption: a stream per image.
 
     They are drawn on the CPU whatever the device, so that a GPU makes the same picture as a CPU, and image by image, so
     that neither the batch nor its order matters.

@@ -10,14 +10,14 @@ FIELD_PATH = re.compile(r"\{([a-z_][a-z0-9_.]*)\}")
 
 
 class ToolkitError(Exception):
-    """What the user gave cannot be used: one line that says what, where, what was expected and what to do.
+    """What the user gave cannot be used: a single line that says what, where, what was expected and what to do.
 
     The command line prints the message without a traceback and exits with code 2.
     """
 
 
 def one_of(kind: str, found: str, expected: list[str]) -> ToolkitError:
-    """The error for a name that is not in a list: says what was found and names the nearest known ones."""
+    """The error for a name that is not in a list: says what was found and names the nearest known names."""
     from difflib import get_close_matches
 
     found = shorten(found, LONGEST_SHOWN)
@@ -70,5 +70,5 @@ def show_value(value: object) -> str:
 
 
 def describe_failure(error: BaseException, longest: int = 200) -> str:
-    """What code that is not ours raised, in one line: its kind and what it says, cut off after so many letters."""
+    """What code that is not ours raised, as a single line: its kind and what it says, cut off after so many letters."""
     return f"{error.__class__.__name__}: {' '.join(str(error).split())[:longest]}"

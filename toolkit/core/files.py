@@ -32,7 +32,7 @@ MOST_JSON_BYTES = 64 << 20
 MOST_TOML_BYTES = 1 << 20
 MOST_NAME_BYTES = 255
 MOST_LEVELS = 50
-"""Of what lies within one another; ours have seven."""
+"""Largest depth of nesting in JSON and TOML; our files have seven levels."""
 BETWEEN_KEYS, KEY_DOT = re.compile(r"[=\[\]{},#\n]"), re.compile(r"[\w\"'-][ \t]*\.")
 NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
@@ -62,7 +62,7 @@ READ_TROUBLE = {
 def explain_write_error(path: Path, error: OSError, doing: str = "write") -> ToolkitError:
     """One line for an `OSError` met while writing `path`, or `doing` something else to it."""
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
-        file = next((one for one in (Path(path), *Path(path).parents) if one.is_file()), None)
+        file = next((place for place in (Path(path), *Path(path).parents) if place.is_file()), None)
         if file is not None:
             return ToolkitError(f"cannot write {path}: {file} is a file, expected a folder: choose another place")
     why = WRITE_TROUBLE.get(error.errno or 0, str(error.strerror or error))
@@ -125,7 +125,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
     """
     try:
         with open_plain(path) as file:
-            # one more than allowed: a size that is asked for beforehand may have grown
+            # a byte more than allowed: a size that is asked for beforehand may have grown
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
         raise explain_read_error(path, error) from None
@@ -170,7 +170,7 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
 
 
 def _open_partial(path: Path) -> tuple[int, Path]:
-    """A file beside `path` to write first, and its name; one that a killed run left is taken, one in use is not."""
+    """A temporary file beside `path`, and its name; it may be the file of a killed run, never a file in use."""
     partial = path.with_name(f".{path.name}.partial")
     with contextlib.suppress(OSError):
         number = open_in_place(partial)
@@ -185,7 +185,7 @@ def _open_partial(path: Path) -> tuple[int, Path]:
 
 
 def _check_replaceable(path: Path) -> None:
-    """An `OSError` where a folder, a pipe or a device is, or a link to one; a renamed file would take its place."""
+    """An `OSError` where a folder, a pipe or a device is, or a link to them; a renamed file would take its place."""
     try:
         kind = path.stat().st_mode
     except OSError:  # nothing is there, or a link to nothing
@@ -203,7 +203,7 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
         _check_within(folder, root)
     check_links(folder)
     try:
-        with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty one above
+        with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty folder above
             folder.mkdir(parents=True, exist_ok=True)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -229,7 +229,7 @@ def _check_within(folder: Path, root: Path) -> None:
 
 
 def delete_file(path: Path) -> None:
-    """Delete a file or a link, if there is one.
+    """Delete a file or a link, if it exists.
 
     Raises:
         ToolkitError: a link in a workspace leads to its folder (see `check_links`), or it may not be deleted.
@@ -262,7 +262,7 @@ def walk_folders(
         here = waiting.pop()
         try:
             with os.scandir(here) as found:
-                kinds = {one.name: _is_folder(one) for one in found}
+                kinds = {entry.name: _is_folder(entry) for entry in found}
         except OSError as error:
             on_error(error)
             continue
@@ -279,7 +279,7 @@ def _is_folder(entry: "os.DirEntry[str]") -> bool:
 
 
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
-    """Write `content` to `path` so that an interruption leaves the old file or the new one, never half of one.
+    """Write `content` to `path` so that an interruption leaves the old file or the new file, never half a file.
 
     Raises:
         ToolkitError: as `open_whole`.
@@ -310,7 +310,7 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
 
 
 def link_file(original: Path, path: Path, root: Path) -> bool:
-    """Put a hard link to a file at `path`; False where it is on another disk, or on one without links.
+    """Put a hard link to a file at `path`; False if it is on another disk, or on a disk without links.
 
     Raises:
         ToolkitError: as `open_whole`.
@@ -327,7 +327,7 @@ def link_file(original: Path, path: Path, root: Path) -> bool:
     except OSError as error:
         raise explain_write_error(path, error) from error
     finally:
-        with contextlib.suppress(OSError):  # renaming one link over another of the same file leaves both
+        with contextlib.suppress(OSError):  # renaming a link over another of the same file leaves both
             partial.unlink(missing_ok=True)
     return True
 

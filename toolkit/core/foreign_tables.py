@@ -38,7 +38,7 @@ class ForeignTable:
     lines: tuple[tuple[int, tuple[str, ...]], ...]
 
     def find(self, names: Sequence[str]) -> int | None:
-        """The column that has the first of these names that any column has; None without one.
+        """Return the column with the first of these names that exists; None without a match.
 
         Raises:
             ToolkitError: two columns have that name.

@@ -9,7 +9,7 @@ MARKER = "toolkit.toml"
 
 
 def is_workspace(folder: Path) -> bool:
-    """Whether a folder is marked by `toolkit.toml`, or is an older workspace: one with `rig/`, and no source code."""
+    """Return whether a folder has `toolkit.toml`, or is an older workspace: with `rig/`, without source code."""
     return (folder / MARKER).is_file() or _is_older(folder)
 
 
@@ -24,7 +24,7 @@ def check_links(folder: Path) -> None:
     """Raise a `ToolkitError` if a link below a workspace leads to `folder`, which is about to be changed.
 
     A workspace that somebody sends may hold links: what is written through them would land anywhere. Links that lead
-    to the workspace itself, and those outside of one, are the user's own and are followed.
+    to the workspace itself, and those outside a workspace, are the user's own and are followed.
     """
     place = Path(folder).absolute()
     real = Path(place.anchor)

@@ -1,6 +1,6 @@
-"""Append-only logs of records, one JSON object per line: safe against a kill, resumable, one writer for all of them.
+"""Append-only logs of records, a JSON object per line: safe against a kill, resumable, a single writer for all.
 
-A folder is held by one run at a time: a second one waits, so that no work is done and no line is written twice.
+A folder is held by a single run at a time: a second run waits, so that no work is done and no line is written twice.
 """
 
 import fcntl
@@ -30,12 +30,12 @@ from toolkit.core.places import check_links
 LOCK = ".lock"
 _held = threading.local()
 MOST_LINE_BYTES = 16 << 20
-"""Of one record; ours take a few thousand. A file without line ends is not read into memory whole."""
+"""Largest size of a record, bytes; ours take a few thousand. It bounds the memory for a file without line ends."""
 
 
 @contextmanager
 def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
-    """Keep other runs out of a folder until the block has ended; while one is there, say who, and wait.
+    """Keep other runs out of a folder until the block has ended; if another run holds it, report it and wait.
 
     The lock is the kernel's (flock): it ends with its process however that ends, so that nobody waits for the dead.
     Within the block the same thread may hold the folder again; another thread waits.
@@ -92,7 +92,7 @@ def _lock(file: Path) -> int:
         except BaseException:  # Ctrl-C while waiting
             os.close(number)
             raise
-        os.close(number)  # its last holder removed it: take the one that there is now
+        os.close(number)  # its last holder removed it: take the new file
 
 
 def _read_holder(number: int) -> str:
@@ -104,7 +104,7 @@ Record = TypeVar("Record", bound=BaseModel)
 
 
 class RecordLog(Generic[Record]):
-    """A file of JSON lines, each of one record.
+    """A file of JSON lines, a record in each.
 
     A last line that a kill cut short is passed over by `read` and dropped by the next `append`.
 
@@ -151,7 +151,7 @@ class RecordLog(Generic[Record]):
         return {key(record): record for record in self.read()}
 
     def append(self, *records: Record) -> None:
-        """Append records in one write and flush them to disk; a link in the log's place is not followed.
+        """Append records in a single write and flush them to disk; a link in the log's place is not followed.
 
         Raises:
             ToolkitError: the disk is full or read-only, or the folder may not be written.
@@ -173,7 +173,7 @@ class RecordLog(Generic[Record]):
 
 
 def _end_last_line(stream: BinaryIO) -> None:
-    """End a last line that is whole, as an editor may leave it; drop one that a kill cut short."""
+    """End a last line that is whole, as an editor may leave it; drop a line that a kill cut short."""
     size, last = stream.seek(0, os.SEEK_END), b""
     while len(last) < size and b"\n" not in last:
         start = max(0, size - 2 * len(last) - 1)  # a byte is enough for a whole line, then twice as much each time

@@ -69,7 +69,7 @@ def adjust_holm(ps: Sequence[float]) -> list[float]:
     """Holm's step-down correction of several tests (Scandinavian Journal of Statistics 6, 1979), in their order."""
     adjusted, highest = [0.0] * len(ps), 0.0
     for rank, k in enumerate(sorted(range(len(ps)), key=lambda k: ps[k])):
-        # the smallest p counts for all tests, the next for one less; never below one that came before
+        # the smallest p counts for all tests, the next for a test less; never below an earlier value
         highest = max(highest, min(1.0, (len(ps) - rank) * ps[k]))
         adjusted[k] = highest
     return adjusted
@@ -77,7 +77,7 @@ def adjust_holm(ps: Sequence[float]) -> list[float]:
 
 @dataclass(frozen=True)
 class PairedOutcomes:
-    """The 2 × 2 table of paired right-or-wrong outcomes: in how many pairs both, one alone or neither is right."""
+    """2 × 2 table of paired outcomes: pairs with both, only the first, only the second or neither correct."""
 
     both: int
     only_first: int
@@ -161,7 +161,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _corrected_phi(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Newcombe's: a positive one is brought half a pair per cell nearer to 0; 0 where a margin is empty."""
+    """Newcombe's: a positive correlation is brought half a pair per cell nearer to 0; 0 where a margin is empty."""
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
         return 0.0
@@ -193,7 +193,7 @@ BOOTSTRAP_DRAWS = 4000
 def resample_clusters(count: int, draws: int = BOOTSTRAP_DRAWS, seed: int = 0) -> "np.ndarray":
     """(draws, count) float: how often each of `count` clusters is in each bootstrap sample of as many clusters.
 
-    Trials that share a cluster, as pictures of one place do, are drawn together (Field and Welsh 2007). With a handful
+    Trials that share a cluster, as pictures of a place do, are drawn together (Field and Welsh 2007). With a handful
     of clusters the percentile intervals are too narrow: five have 126 different samples.
     """
     import numpy as np
@@ -212,7 +212,7 @@ def percentile_interval(values: "np.ndarray") -> Interval | None:
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return None
-    # a value that was drawn, never one between: between a number and infinity there is none
+    # a value that was drawn, never a value between: between a number and infinity there is none
     low, high = np.quantile(known, [0.025, 0.975], method="inverted_cdf")
     return float(low), float(high)
 
@@ -232,7 +232,7 @@ def sign_flip_p(differences: Sequence[float]) -> float:
     else:
         # too many to list: drawn, the seed being the count, so that p is the same each time
         signs = np.random.default_rng(count).choice([-1, 1], (2**16, count))
-        # what was seen counts as one of them, so that p is never 0
+        # the observed value counts among them, so that p is never 0
         signs[0] = 1
     means = np.abs(signs @ found)
     # the tolerance is for sums in another order

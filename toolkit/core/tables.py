@@ -135,7 +135,7 @@ def build_table(
         title: above it.
         texts: heads of the columns of text on the left, which are folded where the console is narrow.
         numbers: heads of the columns on the right, whose cells are never cut off.
-        rows: a cell for each column. A cell in the first column that is the one above is left out.
+        rows: a cell for each column. A cell in the first column equal to the cell above is left out.
         bold: first cell of the rows that stand out.
     """
     from rich.table import Table
@@ -154,12 +154,14 @@ def build_table(
         widths = share_width(columns[: len(texts)], room)
         if sum(widths) <= room:
             break
+    # without room for all, text columns keep a least width, and numbers are folded
     fits = sum(widths) <= room
     for i, (name, width) in enumerate(zip(texts, widths, strict=True)):
         least = width if fits else min(width, TEXT_WIDTH if i else FIRST_WIDTH)
         table.add_column(name, overflow="fold", min_width=least)
     for name, width in zip(numbers, numeric, strict=True):
         table.add_column(name, justify="right", overflow="fold", width=width if fits else None)
+    # repeated names in the first column are left out
     above = None
     for first, *rest in shown:
         table.add_row(Text("" if first == above else first), *map(Text, rest), style="bold" if first == bold else "")

@@ -62,7 +62,7 @@ FolderName = Annotated[str, AfterValidator(_check_folder)]
 
 
 def escape(text: str) -> str:
-    """Text in one line, with what a terminal would obey or hide written as an escape.
+    """Return text as a single line, with what a terminal would obey or hide written as an escape.
 
     That is control codes, line ends, marks that turn the direction of writing, and half pairs of surrogates.
     """

@@ -23,7 +23,7 @@ class Workspace:
         root: the folder.
         patch_set: the sub-folder of `print/patches` that is worked with, such as `rig18` for patches of that
             classifier; None for the patches that lie in `print/patches` itself.
-        board: file of the board in the photographs; None for the one that was printed last.
+        board: file of the board in the photographs; None for the board that was printed last.
     """
 
     root: Path
@@ -67,7 +67,7 @@ class Workspace:
 
     @property
     def wraps_dir(self) -> Path:
-        """Plans of flat pieces to stick on objects, one folder each."""
+        """Plans of flat pieces to stick on objects, a folder each."""
         return self.root / "print" / "wraps"
 
     @property
@@ -131,19 +131,19 @@ class Workspace:
         return sorted(name for name in found if is_file_name(name) and name != "previews")
 
     def object_spec(self, name: str) -> Path:
-        """The spec of one object; an unknown name is a `ToolkitError`."""
+        """Return the spec of an object; an unknown name is a `ToolkitError`."""
         return _find_named("object", name, self.object_specs())
 
     def patch(self, name: str) -> Path:
-        """The PNG of one patch; an unknown name is a `ToolkitError`."""
+        """Return the PNG of a patch; an unknown name is a `ToolkitError`."""
         return _find_named("patch", name, self.patches())
 
     def texture(self, name: str) -> Path:
-        """The PNG of one texture; an unknown name is a `ToolkitError`."""
+        """Return the PNG of a texture; an unknown name is a `ToolkitError`."""
         return _find_named("texture", name, self.textures())
 
     def wrap(self, name: str) -> Path:
-        """The folder of one wrap; an unknown name is a `ToolkitError`."""
+        """Return the folder of a wrap; an unknown name is a `ToolkitError`."""
         known = self.wraps()
         if not known:
             raise ToolkitError(
@@ -182,7 +182,7 @@ schema_version = 1
 
 
 def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False) -> Workspace:
-    """The workspace of a command: `folder` where one is named, else the nearest from the current folder upwards.
+    """The workspace of a command: `folder` if it is named, else the nearest from the current folder upwards.
 
     Where there is none, the current folder: built-in objects, plan and patches need no workspace.
 
@@ -238,7 +238,7 @@ def make_workspace(folder: Path | str) -> Workspace:
     """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
 
     Raises:
-        ToolkitError: `folder` is a file, or cannot be written; one of its folders is a link; its `toolkit.toml` has a
+        ToolkitError: `folder` is a file, or cannot be written; a folder in it is a link; its `toolkit.toml` has a
             wrong field.
     """
     folder = Path(folder)

@@ -1,4 +1,4 @@
-"""Units on this machine: in this process, or in a pool of processes with one core each."""
+"""Units on this machine: in this process, or in a pool of processes with a core each."""
 
 import itertools
 import pickle
@@ -49,7 +49,7 @@ class InProcess:
         return Here(value)
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `Engine.run`; a result is handed over before the unit's next one is begun."""
+        """See `Engine.run`; a result is handed over before the unit's next result is begun."""
         for unit in units:
             try:
                 for key, result in zip(unit.keys, unit.work(*unit.inputs), strict=True):
@@ -81,9 +81,10 @@ class Stored(Generic[Value]):
         weakref.finalize(self, file.unlink, missing_ok=True)
 
     def get(self) -> Value:
-        """The value, read from its file or kept from before."""
+        """Return the value, read from its file or from this process's cache."""
         return _load(self._file)
 
+    # workers get the path alone, and must not delete the file at their end
     def __reduce__(self) -> tuple[Callable[[Path], "Stored[Any]"], tuple[Path]]:
         return _open_stored, (self._file,)
 
@@ -103,10 +104,10 @@ def _load(file: Path) -> Any:
 class LocalPool:
     """A pool of processes on this machine.
 
-    A worker that dies costs its unit another try, with no other unit beside it; one that dies again is given up.
+    A worker that dies costs its unit another try, with no other unit beside it; a unit that fails twice is given up.
 
     Attributes:
-        workers: how many processes; each uses one core.
+        workers: how many processes; each uses a core.
     """
 
     def __init__(self, workers: int) -> None:
@@ -153,12 +154,12 @@ class LocalPool:
             return self._open().submit(do_work, unit.work, unit.inputs)
 
     def _again(self, unit: Unit[Result], done: "Future[Done[Result]]") -> "Future[Done[Result]]":
-        """What the unit gave, if it had ended before; else another try."""
+        """Return the results of a unit that had ended before; otherwise submit it again."""
         is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
         return done if is_there else self._submit(unit)
 
     def _try_alone(self, unit: Unit[Result]) -> Done[Result]:
-        """Do a unit with no other beside it, so that who ended the process is known."""
+        """Run a unit alone in a pool, so that a killed process is its own fault."""
         for _ in range(TRIES):
             self._close()
             try:

@@ -32,7 +32,7 @@ HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
-"""A node with another version of one of these would give other results."""
+"""Packages whose version changes results: every node needs the same version."""
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
@@ -60,15 +60,15 @@ class InStore(Generic[Value]):
 
 
 class RayEngine:
-    """A Ray cluster: one that runs, or one that is started on this machine and ends with the engine."""
+    """A Ray cluster: a running cluster, or a cluster that is started on this machine and ends with the engine."""
 
     def __init__(self, address: str | None = None, workers: int | None = None, gpus: int = 0) -> None:
         """Not connected yet.
 
         Args:
-            address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the one on this machine; None
-                starts one here.
-            workers: units that run at once; by default as many as the cluster has cores, or GPUs where they need one.
+            address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the cluster on this machine; None
+                starts a cluster here.
+            workers: units that run at once; by default as many as the cluster has cores, or GPUs if they need a GPU.
             gpus: that each unit needs.
 
         Raises:
@@ -146,6 +146,7 @@ class RayEngine:
 
         ray.wait([reference])
         try:
+            # a unit that runs out of memory or kills its worker fails alone
             results, reason, is_fit = ray.get(reference)
         except ray.exceptions.OutOfMemoryError:
             return [], "its node's memory is full"
@@ -153,6 +154,7 @@ class RayEngine:
             return [], KILLED
         except Exception as error:
             return [], explain_failure(error)
+        # other libraries would fail every unit of that node: stop the run
         if not is_fit:
             raise ToolkitError(reason)
         return results, reason
@@ -160,8 +162,9 @@ class RayEngine:
     def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray
 
-        shared = {at: one for at, one in enumerate(unit.inputs) if isinstance(one, InStore)}
-        own = tuple(None if at in shared else one for at, one in enumerate(unit.inputs))
+        # shared values are in the object store already; the rest is sent with the unit
+        shared = {at: value for at, value in enumerate(unit.inputs) if isinstance(value, InStore)}
+        own = tuple(None if at in shared else value for at, value in enumerate(unit.inputs))
         try:
             pickled = ray.cloudpickle.dumps((unit.work, own))
         except (TypeError, pickle.PicklingError) as error:
@@ -170,7 +173,7 @@ class RayEngine:
         return reference
 
     def __exit__(self, *error: object) -> None:
-        """Leave the cluster; one that was started here ends."""
+        """Leave the cluster; a cluster that was started here ends."""
         import ray
 
         if self._is_mine:
@@ -216,7 +219,7 @@ def _speaks_http2(line: socket.socket) -> bool:
 
 
 def explain_start(where: str, error: Exception) -> str:
-    """Why Ray could not be reached or started, in a line."""
+    """Return in a line why Ray could not be reached or started."""
     said = " ".join(str(error).split())
     found = re.findall(r"Ray: (\S+) Python: (\S+)", said)
     if len(found) == 2:
@@ -236,14 +239,14 @@ def list_versions() -> dict[str, str]:
 
 
 def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
-    """What a node has otherwise than the driver, in words; empty where it is the same."""
-    return ", ".join(f"{name} {here[name]} for {one}" for name, one in wanted.items() if here[name] != one)
+    """Return how a node's libraries differ from the driver's, in words; empty if they are the same."""
+    return ", ".join(f"{name} {here[name]} for {version}" for name, version in wanted.items() if here[name] != version)
 
 
 def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
     import ray
 
-    # a task has one core; without this each would start threads for all
+    # a task has a single core; otherwise each would start threads for all
     limit_cores(1)
     difference = find_difference(versions, list_versions())
     if difference:
@@ -253,4 +256,4 @@ def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[
         work, inputs = pickle.loads(pickled)
     except Exception as error:  # such as a module that the node does not have
         return [], explain_failure(error), True
-    return *do_work(work, tuple(shared.get(at, one) for at, one in enumerate(inputs))), True
+    return *do_work(work, tuple(shared.get(at, value) for at, value in enumerate(inputs))), True

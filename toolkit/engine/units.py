@@ -1,4 +1,4 @@
-"""A unit of work, what came of it, what runs lists of them, and the one loop that does what is missing."""
+"""A unit of work, what came of it, what runs lists of them, and the loop that does what is missing."""
 
 import traceback
 from collections import deque
@@ -110,7 +110,7 @@ def explain_failure(error: BaseException) -> Reason:
 
 
 def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -> tuple[list[Result], str]:
-    """The results of a unit until it ended or failed, and the reason where it failed."""
+    """Return the results of a unit until it ended or failed, and the reason if it failed."""
     results: list[Result] = []
     try:
         results.extend(work(*inputs))
@@ -119,38 +119,39 @@ def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -
     return results, ""
 
 
-def give(result: Result) -> Iterator[Result]:
-    """The work of a unit whose result is there."""
+def done_unit(result: Result) -> Iterator[Result]:
+    """Yield a result that was computed before: the work of a finished unit."""
     yield result
 
 
-AHEAD = 2
-"""Units that are begun for each worker: one is done, one waits."""
+PREFETCH = 2
+"""Number of units started for each worker: the first runs, the second waits."""
 KILLED = "its process was killed, as it is where the memory is full"
-Begun = TypeVar("Begun")
+Pending = TypeVar("Pending")
 
 
 def run_ahead(
     units: Iterable[Unit[Result]],
     workers: int,
-    begin: Callable[[Unit[Result]], Begun],
-    end: Callable[[Unit[Result], Begun, deque[tuple[Unit[Result], Begun]]], tuple[list[Result], str]],
+    begin: Callable[[Unit[Result]], Pending],
+    end: Callable[[Unit[Result], Pending, deque[tuple[Unit[Result], Pending]]], tuple[list[Result], str]],
 ) -> Iterator[Outcome[Result]]:
-    """See `Engine.run`; the results of a unit are handed over together, while the next ones are done.
+    """See `Engine.run`; the results of a unit are handed over together, while the next units run.
 
     Args:
         units, workers: what, by how many.
         begin: hands a unit to the workers.
         end: waits for a unit; gives its results and, where it failed, the reason. It may begin those that wait anew.
     """
-    waiting: deque[tuple[Unit[Result], Begun]] = deque()
+    waiting: deque[tuple[Unit[Result], Pending]] = deque()
     rest = iter(units)
     while True:
-        waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, AHEAD * workers - len(waiting))))
+        waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, PREFETCH * workers - len(waiting))))
         if not waiting:
             return
-        unit, begun = waiting.popleft()
-        results, reason = end(unit, begun, waiting)
+        # in the order of submission: results come back as if a single process had done them
+        unit, pending = waiting.popleft()
+        results, reason = end(unit, pending, waiting)
         yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
         if not reason and len(results) != len(unit.keys):
             reason = f"gave {len(results)} results, expected {len(unit.keys)}"
@@ -163,9 +164,9 @@ Item = TypeVar("Item")
 
 FAILURES = "failures.log"
 MOST_TRACES = 100
-"""In that file; a hundred show what is wrong."""
+"""Largest number of tracebacks in that file; a hundred show what is wrong."""
 GIVE_UP_AFTER = 3
-"""Where the first units all fail for one reason, the fault lies in the run, not in a unit: so many are tried."""
+"""Number of first units that must fail for the same reason before the run gives up: the fault is the run's."""
 
 
 class RecordCache(Generic[Key, Value, Record]):
@@ -213,14 +214,14 @@ def run_resumable(
 ) -> Ran:  # fmt: skip
     """Do what is missing.
 
-    A result is kept before the next one is taken, so a run that was stopped goes on where it was, on any engine. A
+    A result is kept before the next result is taken, so a run that was stopped goes on where it was, on any engine. A
     unit fails alone: the others are done.
 
     Args:
         title: of the progress bar.
         wanted: all items of the run, by what tells their results from all others, such as a hash of the inputs.
         missing: those that are to be done now.
-        units: of the missing ones; only read where there are some, and no faster than the engine takes them.
+        units: units of the missing items; only read if items are missing, and no faster than the engine takes them.
         keep: puts an item's result on disk.
         engine: does the units.
         folder: of the run; `failures.log` in it gets the tracebacks of errors that nobody foresaw.
@@ -228,11 +229,12 @@ def run_resumable(
         bar: of a longer work, where this is a part of it; by default a bar of its own.
 
     Raises:
-        ToolkitError: the first units all failed for one reason, nothing could be done, or the disk is full.
+        ToolkitError: the first units all failed for the same reason, nothing could be done, or the disk is full.
     """
     todo, total = sum(map(weigh, missing.values())), sum(map(weigh, wanted.values()))
     failed: list[tuple[str, str]] = []
     log = _FailureLog(folder)
+    # tracebacks of an earlier run would be mistaken for this run's
     if missing:
         log.clear()
     made = 0
@@ -240,7 +242,7 @@ def run_resumable(
         for outcome in engine.run(_tell(units, bar) if missing else ()):
             if outcome.result is None:
                 failed.append((outcome.unit.name, log.note(outcome)))
-                # one reason for all: a unit of its own kind may fail, and the run goes on
+                # the same reason for all: a single failing unit does not stop the run
                 if not made and len(failed) == GIVE_UP_AFTER and len({reason for _, reason in failed}) == 1:
                     raise ToolkitError(failed[0][1])
                 continue
@@ -249,6 +251,7 @@ def run_resumable(
             # after `keep`: what the bar counts is on disk
             made += weigh(item)
             bar.advance(weigh(item), note=outcome.unit.name)
+    # a run without a single result is an error, not an empty result
     if failed and not made and todo == total:
         raise ToolkitError(failed[0][1])
     return Ran(made, total - todo, tuple(failed))
@@ -265,7 +268,7 @@ class _FailureLog:
         delete_file(self._file)
 
     def note(self, outcome: Outcome[Any]) -> str:
-        """Log the traceback of a unit that failed, if it has one; returns the reason with the file's name."""
+        """Log the traceback of a unit that failed, if it has a traceback; returns the reason with the file's name."""
         trace = getattr(outcome.reason, "trace", "")
         if not trace:
             return str(outcome.reason)
@@ -276,7 +279,7 @@ class _FailureLog:
 
 
 def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
-    """The units, each named on the bar as it is begun."""
+    """Yield the units, each named on the bar when it starts."""
     bar.advance(0, note="preparing")
     for unit in units:
         bar.advance(0, note=unit.name)
@@ -286,7 +289,7 @@ def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
 def cut_groups(
     items: Mapping[Key, Item], group: Callable[[Item], Hashable], size: int
 ) -> Iterator[tuple[tuple[Key, ...], list[Item]]]:
-    """Keys and items of units: at most `size` that follow each other and are of one group."""
+    """Yield the keys and items of units: at most `size` consecutive items of the same group."""
     for _, own in groupby(items.items(), key=lambda pair: group(pair[1])):
         while some := list(islice(own, size)):
             yield tuple(key for key, _ in some), [item for _, item in some]

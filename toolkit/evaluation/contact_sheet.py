@@ -86,13 +86,13 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
 def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
     """A chart for each source and variant of which some image has a known pose; `unpatched` first."""
     found: dict[tuple[str, str], Seen] = defaultdict(list)
-    for one in predictions:
-        direction = read_direction(one.capture)
-        if direction is not None and one.is_read:
-            found[(one.capture.source, one.capture.variant)].append((direction, one))
+    for prediction in predictions:
+        direction = read_direction(prediction.capture)
+        if direction is not None and prediction.is_read:
+            found[(prediction.capture.source, prediction.capture.variant)].append((direction, prediction))
     lowest: dict[str, float] = defaultdict(float)
     for (source, _), seen in found.items():
-        # one rim for all variants of a source, so that their charts can be compared
+        # the same rim for all variants of a source, so that their charts can be compared
         lowest[source] = min(lowest[source], *(direction[1] for direction, _ in seen))
     keys = sorted(found, key=lambda key: (key[0], rank_variant(key[1])))
     return [_chart(*key, found[key], lowest[key[0]]) for key in keys]
@@ -102,9 +102,9 @@ def _chart(source: str, variant: str, seen: Seen, lowest: float) -> PoseChart:
     # the rim is the next ring of 30° below the lowest camera
     rim_deg = 30.0 * (lowest // 30)
     by_place: dict[tuple[int, int], Seen] = defaultdict(list)
-    for direction, one in seen:
+    for direction, prediction in seen:
         # to a degree: objects that share a plan share their dots
-        by_place[(round(direction[0]) % 360, round(direction[1]))].append((direction, one))
+        by_place[(round(direction[0]) % 360, round(direction[1]))].append((direction, prediction))
     # by the root of their number: dots share the disc's area
     dot_radius = min(LARGEST_DOT, max(SMALLEST_DOT, DOT_SHARE / sqrt(len(by_place))))
     rings = []
@@ -118,7 +118,7 @@ def _chart(source: str, variant: str, seen: Seen, lowest: float) -> PoseChart:
 
 def _dot(seen: Seen, rim_deg: float, dot_radius: float) -> PoseDot:
     azimuth, elevation = seen[0][0]
-    n, n_right = len(seen), sum(one.correct_top1 for _, one in seen)
+    n, n_right = len(seen), sum(prediction.correct_top1 for _, prediction in seen)
     r = _radius(elevation, rim_deg)
     # seen from above with the object's front towards the reader: azimuth 0 points down, 90 (its left) to the right
     x, y = r * sin(radians(azimuth)), r * cos(radians(azimuth))
@@ -139,9 +139,9 @@ def _wedge(x: float, y: float, radius: float, share: float) -> str:
     return f"M{x:.2f} {y:.2f}V{y - radius:.2f}A{radius:.2f} {radius:.2f} 0 {large} 1 {end_x:.2f} {end_y:.2f}Z"
 
 
-def describe_place(one: Prediction) -> str:
+def describe_place(prediction: Prediction) -> str:
     """`60° around, 40° up`, or nothing where the pose is unknown."""
-    direction = read_direction(one.capture)
+    direction = read_direction(prediction.capture)
     return "" if direction is None else f"{direction[0]:.0f}° around, {direction[1]:.0f}° up"
 
 
@@ -157,7 +157,7 @@ def make_thumbnails(
     corrupted = [capture for capture in wanted if find_pending(capture) is not None]
     plain = [capture for capture in wanted if find_pending(capture) is None]
     with ThreadPoolExecutor(min(8, count_cores())) as pool:
-        made = pool.map(lambda one: _make(one, side_px), plain)
+        made = pool.map(lambda prediction: _make(prediction, side_px), plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
     shown = decode_ahead(corrupted, classifier, choose_batch_size(classifier)) if classifier else ()
     for capture, pixels in zip(corrupted, shown, strict=classifier is not None):
@@ -188,7 +188,7 @@ def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
 
 @dataclass(frozen=True)
 class Card:
-    """One pose in every variant, or one image that has no pose.
+    """A pose in every variant, or an image without a pose.
 
     Attributes:
         title: `pose 3`, or the file's name.
@@ -203,7 +203,7 @@ class Card:
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """One object of one source (or many small ones): the cards that are shown, and how many there are."""
+    """An object of a source (or many small objects): the cards that are shown, and how many there are."""
 
     source: str
     object: str
@@ -219,8 +219,8 @@ def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES)
         The sheets, and the number of objects that found no room.
     """
     members: dict[tuple[str, str], list[Prediction]] = defaultdict(list)
-    for one in predictions:
-        members[(one.capture.source, one.capture.object)].append(one)
+    for prediction in predictions:
+        members[(prediction.capture.source, prediction.capture.object)].append(prediction)
     keys = sorted(members)
     cards = {key: _deal(members[key]) for key in keys}
     widest = max((len(card.cells) for deck in cards.values() for card in deck), default=1)
@@ -247,20 +247,27 @@ def lay_out_flips(flips: FlipList) -> list[Card]:
 def _deal(members: list[Prediction]) -> list[Card]:
     poses: dict[int, dict[str, Prediction]] = defaultdict(dict)
     loose: list[Prediction] = []
-    for one in members:
-        first = poses[one.capture.pose_id].get(one.capture.variant) if one.capture.pose_id is not None else None
-        # of two images of one pose and variant the one that was read is in the card, the other has a card of its own
-        if one.capture.pose_id is None or (first is not None and (first.is_read or not one.is_read)):
-            loose.append(one)
+    for prediction in members:
+        first = (
+            poses[prediction.capture.pose_id].get(prediction.capture.variant)
+            if prediction.capture.pose_id is not None
+            else None
+        )
+        # of two images of the same pose and variant, the readable image is in the card, the other gets its own card
+        if prediction.capture.pose_id is None or (first is not None and (first.is_read or not prediction.is_read)):
+            loose.append(prediction)
             continue
         if first is not None:
             loose.append(first)
-        poses[one.capture.pose_id][one.capture.variant] = one
+        poses[prediction.capture.pose_id][prediction.capture.variant] = prediction
     cards = []
     for pose_id in sorted(poses):
-        cells = sorted(poses[pose_id].values(), key=lambda one: rank_variant(one.capture.variant))
+        cells = sorted(poses[pose_id].values(), key=lambda prediction: rank_variant(prediction.capture.variant))
         cards.append(Card(f"pose {pose_id}", describe_place(cells[0]), tuple(cells)))
-    return cards + [Card(one.capture.path.rsplit("/", 1)[-1], describe_place(one), (one,)) for one in loose]
+    return cards + [
+        Card(prediction.capture.path.rsplit("/", 1)[-1], describe_place(prediction), (prediction,))
+        for prediction in loose
+    ]
 
 
 def _gather(sheets: list[ContactSheet]) -> list[ContactSheet]:

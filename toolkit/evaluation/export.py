@@ -1,4 +1,4 @@
-"""Predictions of many runs for other programs: one table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
+"""Predictions of many runs for other programs: a table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
 
 import io
 import re
@@ -85,7 +85,7 @@ def export_predictions(
     workspace: Workspace, names: Sequence[str] = (), form: str = "parquet", out: Path | None = None,
     captures_dir: Path | None = None,
 ) -> Exported:  # fmt: skip
-    """Write the predictions of runs, by default of all that have any, as one table or a folder.
+    """Write the predictions of runs, by default of all that have any, as a table or a folder.
 
     Args:
         workspace: that the runs are of.
@@ -113,6 +113,7 @@ def export_predictions(
         wanted = "of a detector" if form == "coco" else "with predictions"
         raise ToolkitError(f"{workspace.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
     place, left_out = out or workspace.eval_dir / FORMS[form], 0
+    # a table is a single file, the other forms are folders
     if form in ("parquet", "csv"):
         count = (write_parquet if form == "parquet" else write_csv)(place, workspace, runs, captures_dir)
     else:
@@ -127,7 +128,7 @@ def export_predictions(
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
-    """Write the predictions of runs as one Parquet table, a row per run and image; returns how many.
+    """Write the predictions of runs as a Parquet table, a row per run and image; returns how many.
 
     Columns are those of `predictions.csv` after run, network, condition and severity, of detectors those of
     `detections.csv`, with boxes as lists; what is not known is null.
@@ -139,7 +140,7 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
         captures_dir: where the images lie; by default of each run's own.
 
     Raises:
-        ToolkitError: pyarrow is not installed, a run has no predictions or damaged ones, or the file cannot be written.
+        ToolkitError: pyarrow is not installed, predictions are missing or damaged, or the file cannot be written.
     """
     arrow = _import_arrow()
     from pyarrow import parquet
@@ -192,21 +193,21 @@ def _list_rows(
         conditions: dict[str, tuple[str, str | None, int | None]] = {
             row.source: (row.network, row.condition, row.severity) for row in run.rows
         }
-        for one in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
-            network, condition, severity = conditions.get(one.capture.source, (run.rows[0].network, None, None))
-            if one.capture.corruption is not None:
-                condition, severity = one.capture.corruption
+        for prediction in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
+            network, condition, severity = conditions.get(prediction.capture.source, (run.rows[0].network, None, None))
+            if prediction.capture.corruption is not None:
+                condition, severity = prediction.capture.corruption
             row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
-            row |= {name: _look_up(one, name) for name in own}
+            row |= {name: _look_up(prediction, name) for name in own}
             rows.append(row)
     return columns, rows
 
 
-def _look_up(one: Prediction, column: str) -> object:
+def _look_up(prediction: Prediction, column: str) -> object:
     # an image that was not read is neither right nor wrong
-    if column in ("correct_top1", "correct_top5") and not one.is_read:
+    if column in ("correct_top1", "correct_top5") and not prediction.is_read:
         return None
-    places = (one.capture, one.detection, one)
+    places = (prediction.capture, prediction.detection, prediction)
     return next(getattr(place, column) for place in places if hasattr(place, column))
 
 
@@ -242,7 +243,7 @@ def write_fiftyone(
     `data.json` says where each image lies; `labels/` has a file in the form of `FiftyOneImageClassificationDataset` for
     each field: `ground_truth`, `object`, `variant`, `source`, and `prediction_RUN` with its confidence for each run. Of
     a detector's run the fields `ground_truth_boxes` and `prediction_RUN` are in that of
-    `FiftyOneImageDetectionDataset`. `load.py` merges them into one dataset.
+    `FiftyOneImageDetectionDataset`. `load.py` merges them into a single dataset.
 
     Args:
         folder: where to.
@@ -255,7 +256,7 @@ def write_fiftyone(
         were corrupted when they were read and have no file of their own.
 
     Raises:
-        ToolkitError: a run has no predictions or damaged ones, none of its images is there, or the folder cannot be
+        ToolkitError: predictions are missing or damaged, none of its images is there, or the folder cannot be
             written.
     """
     files: dict[str, str] = {}
@@ -264,20 +265,23 @@ def write_fiftyone(
     for run in runs:
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
-        for one in placed:
-            # one number for each file, however many runs saw it
-            key = files.setdefault(str(one.capture.file), f"{len(files):06d}")
-            labels: dict[str, object] = {name: getattr(one.capture, name) for name in ("object", "variant", "source")}
-            said, prediction = one.detection, f"prediction_{_as_name(run)}"
+        for prediction in placed:
+            # a number for each file, however many runs used it
+            key = files.setdefault(str(prediction.capture.file), f"{len(files):06d}")
+            labels: dict[str, object] = {
+                name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
+            }
+            said, column = prediction.detection, f"prediction_{_as_name(run)}"
             if said is None:
-                labels |= {"ground_truth": one.true_label, prediction: _describe_answer(one)}
+                labels |= {"ground_truth": prediction.true_label, column: _describe_answer(prediction)}
             else:
-                size = _measure_image(one)
+                size = _measure_image(prediction)
                 about = {"confidence": said.score, "attributes": {"found": said.found, "iou": said.iou}}
-                labels["ground_truth_boxes"] = _place_box(one.true_label, said.true_box, size)
-                labels[prediction] = _place_box(one.true_label, said.box, size, about)
+                labels["ground_truth_boxes"] = _place_box(prediction.true_label, said.true_box, size)
+                labels[column] = _place_box(prediction.true_label, said.box, size, about)
             for name, label in labels.items():
                 fields.setdefault(name, {})[key] = label
+    # samples by file, and a label file of each field: FiftyOne reads images from where they are
     if not files:
         raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: name their folder")
     write_json(folder / "data.json", {key: file for file, key in files.items()})
@@ -287,9 +291,9 @@ def write_fiftyone(
     return len(files), left_out
 
 
-def _describe_answer(one: Prediction) -> dict[str, object]:
-    about = {"correct": one.correct_top1, "true_prob": one.true_prob, "true_rank": one.true_rank}
-    return {"label": one.top1_label, "confidence": one.top1_prob, "attributes": about}
+def _describe_answer(prediction: Prediction) -> dict[str, object]:
+    about = {"correct": prediction.correct_top1, "true_prob": prediction.true_prob, "true_rank": prediction.true_rank}
+    return {"label": prediction.top1_label, "confidence": prediction.top1_prob, "attributes": about}
 
 
 def _place_box(
@@ -307,9 +311,9 @@ def _as_name(run: Run) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", run.name)
 
 
-def _measure_image(one: Prediction) -> tuple[int, int]:
+def _measure_image(prediction: Prediction) -> tuple[int, int]:
     """Width and height, upright."""
-    height, width = read_image(one.capture.file).shape[:2]
+    height, width = read_image(prediction.capture.file).shape[:2]
     return width, height
 
 
@@ -317,7 +321,7 @@ def _read_placed(workspace: Workspace, run: Run, captures_dir: Path | None) -> t
     """Predictions for images that were read and lie there as they were judged, and how many others there are."""
     place = captures_dir or find_captures_dir(workspace, run)
     predictions = read_predictions(run, place)
-    placed = [one for one in predictions if one.is_read and has_own_file(one, place)]
+    placed = [prediction for prediction in predictions if prediction.is_read and has_own_file(prediction, place)]
     return placed, len(predictions) - len(placed)
 
 
@@ -326,7 +330,7 @@ def write_coco_results(
 ) -> tuple[int, int]:
     """Write each detector's run into `folder/RUN/` in COCO's format: `instances.json` and `results.json`.
 
-    The one is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
+    One is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
     best, which is all that a run keeps, so average precision is to be read in its `summary.json`. No image is copied.
 
     Args:
@@ -348,14 +352,15 @@ def write_coco_results(
         placed, gone = _read_placed(workspace, run, captures_dir)
         if not placed:
             raise ToolkitError(f"none of the images of {run.name} is there: name their folder")
-        categories = sorted({one.true_label for one in placed})
+        categories = sorted({prediction.true_label for prediction in placed})
         images: list[Row] = []
         truths: list[Row] = []
         results: list[Row] = []
-        for number, one in enumerate(placed, 1):
-            said, capture, (width, height) = one.detection or Detection(), one.capture, _measure_image(one)
+        for number, prediction in enumerate(placed, 1):
+            said, capture = prediction.detection or Detection(), prediction.capture
+            width, height = _measure_image(prediction)
             # COCO counts categories from 1
-            of = {"image_id": number, "category_id": categories.index(one.true_label) + 1}
+            of = {"image_id": number, "category_id": categories.index(prediction.true_label) + 1}
             images.append({"id": number, "file_name": capture.path, "width": width, "height": height})
             if said.true_box is not None:
                 box = as_bbox(said.true_box)

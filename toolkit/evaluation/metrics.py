@@ -1,6 +1,6 @@
 """What the predictions count up to: groups, two variants on the same poses, and the pairs that changed.
 
-Items that are no independent draws (pictures of one place, images of one class) share what is seen: their clusters are
+Items that are no independent draws (pictures of a place, images of a class) share what is seen: their clusters are
 what intervals and tests count.
 """
 
@@ -31,11 +31,11 @@ from toolkit.rig.variants import CONTROLS, CONTROLS_OF, NOUNS, VARIANTS
 
 NO_SPREAD = 1e-12
 Estimate = tuple[float, Interval | None]
-"""A mean over items, and its interval over clusters; None where it cannot be told: one cluster, or no spread."""
+"""A mean over items, and its interval over clusters; None if it cannot be told: a single cluster, or no spread."""
 PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
 MAX_FLIPS = 40
 MOST_NAMES = 20
-"""Of an object's variants, that a reason lists."""
+"""Largest number of an object's variants in a reason."""
 
 
 def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
@@ -47,7 +47,7 @@ def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
 
     the ratio estimator of a sample of C whole clusters (Cochran, Sampling Techniques, 3rd ed. 1977, sections 6.3 and
     9A.1, with no finite population; the same as the cluster-robust variance of a mean). Where all clusters are wholly
-    right, or wholly wrong, v is 0 and says nothing: then it is Wilson's interval with each cluster as one trial.
+    right, or wholly wrong, v is 0 and says nothing: then it is Wilson's interval with each cluster as a single trial.
 
     Args:
         scores: (n,) float.
@@ -103,7 +103,7 @@ class ClusterBootstrap:
 
     @classmethod
     def of(cls, cluster_of: np.ndarray, count: int) -> "ClusterBootstrap":
-        """The same samples whenever there are as many clusters; none of one cluster."""
+        """The same samples whenever there are as many clusters; none of a single cluster."""
         return cls(cluster_of, resample_clusters(count) if count > 1 else np.zeros((0, 1)))
 
     def shares(self, values: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
@@ -118,7 +118,7 @@ class ClusterBootstrap:
             return (weights @ total) / (weights @ n)
 
     def estimate(self, values: np.ndarray, among: np.ndarray | None = None) -> tuple[float | None, Interval | None]:
-        """Mean and its 95 % interval over clusters; None without items, and no interval for one cluster."""
+        """Mean and its 95 % interval over clusters; None without items, and no interval for a single cluster."""
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
@@ -174,7 +174,7 @@ def name_booster(variant: str) -> str:
 
 @dataclass(frozen=True)
 class Group:
-    """Results of one object and variant of one source; `object` is `all` for the pooled row.
+    """Results of an object and variant of a source; `object` is `all` for the pooled row.
 
     Attributes:
         n, failed: images classified, and images that could not be read.
@@ -215,14 +215,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two images of one object at one pose, both read: in two variants, or of two sources."""
+    """Two images of an object at the same pose, both read: in two variants, or of two sources."""
 
     first: Prediction
     second: Prediction
 
     @property
     def has_one_camera(self) -> bool:
-        """Both were taken from one place, as far as it is known."""
+        """Whether both were taken from the same place, as far as it is known."""
         return self.first.capture.compare_cameras(self.second.capture) is None
 
     @property
@@ -258,7 +258,7 @@ class Comparison:
     Attributes:
         source, object: of the pairs; `all` for those of all together.
         first, second: the variants of each pair; `unpatched` and another, a booster and its control, or twice the same.
-        pairs: images of one pose, read in both; at least one.
+        pairs: images of the same pose, read in both; at least a single pair.
     """
 
     source: str
@@ -269,7 +269,7 @@ class Comparison:
 
     @cached_property
     def outcomes(self) -> PairedOutcomes:
-        """Of how many pairs both images, one alone or neither is right."""
+        """Number of pairs of which both images, only the first, only the second or neither is correct."""
         return PairedOutcomes.count((pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs)
 
     @cached_property
@@ -290,14 +290,14 @@ class Comparison:
 
     @cached_property
     def rank(self) -> RankCorrelation:
-        """Of the true class's probability, over the pairs."""
+        """Rank correlation of the true class's probability, over the pairs."""
         return rank_correlation(*self.probs)
 
     @cached_property
     def commonest_mistake(self) -> tuple[str | None, int]:
         """The commonest wrong first guess with `second`, and how often; None and 0 where it is always right."""
         wrong = Counter(pair.second.top1_label for pair in self.pairs if not pair.second.correct_top1)
-        # of equally common ones the first by name, so that the same run says the same
+        # of equally common classes the first by name, so that the same run says the same
         return min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
 
     def as_pair(self) -> dict[str, Any]:
@@ -321,11 +321,11 @@ class Comparison:
 
 
 def gather(items: Iterable[Item], keys_of: Callable[[Item], Iterable[Key]]) -> dict[Key, list[Item]]:
-    """Items by key; one that has several keys, as its object and `all`, counts under each."""
+    """Return items by key; an item with several keys, as its object and `all`, counts under each."""
     found: dict[Key, list[Item]] = defaultdict(list)
-    for one in items:
-        for key in keys_of(one):
-            found[key].append(one)
+    for item in items:
+        for key in keys_of(item):
+            found[key].append(item)
     return found
 
 
@@ -337,8 +337,8 @@ def rank_row(source: str, name: str, variant: str) -> tuple[str, bool, str, tupl
 def group_images(images: Iterable[Shown]) -> dict[RowKey, list[Shown]]:
     """What was said of images by source, object (`all` for all of them) and variant, in the order of `rank_row`."""
 
-    def keys_of(one: Shown) -> list[RowKey]:
-        return [(one.capture.source, name, one.capture.variant) for name in (one.capture.object, POOLED)]
+    def keys_of(shown: Shown) -> list[RowKey]:
+        return [(shown.capture.source, name, shown.capture.variant) for name in (shown.capture.object, POOLED)]
 
     return dict(sorted(gather(images, keys_of).items(), key=lambda item: rank_row(*item[0])))
 
@@ -349,26 +349,26 @@ def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
 
 
 def _count_group(key: RowKey, members: list[Prediction]) -> Group:
-    read = [one for one in members if one.is_read]
+    read = [prediction for prediction in members if prediction.is_read]
     return Group(
         *key,
         n=len(read),
         failed=len(members) - len(read),
-        n_top1=sum(one.correct_top1 for one in read),
-        n_top5=sum(one.correct_top5 for one in read),
-        mean_true_prob=sum(one.true_prob or 0.0 for one in read) / len(read) if read else None,
+        n_top1=sum(prediction.correct_top1 for prediction in read),
+        n_top5=sum(prediction.correct_top5 for prediction in read),
+        mean_true_prob=sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None,
     )
 
 
 def index_poses(predictions: Iterable[Prediction]) -> Poses:
-    """Images by source and object, variant and pose: of several of one pose the first that was read."""
+    """Images by source and object, variant and pose: of several of the same pose the first that was read."""
     by_pose: Poses = defaultdict(lambda: defaultdict(dict))
-    for one in predictions:
-        poses = by_pose[(one.capture.source, one.capture.object)][one.capture.variant]
-        if one.capture.pose_id is not None:
-            first = poses.get(one.capture.pose_id)
-            if first is None or (one.is_read and not first.is_read):
-                poses[one.capture.pose_id] = one
+    for prediction in predictions:
+        poses = by_pose[(prediction.capture.source, prediction.capture.object)][prediction.capture.variant]
+        if prediction.capture.pose_id is not None:
+            first = poses.get(prediction.capture.pose_id)
+            if first is None or (prediction.is_read and not first.is_read):
+                poses[prediction.capture.pose_id] = prediction
     return by_pose
 
 
@@ -379,9 +379,9 @@ def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
     return [pair for pairs in found for pair in pairs]
 
 
-def _pair_poses(one: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
-    shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
-    # pose 3 of two plans is not one camera, and two lights are not one picture
+def _pair_poses(first: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
+    shared = [Pair(first[pose], other[pose]) for pose in sorted(first.keys() & other.keys())]
+    # pose 3 of two plans is not the same camera, and two lights do not give the same picture
     return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.is_alike]
 
 
@@ -399,8 +399,8 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
     """Two variants by source and object, `all` last."""
 
     def keys_of(pair: Pair) -> list[tuple[str, str, str, str]]:
-        one, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
-        return [(one.source, name, *variants) for name in (one.object, POOLED)]
+        capture, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
+        return [(capture.source, name, *variants) for name in (capture.object, POOLED)]
 
     return [Comparison(*key, tuple(own)) for key, own in gather(pairs, keys_of).items()]
 
@@ -441,27 +441,27 @@ def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
     """(path, reason) of every image that was read and has no partner in `unpatched`, or in any other variant.
 
-    Where an object was seen in one variant only, nothing can be paired and nothing is listed.
+    Where an object was seen in a single variant, nothing can be paired and nothing is listed.
     """
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
     for key, variants in poses.items():
         for name, own in variants.items():
-            for pose_id, one in own.items():
-                partners[key, name == UNPATCHED, pose_id].append(one)
+            for pose_id, prediction in own.items():
+                partners[key, name == UNPATCHED, pose_id].append(prediction)
     unpaired = []
-    for one in predictions:
-        capture, key = one.capture, (one.capture.source, one.capture.object)
-        if len(poses[key]) == 1 or not one.is_read:
+    for prediction in predictions:
+        capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
+        if len(poses[key]) == 1 or not prediction.is_read:
             continue
         is_bare = capture.variant == UNPATCHED
         others = partners.get((key, not is_bare, capture.pose_id), []) if capture.pose_id is not None else []
-        if reason := _why_unpaired(one, others, poses[key] if is_bare else (UNPATCHED,)):
+        if reason := _why_unpaired(prediction, others, poses[key] if is_bare else (UNPATCHED,)):
             unpaired.append((capture.path, reason))
     return unpaired
 
 
-def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
-    pose_id = one.capture.pose_id
+def _why_unpaired(prediction: Prediction, partners: list[Prediction], names: Collection[str]) -> str | None:
+    pose_id = prediction.capture.pose_id
     if pose_id is None:
         return "no pose number in its name: give both images of a pose the same number"
     if not partners:
@@ -473,8 +473,8 @@ def _why_unpaired(one: Prediction, partners: list[Prediction], names: Collection
     gap = ""
     for partner in partners:
         if partner.is_read:
-            found = one.capture.explain_no_pair(partner.capture)
-            if found is None:  # one partner that differs in the booster alone is enough
+            found = prediction.capture.explain_no_pair(partner.capture)
+            if found is None:  # a partner that differs in the booster alone is enough
                 return None
             gap = gap or found
     return f"{NO_PAIR}{gap} than {partners[0].capture.path}"
@@ -502,7 +502,7 @@ def count_no_pairs(unpaired: Iterable[tuple[str, str]]) -> list[tuple[str, int]]
 
 @dataclass(frozen=True)
 class FlipList:
-    """Pairs that changed one way.
+    """Pairs that changed in the same direction.
 
     Attributes:
         kind: `gained` or `lost`.
@@ -523,7 +523,7 @@ class FlipList:
 def list_flips(poses: Poses) -> tuple[FlipList, FlipList]:
     """The pairs that were gained and those that were lost against `unpatched`, at most 40 of each shown.
 
-    `patch-alone` is left out: without the object its images are no before and after of one thing.
+    `patch-alone` is left out: without the object its images are no before and after of the same object.
     """
     pairs = [pair for name, own in pair_with_unpatched(poses).items() if name != ALONE for pair in own]
     gained, lost = [pair for pair in pairs if pair.is_gained], [pair for pair in pairs if pair.is_lost]

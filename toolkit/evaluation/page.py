@@ -1,4 +1,4 @@
-"""What reports share: the shell, one HTML file that opens from disk with no network, and how figures look."""
+"""What reports share: the shell, an HTML file that opens from disk with no network, and how figures look."""
 
 import base64
 from collections.abc import Callable, Mapping, Sequence

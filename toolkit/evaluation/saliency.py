@@ -29,7 +29,7 @@ class NoSaliency(Exception):
 
 
 def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
-    """The module whose output, of those with four axes and a height and width above one, is made last.
+    """The module whose output, of those with four axes and a height and width above 1, is made last.
 
     Raises:
         NoSaliency: there is none, or layers that work on tokens follow it, as in a vision transformer.
@@ -69,7 +69,7 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
 def _channels_first(features: "torch.Tensor") -> "torch.Tensor":
     """Features (b, c, h, w) as they are, and those of (b, h, w, c), as Swin transformers have them, in that order.
 
-    The image is square: rows and columns are the two axes of one length.
+    The image is square: rows and columns are the two axes of equal length.
     """
     _, first, second, last = features.shape
     return features.permute(0, 3, 1, 2) if first == second != last else features
@@ -134,7 +134,7 @@ class Saliency:
     """What there is to show.
 
     Attributes:
-        pictures: JPEG `data:` URIs by (path of the image before, path of the image after): one for each of the two.
+        pictures: JPEG `data:` URIs by (path of the image before, path of the image after): a URI for each image.
         reason: why there are none, empty where there are some or none were wanted.
     """
 
@@ -153,14 +153,16 @@ def draw_saliency(
         wanted: yes, no, or where None: when there are at most 200 flips.
         batch_size: images per pass.
     """
-    shown = [pair for one in flips for pair in one.shown]
-    n = sum(one.n for one in flips)
+    shown = [pair for flip in flips for pair in flip.shown]
+    n = sum(flip.n for flip in flips)
     if wanted is False or not shown:
         return Saliency()
     if wanted is None and n > MAX_UNASKED:
         return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
     # an image in several flips is asked about once
-    images = list({one.capture.path: one for pair in shown for one in (pair.first, pair.second)}.values())
+    images = list(
+        {prediction.capture.path: prediction for pair in shown for prediction in (pair.first, pair.second)}.values()
+    )
     try:
         seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))
     except NoSaliency as why:
@@ -169,7 +171,7 @@ def draw_saliency(
     for pair in shown:
         paths = (pair.first.capture.path, pair.second.capture.path)
         if all(path in seen for path in paths):
-            # one scale for both: a paler map is less evidence
+            # the same scale for both: a paler map is less evidence
             top = max(float(seen[path][1].max()) for path in paths)
             before, after = (encode_jpeg(overlay_heat(*seen[path], top)) for path in paths)
             pictures[paths] = (before, after)
@@ -204,10 +206,10 @@ def _compute_maps(
     import torch
 
     feature_map = find_feature_map(classifier)
-    classes = {one.capture.path: one.true_index for one in images}
+    classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     with progress("saliency", len(images)) as ticker:
-        for batch in batch_pixels([one.capture for one in images], classifier, size):
+        for batch in batch_pixels([image.capture for image in images], classifier, size):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:
                 tensor = (

@@ -71,7 +71,7 @@ class GainForecast:
 
 @dataclass(frozen=True)
 class SimReal:
-    """One rendered source against one of photographs.
+    """A rendered source against a source of photographs.
 
     Attributes:
         sim, real: their names.
@@ -104,12 +104,12 @@ class SimReal:
             for place, before in bare.items()
             if before is not None and _is_of_one_camera(before, after := first[place])
         ]
-        members = gather(both, lambda one: [(name, place_of(one[1])[1]) for name in (place_of(one[1])[0], POOLED)])
+        members = gather(both, lambda pair: [(name, place_of(pair[1])[1]) for name in (place_of(pair[1])[0], POOLED)])
         return tuple(_forecast(key, members[key]) for key in sorted(members, key=lambda key: rank_row("", *key)))
 
     @cached_property
     def wrong(self) -> tuple[Pair, ...]:
-        """Pairs of which one is right and the other wrong: the rig predicted this pose wrongly."""
+        """Pairs of which only a single image is correct: the rig predicted this pose wrongly."""
         return tuple(pair for pair in self.pairs if pair.is_gained or pair.is_lost)
 
     def as_json(self) -> dict[str, Any]:
@@ -144,40 +144,40 @@ def _describe_gap(row: Comparison) -> dict[str, Any]:
 def _pair_json(pair: Pair) -> dict[str, Any]:
     name, variant, pose_id = place_of(pair)
     fields: dict[str, Any] = {"object": name, "variant": variant, "pose_id": pose_id}
-    for key, one in (("sim", pair.first), ("real", pair.second)):
+    for key, prediction in (("sim", pair.first), ("real", pair.second)):
         fields |= {
-            f"{key}_path": one.capture.path, f"{key}_right": one.correct_top1, f"{key}_says": one.top1_label,
-            f"{key}_true_prob": one.true_prob,
+            f"{key}_path": prediction.capture.path, f"{key}_right": prediction.correct_top1,
+            f"{key}_says": prediction.top1_label, f"{key}_true_prob": prediction.true_prob,
         }  # fmt: skip
     return fields
 
 
 def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source against every one of photographs that shows some of the same objects, variants and poses.
+    """Compare every rendered source with every source of photographs that shares objects, variants and poses.
 
     A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
     cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
-    boosters are no pair. Of several images of one pose those of one name are paired, else the first of each. Sources
+    boosters are no pair. Images of a pose with the same name are paired, else the first of each. Sources
     are compared under the same corruption alone.
     """
-    return [one for one in _match_sources(predictions) if one.pairs]
+    return [match for match in _match_sources(predictions) if match.pairs]
 
 
 def explain_apart(predictions: Sequence[Prediction]) -> Reasons:
     """Photographs that no rendered source is compared with, since its cameras stand elsewhere at the same poses."""
     found = _match_sources(predictions)
-    compared = {one.real for one in found if one.pairs}
-    alone = [reason for one in found if one.real not in compared for reason in one.unmatched_real]
+    compared = {match.real for match in found if match.pairs}
+    alone = [reason for match in found if match.real not in compared for reason in match.unmatched_real]
     return tuple((path, reason) for path, reason in alone if ELSEWHERE in reason)
 
 
 def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source with every one of photographs that shows a pose of it, those without a pair too."""
+    """Match every rendered source with every source of photographs that shares a pose, even without a pair."""
     by_source: dict[str, list[Prediction]] = defaultdict(list)
-    for one in predictions:
-        by_source[one.capture.source].append(one)
+    for prediction in predictions:
+        by_source[prediction.capture.source].append(prediction)
     rendered = [name for name, members in by_source.items() if _is_rendered(name, members)]
-    if len(rendered) in (0, len(by_source)):  # one kind alone: there is nothing to index
+    if len(rendered) in (0, len(by_source)):  # only renders, or only photographs: there is nothing to index
         return []
     rank = {name: at for at, name in enumerate(rendered)}
     # by pose, and by the photographs that the cameras are of: what shares no pose is never looked at
@@ -199,14 +199,14 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
 
 
 def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
-    return source == "sim" or source.startswith("sim-") or any(one.capture.is_rendered for one in members)
+    return source == "sim" or source.startswith("sim-") or any(prediction.capture.is_rendered for prediction in members)
 
 
 def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tuple[tuple[Pair, ...], Reasons, Reasons]:
     """Pair the images of two sources by object, variant and pose.
 
-    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of one
-    pose, those of one name are
+    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of a
+    pose, those of the same name are
     paired, each once; where none are, the first that fit.
 
     Returns:
@@ -215,29 +215,29 @@ def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tup
     sim_poses, real_poses = _index_images(sims), _index_images(reals)
     pairs: list[Pair] = []
     for key in sorted(sim_poses.keys() & real_poses.keys(), key=lambda key: (key[0], rank_variant(key[1]), key[2])):
-        fitting = [Pair(one, other) for one in sim_poses[key] for other in real_poses[key] if _fits(one, other)]
+        fitting = [Pair(first, other) for first in sim_poses[key] for other in real_poses[key] if _fits(first, other)]
         pairs += _pair_by_name(fitting) or fitting[:1]
-    used = {id(one) for pair in pairs for one in (pair.first, pair.second)}
+    used = {id(prediction) for pair in pairs for prediction in (pair.first, pair.second)}
     return tuple(pairs), _explain(sims, used, reals, real_poses), _explain(reals, used, sims, sim_poses)
 
 
 def _index_images(members: Iterable[Prediction]) -> Poses:
     poses: Poses = defaultdict(list)
-    for one in members:
-        capture = one.capture
-        if one.is_read and capture.pose_id is not None:
-            poses[(capture.object, capture.variant, capture.pose_id)].append(one)
+    for prediction in members:
+        capture = prediction.capture
+        if prediction.is_read and capture.pose_id is not None:
+            poses[(capture.object, capture.variant, capture.pose_id)].append(prediction)
     return poses
 
 
-def _same_booster(one: Prediction, other: Prediction) -> bool:
+def _same_booster(first: Prediction, other: Prediction) -> bool:
     # a photograph whose manifest says no hash may be of either
-    known = {one.capture.booster_sha256, other.capture.booster_sha256} - {None}
+    known = {first.capture.booster_sha256, other.capture.booster_sha256} - {None}
     return len(known) < 2
 
 
-def _fits(one: Prediction, other: Prediction) -> bool:
-    return _same_booster(one, other) and Pair(one, other).has_one_camera
+def _fits(first: Prediction, other: Prediction) -> bool:
+    return _same_booster(first, other) and Pair(first, other).has_one_camera
 
 
 def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
@@ -256,22 +256,23 @@ def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
 
 
 def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Prediction], poses: Poses) -> Reasons:
-    """The images of one source that were read and are in no pair."""
+    """Return the readable images of a source that are in no pair."""
     other, left = others[0].capture.source if others else "the other", []
-    for one in members:
-        capture = one.capture
-        if id(one) in used or not one.is_read:
+    for prediction in members:
+        capture = prediction.capture
+        if id(prediction) in used or not prediction.is_read:
             continue
         if capture.pose_id is None:
             left.append((capture.path, "no pose number in its name"))
             continue
+        # the most specific reason wins: no image, another booster, another camera
         partners = poses.get((capture.object, capture.variant, capture.pose_id), [])
         reason = f"another image of pose {capture.pose_id} is compared"
         if not partners:
             reason = f"{other} has no image of {capture.object}, {capture.variant}, pose {capture.pose_id}"
-        elif not any(_same_booster(one, partner) for partner in partners):
+        elif not any(_same_booster(prediction, partner) for partner in partners):
             reason = f"{other} has another patch or texture there, by the manifests' SHA-256"
-        elif not any(_fits(one, partner) for partner in partners):
+        elif not any(_fits(prediction, partner) for partner in partners):
             gap = next(filter(None, (capture.compare_cameras(partner.capture) for partner in partners)))
             reason = f"{other} {ELSEWHERE} ({gap}): render the photographs' own cameras with capture-sim --like"
         left.append((capture.path, reason))
@@ -279,29 +280,31 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
 
 
 def _is_of_one_camera(before: Pair, after: Pair) -> bool:
-    """Whether both variants were rendered from one camera, and photographed from one."""
+    """Return whether both variants were rendered from the same camera, and photographed from the same camera."""
     return Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera
 
 
 def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Pair, Pair]]) -> GainForecast:
     sim = [Pair(before.first, after.first) for before, after in pairs]
     real = [Pair(before.second, after.second) for before, after in pairs]
-    gained = PairedOutcomes.count((one.is_gained, other.is_gained) for one, other in zip(sim, real, strict=True))
+    gained = PairedOutcomes.count(
+        (simulated.is_gained, other.is_gained) for simulated, other in zip(sim, real, strict=True)
+    )
     return GainForecast(*key, gained, sum(pair.is_lost for pair in sim), sum(pair.is_lost for pair in real))
 
 
 def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Verdict]:
     """A headline for each rendered source against photographs: of its first booster, or of the bare objects."""
-    return [_judge_rig(network, one, _pick_row(one)) for one in comparisons]
+    return [_judge_rig(network, matched, _pick_row(matched)) for matched in comparisons]
 
 
-def _pick_row(one: SimReal) -> Comparison:
-    rows = {row.second: row for row in one.rows if row.object == POOLED}
+def _pick_row(matched: SimReal) -> Comparison:
+    rows = {row.second: row for row in matched.rows if row.object == POOLED}
     boosters = [name for name in rows if name != UNPATCHED and name not in OWNERS]
     return rows[(boosters or list(rows))[0]]
 
 
-def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
+def _judge_rig(network: str, matched: SimReal, row: Comparison) -> Verdict:
     found = row.outcomes
     # the interval's lower end: only a correlation that is shown counts
     low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
@@ -315,16 +318,16 @@ def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
         tone, verdict = "open", f"{verdict}, but ranks the poses as the photographs do"
     what = "without a booster" if row.second == UNPATCHED else f"with {name_booster(row.second)}"
     sentence = (
-        f"On {found.n} poses {what} {network} is right on {format_count(found.n_first, found.n)} in {one.sim} and on "
-        f"{format_count(found.n_second, found.n)} in {one.real}: a gap of {format_points(found.gain)} points (95 % "
-        f"interval {format_points_interval(found.gain_ci95)}, {format_test(found.mcnemar_p)}). Predicted wrongly: "
-        f"{found.only_first + found.only_second} of {found.n}. Rank correlation over poses of the true class's "
-        f"probability: {format_rank(row.rank)}."
+        f"On {found.n} poses {what} {network} is right on {format_count(found.n_first, found.n)} in {matched.sim} and "
+        f"on {format_count(found.n_second, found.n)} in {matched.real}: a gap of {format_points(found.gain)} points "
+        f"(95 % interval {format_points_interval(found.gain_ci95)}, {format_test(found.mcnemar_p)}). Predicted "
+        f"wrongly: {found.only_first + found.only_second} of {found.n}. Rank correlation over poses of the true "
+        f"class's probability: {format_rank(row.rank)}."
     )
-    forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.second)), None)
+    forecast = next((own for own in matched.forecasts if (own.object, own.variant) == (POOLED, row.second)), None)
     if forecast is not None:
         sentence += f" {_describe_forecast(forecast)}"
-    return Verdict(tone, sentence, verdict, f"{one.sim} and {one.real}", row.second)
+    return Verdict(tone, sentence, verdict, f"{matched.sim} and {matched.real}", row.second)
 
 
 def _describe_forecast(forecast: GainForecast) -> str:

@@ -45,7 +45,7 @@ class SurveyedModel:
         why_not: why it cannot, or could not be loaded; else empty.
         images_per_s: forward, in batches of 8.
         trained_images_per_s: forward and back to the image.
-        n, correct: images of the folder; None without one, or where its classes are others.
+        n, correct: images of the folder; None without a folder, or where its classes are others.
         accuracy, ci95: their ratio, with Wilson's interval.
     """
 
@@ -67,7 +67,7 @@ class SurveyedModel:
 
 
 def list_models(folder: Path | None = None) -> list[str]:
-    """Names of the classifiers whose weights are on this machine: the user's own, the bundled one, torchvision's.
+    """Names of the classifiers whose weights are on this machine: user's own, bundled, torchvision's.
 
     A file whose name would mean something else, such as code, is named by its path.
 
@@ -90,7 +90,7 @@ def survey_models(
         models: names, see `load_classifier`.
         device: `auto`, `cpu` or `cuda`.
         folder: the workspace's `rig/classifiers`.
-        data: folder with one folder per class (its val/ or test/, where there is one); None: no accuracy.
+        data: folder with a folder per class (its val/ or test/, if it exists); None: no accuracy.
     """
     rows = []
     for model in models:
@@ -108,7 +108,7 @@ def survey_models(
 
 def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedModel:
     module = classifier.module
-    numbers = sum(one.numel() for one in (*module.parameters(), *module.buffers()))
+    numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
     n, correct, why = None, None, classifier.untrainable
     if data is not None:
         try:
@@ -129,7 +129,7 @@ def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedMod
 def _survey_detector(model: str, detector: Detector) -> SurveyedModel:
     """Speed from pictures of 640 × 480 to boxes; accuracy is what `toolkit eval` measures."""
     pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
-    # once unmeasured: first passes set up what later ones use
+    # once unmeasured: first passes set up what later passes use
     detector.detect(pictures)
     start = perf_counter()
     detector.detect(pictures)
@@ -163,7 +163,7 @@ def measure_speed(classifier: Classifier, backward: bool = False) -> float:
         if classifier.device == "cuda":
             torch.cuda.synchronize()
 
-    # once unmeasured: first passes set up what later ones use
+    # once unmeasured: first passes set up what later passes use
     run()
     count, start = 0, perf_counter()
     while count == 0 or perf_counter() - start < SPEED_S:
@@ -177,8 +177,8 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:
-        crops = ((one, resize_and_crop(images.read(one), classifier.preprocessing)) for one in images.images)
-        for one, order, _ in classify_stream(crops, classifier):
-            correct += int(order[0]) == one.class_index
+        crops = ((image, resize_and_crop(images.read(image), classifier.preprocessing)) for image in images.images)
+        for image, order, _ in classify_stream(crops, classifier):
+            correct += int(order[0]) == image.class_index
             ticker.advance()
     return len(images.images), correct

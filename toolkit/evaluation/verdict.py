@@ -26,14 +26,14 @@ MOST = 0.5
 ONE_WAY_FLIPS = 6
 """The fewest pairs that must change, all one way, for an exact McNemar p below 0.05: 2 · 0.5⁶ = 0.031."""
 Groups = Mapping[str, Group]
-"""The pooled groups of one source, by variant."""
+"""The pooled groups of a source, by variant."""
 Comparisons = Mapping[tuple[str, str], Comparison]
-"""The pooled comparisons of one source, by both variants."""
+"""The pooled comparisons of a source, by both variants."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is found of one thing, in words.
+    """A finding in words.
 
     Attributes:
         tone: `good`, `bad` or `open`.
@@ -72,8 +72,11 @@ def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence
         comparisons: from `compare_unpatched` and `compare_controls`.
     """
     headlines = []
-    pooled_of = gather((one for one in groups if one.object == POOLED), lambda one: [one.source])
-    rows_of = gather((one for one in comparisons if one.object == POOLED), lambda one: [one.source])
+    pooled_of = gather((group for group in groups if group.object == POOLED), lambda group: [group.source])
+    rows_of = gather(
+        (comparison for comparison in comparisons if comparison.object == POOLED),
+        lambda comparison: [comparison.source],
+    )
     for source, own in pooled_of.items():
         pooled = {row.variant: row for row in own}
         rows = {(row.first, row.second): row for row in rows_of.get(source, ())}
@@ -109,7 +112,7 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         return Verdict("open", sentence, verdict, after.source, variant, question)
     name, where = name_booster(variant), ""
     counts = (after.n_top1, after.n), (before.n_top1, before.n)
-    if row is not None and {after.n, before.n} != {row.outcomes.n}:  # what was shot one way alone has no part in it
+    if row is not None and {after.n, before.n} != {row.outcomes.n}:  # an image without a partner has no part in it
         counts = (row.outcomes.n_second, row.outcomes.n), (row.outcomes.n_first, row.outcomes.n)
         where = f", at the {row.outcomes.n} poses shot both ways"
     with_it, without = (format_count(*count) for count in counts)
@@ -165,7 +168,7 @@ def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Ve
 
 def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[Comparison]) -> Verdict:
     noun = NOUNS[booster]
-    # of equal ones the hardest to beat: with the fewest poses that only the booster got right
+    # of equal baselines the hardest to beat: with the fewest poses that only the booster got right
     best = max(
         rivals,
         key=lambda row: (row.outcomes.n_second / row.outcomes.n, row.outcomes.only_second - row.outcomes.only_first),

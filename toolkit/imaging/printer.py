@@ -50,7 +50,7 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 def _hull() -> tuple[np.ndarray, np.ndarray]:
     """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3): those with all points below."""
     solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
-    # eight points: every triangle is tried, those with all points on one side are the hull's
+    # eight points: every triangle is tried, those with all points on the same side are the hull's
     for a, b, c in combinations(range(8), 3):
         normal = np.cross(solids[b] - solids[a], solids[c] - solids[a])
         side = (solids - solids[a]) @ normal
@@ -86,11 +86,11 @@ DULL = 0.05
 
 @dataclass(frozen=True)
 class PrintScores:
-    """Of a patch.
+    """Print scores of a patch.
 
     Attributes:
         total_variation: mean absolute difference of neighbouring texels, right and below, over the channels (Rudin,
-            Osher and Fatemi 1992, the anisotropic form): 0 is one flat colour, 0.33 noise.
+            Osher and Fatemi 1992, the anisotropic form): 0 is a flat colour, 0.33 noise.
         non_printability: mean distance, root mean square over the channels, of a texel to the nearest colour that the
             inks can make: 0 where every colour can be printed. The non-printability score of Sharif
             et al. (2016), with all printable colours for their list of some, and the distance to the nearest

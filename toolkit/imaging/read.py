@@ -1,4 +1,4 @@
-"""Photographs as people have them: found in a folder, decoded to one form, upright (h, w, 3) uint8, sRGB-encoded."""
+"""People's photographs: found in a folder, decoded to a common form, upright (h, w, 3) uint8, sRGB-encoded."""
 
 import contextlib
 import io
@@ -23,16 +23,16 @@ IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
 )
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "HEIF", "AVIF", "BMP", "GIF")
-"""Of Pillow's readers those that are used, whatever a file is called; its EPS reader would start Ghostscript."""
+"""Pillow readers in use, whatever the name of a file; the EPS reader would start Ghostscript."""
 TEXTURE_FORMATS = (*FORMATS, "TGA", "DDS", "PPM", "JPEG2000")
 """Beside them, what modelling programs write."""
 PNG_START, RADIANCE_START, EXR_START = b"\x89PNG\r\n\x1a\n", b"#?", b"v/1\1"
 MAX_MEGAPIXELS = 175
 """Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
 MAX_TEXTURE_PX = 8192
-"""Longest side of a texture: a larger one is shrunk, as no picture shows its texels."""
+"""Longest side of a texture: a larger texture is shrunk, as no picture shows its texels."""
 MAX_SIDE_PX = 65_535
-"""JPEG knows no longer one; a line of a million pixels is no photograph."""
+"""Longest side of a photograph, pixels: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
 DRAFT_MARGIN = 2
 
@@ -172,7 +172,7 @@ def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.
             return np.asarray(_to_rgb(_turn_upright(image)))
     except UnreadableImage:
         raise
-    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile ones
+    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile bytes
     except Exception as error:
         raise UnreadableImage(path, explain_damage(error)) from None
 
@@ -306,7 +306,7 @@ def _list_readers(formats: tuple[str, ...]) -> tuple[str, ...]:
     """Those of `formats` that this Pillow has."""
     register_heif()
     Image.init()
-    return tuple(one for one in formats if one in Image.OPEN)
+    return tuple(format_name for format_name in formats if format_name in Image.OPEN)
 
 
 def _turn_upright(image: Image.Image) -> Image.Image:
@@ -321,17 +321,20 @@ def _to_rgb(image: Image.Image) -> Image.Image:
     # read first: conversions drop them
     profile, is_adobe = image.info.get("icc_profile"), _is_adobe_rgb(image)
     image = _to_eight_bits(image)
+    # palettes and grey with transparency become plain RGBA
     if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
         has_alpha = image.mode != "P" or "transparency" in image.info
         image = image.convert("RGBA" if has_alpha else "RGB")
     alpha = image.getchannel("A") if image.mode == "RGBA" else None
     if alpha is not None:
         image = image.convert("RGB")
+    # colours become sRGB, by the embedded profile or Adobe's mark
     if profile:
         image = _to_srgb(image, profile)
     elif is_adobe and image.mode == "RGB":
         image = Image.fromarray(adobe_to_srgb(np.asarray(image)))
     image = image if image.mode == "RGB" else image.convert("RGB")
+    # transparent pixels show a mid grey
     if alpha is None:
         return image
     return Image.composite(image, Image.new("RGB", image.size, (MID_GREY,) * 3), alpha)
@@ -408,6 +411,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     if not root.is_dir():
         what = "is a file, not a folder" if root.exists() else "does not exist"
         raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
+    # every file is an image, refused with a reason, or other; only hidden files are passed over in silence
     real_root = real_path(root)
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []

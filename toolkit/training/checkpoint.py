@@ -1,4 +1,4 @@
-"""Half-finished training on disk: one safetensors file, so that it is whole or absent whenever the process dies."""
+"""Half-finished training on disk: a safetensors file, so that it is whole or absent whenever the process dies."""
 
 import json
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ class Checkpoint:
     """Where an unfinished run is kept.
 
     Attributes:
-        folder: of the checkpoints of all runs of one name; a run's file is called by its hash.
+        folder: of the checkpoints of all runs of the same name; a run's file is called by its hash.
         inputs_sha256: hash of everything that the run depends on; a run with another hash is another run.
         restart: forget what an earlier run left.
         every_s: how much work a kill may cost, seconds.
@@ -40,7 +40,7 @@ class Checkpoint:
         return self.folder / f"{self.inputs_sha256[:16]}.safetensors"
 
     def write(self, arrays: "Mapping[str, np.ndarray]", kind: str, steps_done: int) -> None:
-        """Write named arrays in one rename; the header says in JSON what they are, and holds a hash of the numbers.
+        """Write named arrays in a single rename; the JSON header says what they are, and holds a hash of the numbers.
 
         Raises:
             ToolkitError: the disk is full or read-only.
@@ -90,7 +90,7 @@ class Checkpoint:
         return arrays
 
     def announce(self, done: int, steps: int) -> None:
-        """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
+        """Say whether a run goes on, or begins beside an unfinished run with other inputs."""
         from toolkit.core.console import notice
 
         if done:

@@ -97,15 +97,19 @@ def train_classifier(
     training = folder / ".training" / config.name
     if restart and current().is_first:
         delete_folder(training)
+    # what is learnt, and from which weights
     init = None if config.init is None else find_weights(config.arch, config.init)
     sources = _open_sources(config, workspace, download)
     kept = load_classifier(config.arch, config.init, "cpu") if config.keep_labels else None
     classes = list_classes(sources) if kept is None else keep_classes(sources, kept)
+    # fail before the photographs are decoded, which may take minutes
     check_fit(config.arch, len(classes.labels), config.image_px)
     stored = store_preprocessing(config.preprocessing(), config.stored_px)
+    # another run of the same name waits until the photographs are decoded
     with hold_folder(folder, f".{config.name}.lock"):
         data = load_training_set(sources, classes, stored, training, workers)
     _describe_data(data, sources)
+    # all that decides the weights is in the hash, by which an interrupted run resumes
     inputs = ClassifierInputs(data, classes.used, pictures, init, _name_data(config, sources, pictures, init))
     inputs_sha256 = hash_inputs(
         config, pictures, labels=data.labels, data_sha256=data.train.sha256,

@@ -1,4 +1,4 @@
-"""What decides a classifier's weights: the one declaration of the settings of its training."""
+"""What decides a classifier's weights: the declaration of the settings of its training."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -57,7 +57,7 @@ SMALL_IMAGES = Augmentation(
 
 
 class Corrupting(Config):
-    """What is done to which share; each image draws one of the corruptions, which are (name, severity)."""
+    """What is done to which share; each image draws a corruption from the list, which are (name, severity)."""
 
     corruptions: Annotated[tuple[tuple[str, int], ...], Field(min_length=1)]
     share: Annotated[
@@ -66,7 +66,7 @@ class Corrupting(Config):
 
 
 LARGEST = {"l2": 1000.0, "linf": 1.0}
-"""Radius of the ball by its norm: black and white of 577 px are so far apart, and one value's ends."""
+"""Radius of the ball by its norm: black and white of 577 px are so far apart, and the ends of a value."""
 ATTACK_STEPS = 3
 REACH = 2.0
 """All steps together, in radii: they get from the middle to any place of the ball, and along its border."""
@@ -78,7 +78,7 @@ class Attack(Config):
 
     Step sizes are those of robust-models-transfer (Salman et al. 2020, "Do adversarially robust ImageNet models
     transfer better?"), whose networks met 3 steps of 2/3 of the radius. As in MadryLab's robustness library a step goes
-    along the gradient made of length one (l2) or its sign (linf).
+    along the gradient scaled to length 1 (l2) or its sign (linf).
     """
 
     norm: Literal["l2", "linf"]
@@ -104,7 +104,7 @@ class Attack(Config):
         return f"{self.norm} {self.eps:.4g}, {self.steps} step{'s' if self.steps > 1 else ''}"
 
     def climb(self, images: "torch.Tensor", gradient: "torch.Tensor") -> "torch.Tensor":
-        """Images (b, 3, h, w), each moved by one step up its gradient."""
+        """Images (b, 3, h, w), each moved a step up its gradient."""
         if self.norm == "linf":
             return images + self.step_size * gradient.sign()
         # TINY: where the gradient is 0 the image stays
@@ -164,7 +164,7 @@ class ClassPictures(Protocol):
         """For a network of these labels whose data has the classes `used`.
 
         Raises:
-            ToolkitError: there is no picture for one of them, or they do not fit into the image.
+            ToolkitError: a class has no picture, or they do not fit into the image.
         """
 
 
@@ -172,7 +172,7 @@ METHOD = "cross-entropy, SGD with Nesterov momentum, one cycle of the learning r
 METHOD_VERSION = 1
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 SMALL_PX = 96
-"""Networks that see less are shown whole images; larger ones the middle 7/8 of the shorter side, as usual."""
+"""Networks that see less are shown whole images; larger networks the middle 7/8 of the shorter side, as usual."""
 LEAST_PX, MOST_PX = 16, 1024
 STORED_SHARE = 1.375
 """Side of the stored images against what the network sees: crops of them are enlarged little."""
@@ -335,7 +335,7 @@ def check_fit(arch: str, classes: int, image_px: int) -> None:
     """Pass shapes, without numbers, through the network as it is trained.
 
     Raises:
-        ToolkitError: images of this size are too small, or not the one size that it takes.
+        ToolkitError: images of this size are too small, or not of the size that the network takes.
     """
     import torch
 

@@ -33,7 +33,7 @@ from toolkit.training.processes import current
 # ITU-R BT.601's luma, of sRGB-encoded values
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 AUXILIARY_WEIGHT = 0.3
-"""Of the side outputs that GoogLeNet and Inception have while they are trained."""
+"""Loss weight of the side outputs that GoogLeNet and Inception have during training."""
 UNFOLD_BATCHES = 8
 TEST_BATCH, TEST_STEPS = 64, 20
 """Images at a time, and steps of the attack that a robust network is tested under."""
@@ -55,7 +55,7 @@ def augment_batch(
 
 
 def _draw(rng: np.random.Generator, low_high: tuple[float, float], like: torch.Tensor) -> torch.Tensor:
-    """(b, 1, 1, 1) uniform numbers, one for each image of a batch."""
+    """Return (b, 1, 1, 1) uniform numbers, a number for each image of a batch."""
     return torch.from_numpy(rng.uniform(*low_high, (len(like), 1, 1, 1)).astype(np.float32)).to(like.device)
 
 
@@ -120,7 +120,7 @@ def find_worst_images(
 
     Args:
         images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
-        measure_losses: images to their losses (b,), differentiable; one image's loss may not depend on another image.
+        measure_losses: images to their losses (b,), differentiable; an image's loss may not depend on another image.
         attack: the ball and the steps.
 
     Returns:
@@ -169,7 +169,7 @@ class SharedBatchNorm(nn.BatchNorm2d):
     """As `BatchNorm2d`, with the statistics of all processes' shares; torch's `SyncBatchNorm` takes GPUs alone."""
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """(b, c, h, w) to the same shape; every process has as many images of one size."""
+        """(b, c, h, w) to the same shape; every process has as many images of the same size."""
         if not self.training or current().count == 1:
             return super().forward(images)
         # sums of many squares lose too much in half precision
@@ -184,7 +184,7 @@ class SharedBatchNorm(nn.BatchNorm2d):
                 if self.num_batches_tracked is not None:
                     self.num_batches_tracked.add_(1)
                 self.running_mean.lerp_(mean, self.momentum)
-                # the running variance is the unbiased one, as torch's own
+                # the running variance is the unbiased estimate, as torch's own
                 self.running_var.lerp_(variance * (count / (count - 1)), self.momentum)
         normal = away * (variance + self.eps).rsqrt()[:, None, None]
         if self.affine:
@@ -205,7 +205,7 @@ def are_folded(module: nn.Module) -> bool:
     """Whether all batch normalisation of a network has mean 0 and variance 1."""
     norms = _list_norms(module)
     return bool(norms) and all(
-        # 1 - eps is folded as well: it makes √(variance + eps) one
+        # 1 - eps is folded as well: it makes √(variance + eps) equal 1
         bool((mean == 0).all() and ((variance - 1).abs() <= 2 * layer.eps).all())
         for layer, (mean, variance) in zip(norms, map(_running, norms), strict=True)
     )
@@ -235,7 +235,7 @@ def unfold_norms(module: nn.Module, batches: Iterable[torch.Tensor]) -> None:
             mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
             # rounding may leave a variance a little below 0
             variance = (square - mean.square()).clamp(min=0)
-            # the layer's line through old statistics, written with the new ones: slope · x + offset stays the same
+            # the layer's line through old statistics, with the new statistics: slope · x + offset stays the same
             slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()
             layer.bias.add_(slope * (mean - running_mean.double()))
             layer.weight.copy_(slope * (variance + layer.eps).sqrt())
@@ -262,7 +262,7 @@ class ClassifierInputs:
         used: classes that have images.
         pictures: what every image carries by its class, if anything.
         init: weights to start from, if any.
-        words: what the images are, in a few words, and how the held-out ones differ.
+        words: what the images are, in a few words, and how the held-out images differ.
     """
 
     data: TrainingSet
@@ -414,6 +414,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         """Classify the held-out images through the classifier's own preprocessing, in single precision."""
         pack, robust = self.inputs.data.held_out, self.config.robust
         answers, attacked = (np.zeros(len(pack.images), np.int64) for _ in range(2))
+        # tested with a fixed number of steps, whatever the number in training
         attack = None if robust is None else robust.with_overrides(steps=TEST_STEPS)
         title = "Testing on held-out images" + (f", and under attack ({attack.describe()})" if attack else "")
         with progress(title, len(pack.images)) as bar:
@@ -486,7 +487,7 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
         for k, label in enumerate(labels)
     }
     wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
-    commonest = sorted(wrong.items(), key=lambda one: (-one[1], one[0]))[:MOST_CONFUSIONS]
+    commonest = sorted(wrong.items(), key=lambda mistake: (-mistake[1], mistake[0]))[:MOST_CONFUSIONS]
     n, correct = len(truth), int(right.sum())
     return HeldOut(
         n=n,
@@ -547,7 +548,7 @@ def _take_weights(module: nn.Module, arch: str, init: WeightsFile) -> None:
     # side outputs for training only, and batch norm's step counter, may be absent
     needed = [name for name in own if not name.endswith("num_batches_tracked") and not name.lower().startswith("aux")]
     other = [name for name in needed if name not in given or given[name].shape != own[name].shape]
-    # one layer may differ: the last, whose classes are new
+    # a single layer may differ: the last, whose classes are new
     layers = {name.rpartition(".")[0] for name in other}
     if len(layers) > 1:
         raise FieldError(

@@ -70,7 +70,7 @@ class RenderCounts:
             raise FieldError("expected a share from 0 to below 1, such as 0.1", {"held_out": self.held_out})
 
     def units(self, source: str, label: str, name: str) -> tuple[tuple[RenderUnit, ...], tuple[RenderUnit, ...]]:
-        """What to render of one object's kind, to train on and held out."""
+        """What to render of an object's kind, to train on and held out."""
         parts = []
         for part, images in enumerate((self.per_class, round(self.held_out * self.per_class))):
             # `part` keeps the objects of training and of the test apart
@@ -102,7 +102,7 @@ class DataSource:
 
 
 def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> DataSource:
-    """What one `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
+    """What a `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
 
     Args:
         data: as typed.
@@ -132,7 +132,7 @@ def open_photographs(folder: str, held_out: float) -> DataSource:
 
 
 def _photographs(data: str, found: FolderClasses) -> DataSource:
-    kinds = sorted({one.label for one in (*found.train, *found.held_out)})
+    kinds = sorted({image.label for image in (*found.train, *found.held_out)})
     record = {"source": real_path(Path(data)).name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
     return DataSource(found.train, found.held_out, found.skipped, record, "", words, found.how)
@@ -140,7 +140,7 @@ def _photographs(data: str, found: FolderClasses) -> DataSource:
 
 def _cifar(folder: Path, download: bool) -> DataSource:
     train, held_out = (list_cifar(folder, split, download) for split in ("train", "test"))
-    record = {"source": "cifar10", "classes": len({one.label for one in train})}
+    record = {"source": "cifar10", "classes": len({image.label for image in train})}
     return DataSource(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
 
 
@@ -180,7 +180,7 @@ def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str
 
 
 def _hash_code() -> str:
-    """Of the modules that make and render objects: renders of another version are not mixed with this one's."""
+    """Return the hash of the modules that make and render objects, so that renders of two versions do not mix."""
     files = [file for package in ("objects", "content", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
@@ -190,7 +190,7 @@ class TrainingClasses:
     """The outputs of a network and the data's names for them.
 
     Attributes:
-        labels: one per output.
+        labels: a label per output.
         index_of: output by the label of an image, its folder's name.
     """
 
@@ -255,7 +255,7 @@ class TrainingSet:
     """What a classifier is trained on and tested with.
 
     Attributes:
-        labels: one per output of the network.
+        labels: a label per output of the network.
         train, held_out: images; none may be held out.
         skipped: (path, reason) of images that could not be used.
         record: for the classifier's record.
@@ -285,16 +285,18 @@ def load_training_set(
     Raises:
         ToolkitError: a class none of whose images can be read, no image at all, or the disk is full.
     """
-    # by all that decides the pixels: trainings that differ in their steps share one pack
+    # by all that decides the pixels: trainings that differ in their steps share a pack
     place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
+    # the record is written last: without it the pack is unfinished, and made from the start
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
         delete_folder(place / "shards")
     about = load_json(place / "about.json")
-    skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
+    skipped = [skip for source in sources for skip in source.skipped] + [tuple(skip) for skip in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
     offered = {item.label for source in sources for item in source.train}
+    # a class without a readable image cannot be learnt
     if every_class or not len(train.images):
         _check_classes({label: classes.index_of[label] for label in sorted(offered)}, train, skipped)
     record = {
@@ -345,7 +347,7 @@ def _pack_all(sources: Sequence[DataSource], index_of: dict[str, int], how: Prep
 
 
 def _write_pack(file: Path, labelled: Iterable[tuple[str, np.ndarray]], index_of: Mapping[str, int]) -> dict[str, Any]:
-    """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
+    """Consecutive pixels in a raw file, its length told by `about.json`, which is written last."""
     classes: list[int] = []
     digest = sha256()
     with open_whole(file) as stream:
@@ -404,7 +406,7 @@ def _check_classes(index_of: Mapping[str, int], train: Pack, skipped: Sequence[t
     filled = set(train.classes.tolist())
     label = next((label for label, index in index_of.items() if index not in filled), None)
     if label is not None:
-        path, reason = next((one for one in skipped if label in one[0]), ("", "none found"))
+        path, reason = next((skip for skip in skipped if label in skip[0]), ("", "none found"))
         raise ToolkitError(f"class '{label}': none of its images can be used; {path}: {reason}")
 
 

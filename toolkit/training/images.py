@@ -21,7 +21,7 @@ CIFAR_PREFIX = "cifar10:"
 
 @dataclass(frozen=True)
 class Cifar10:
-    """Images of one split.
+    """Images of a split.
 
     Attributes:
         labels: of the classes.
@@ -37,8 +37,8 @@ class Cifar10:
 def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     """The 50000 images of CIFAR-10's `train` or the 10000 of its `test`.
 
-    Its files are pickles, which can run code when they are read: torchvision compares the MD5 of every one with the
-    published one before it opens any.
+    Its files are pickles, which can run code when they are read: torchvision compares the MD5 of every file with the
+    published MD5 before it opens any.
 
     Args:
         folder: holds `cifar-10-batches-py`, or is it.
@@ -137,7 +137,7 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     if root == folder or beside is None:
         return _split(train, skipped, held_out_share, seed)
     held_out, more = _list_classes(beside)
-    strange = sorted({one.label for one in held_out} - {one.label for one in train})
+    strange = sorted({image.label for image in held_out} - {image.label for image in train})
     if strange:
         raise ToolkitError(
             f"{beside / strange[0]}: no class '{strange[0]}' in {root}: expected the same class folders in both"
@@ -167,7 +167,7 @@ def _find_by_class(root: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, s
 def _list_classes(root: Path, every_class: bool = True) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
     images, skipped = _find_by_class(root)
     files = [LabelledFile(root.joinpath(*parts), parts[0], show_path((root.name, *parts))) for parts in images]
-    filled = {one.label for one in files}
+    filled = {file.label for file in files}
     folders = sorted(path.name for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
     empty = [name for name in folders if name not in filled]
     if empty and every_class:
@@ -176,7 +176,7 @@ def _list_classes(root: Path, every_class: bool = True) -> tuple[list[LabelledFi
 
 
 def find_photographs(folder: Path, share: float) -> FolderClasses:
-    """The photographs of a folder with one folder per class, a fixed share of all held out, whatever their classes.
+    """The photographs of a folder with a folder per class, a fixed share of all held out, whatever their classes.
 
     Which are held out goes by their names alone: the same in every run, and where photographs are added nearly so.
 
@@ -184,18 +184,18 @@ def find_photographs(folder: Path, share: float) -> FolderClasses:
         ToolkitError: no such folder, or no class with images in it.
     """
     files, skipped = _list_classes(_check_folder(Path(folder), "a folder with one folder per class"), False)
-    order = sorted(files, key=lambda one: (crc32(f"{one.label}/{one.path.name}".encode()), one.path))
+    order = sorted(files, key=lambda file: (crc32(f"{file.label}/{file.path.name}".encode()), file.path))
     chosen = set(order[: round(share * len(files))])
-    parts = [tuple(one for one in files if (one in chosen) == wanted) for wanted in (False, True)]
+    parts = [tuple(file for file in files if (file in chosen) == wanted) for wanted in (False, True)]
     return FolderClasses(parts[0], parts[1], tuple(skipped), f"{share:.0%} of the photographs, by their names")
 
 
 def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share: float, seed: int) -> FolderClasses:
-    """Hold out a share of each class, at least one image, but never the last one."""
+    """Hold out a share of each class, at least one image, but never the last image."""
     train: list[LabelledFile] = []
     held_out: list[LabelledFile] = []
-    for label in sorted({one.label for one in files}):
-        own = [one for one in files if one.label == label]
+    for label in sorted({file.label for file in files}):
+        own = [file for file in files if file.label == label]
         # by the label, so that another class changes no other's part
         order = np.random.default_rng([seed, crc32(label.encode())]).permutation(len(own))
         count = min(max(round(share * len(own)), 1), len(own) - 1) if share > 0 else 0
@@ -284,7 +284,7 @@ class ImageSet:
     @property
     def classes(self) -> list[int]:
         """Class indices that have images, sorted."""
-        return sorted({one.class_index for one in self.images})
+        return sorted({image.class_index for image in self.images})
 
     def read(self, image: LabelledImage) -> np.ndarray:
         """(h, w, 3) uint8 sRGB, whole.
@@ -305,23 +305,23 @@ class ImageSet:
     def only(self, classes: Sequence[int]) -> "ImageSet":
         """Its images of some classes."""
         wanted = set(classes)
-        return replace(self, images=tuple(one for one in self.images if one.class_index in wanted))
+        return replace(self, images=tuple(image for image in self.images if image.class_index in wanted))
 
     def draw(self, per_class: int, seed: int) -> "ImageSet":
         """At most so many of each class, drawn by the seed."""
         drawn: list[LabelledImage] = []
         for index in self.classes:
-            own = [one for one in self.images if one.class_index == index]
-            # by each image's own number: a larger draw holds the smaller one
-            drawn += sorted(own, key=lambda one: image_seed(seed, one.id))[:per_class]
-        return replace(self, images=tuple(sorted(drawn, key=lambda one: one.id)))
+            own = [image for image in self.images if image.class_index == index]
+            # by each image's own number: a larger draw contains the smaller
+            drawn += sorted(own, key=lambda image: image_seed(seed, image.id))[:per_class]
+        return replace(self, images=tuple(sorted(drawn, key=lambda image: image.id)))
 
 
 def open_images(data: str, classifier: Any, split: str = "test", download: bool = False) -> ImageSet:
-    """The images of a folder with one folder per class, or of CIFAR-10.
+    """The images of a folder with a folder per class, or of CIFAR-10.
 
     Args:
-        data: a folder; where it holds `train/` and `val/`, `validation/` or `test/`, the one of the split. Its folders
+        data: a folder; if it has `train/` and `val/`, `validation/` or `test/`, the folder of the split. Its folders
             are called by WordNet id or by label. `cifar10:FOLDER` is CIFAR-10 as torchvision keeps it.
         classifier: whose classes are meant.
         split: `train` or `test`.
@@ -340,7 +340,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     name = real_path(folder).name
     return ImageSet(
         show_path((name,) if root == folder else (name, root.name)),
-        tuple(sorted(images, key=lambda one: one.id)),
+        tuple(sorted(images, key=lambda image: image.id)),
         tuple(refused),
         lambda id, short_side_px: read_image(root / id, short_side_px),
         lambda id: sha256_file(root / id),
@@ -351,7 +351,7 @@ def choose_classes(images: ImageSet, names: Sequence[str], classifier: Any) -> I
     """The images of the classes that are named, all where none is.
 
     Raises:
-        ToolkitError: an unknown class, or one without images.
+        ToolkitError: an unknown class, or a class without images.
     """
     if not names:
         return images

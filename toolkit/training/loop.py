@@ -1,7 +1,7 @@
-"""The one training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
+"""The training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
 
 A `TrainingTask` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on
-(seed, i) alone. `fit` does the rest, in one process or in the several that torchrun started.
+(seed, i) alone. `fit` does the rest, in a single process or in the several that torchrun started.
 """
 
 import signal
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 OPTIMISERS = ("sign", "sgd", "adam")
 SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
 LAST_LR_SHARE = 0.05
-"""Of the falling schedules: the learning rate stays above this share, for pixels half an 8-bit level."""
+"""Lowest learning rate of the falling schedules, as a share of the highest. For pixels it is half an 8-bit level."""
 # torch's OneCycleLR by default: 1/25 of the highest rate at first, and 1e-4 of that at last
 CYCLE_FIRST_SHARE, CYCLE_LAST_SHARE = 0.04, 1e-4
 TINY = 1e-12
@@ -103,12 +103,12 @@ class History:
         return len(self.figures.get(LOSS, ()))
 
     def append(self, figures: Mapping[str, float]) -> None:
-        """Add those of one more step."""
+        """Add the values of another step."""
         for name, value in figures.items():
             self.figures.setdefault(name, []).append(value)
 
     def recent(self, count: int) -> dict[str, float]:
-        """Means over the last steps, the loss first: one batch alone is noise."""
+        """Means over the last steps, the loss first: a single batch is noise."""
         import numpy as np
 
         names = sorted(self.figures, key=lambda name: (name != LOSS, name))  # the same whether or not it was resumed
@@ -119,7 +119,7 @@ class TrainingTask(ABC, Generic[Made]):
     """What is trained.
 
     Attributes:
-        kind: of the task, in one word; checkpoints of one kind are not read by another, and draws are its own.
+        kind: of the task, a single word; checkpoints are read by the same kind only, and draws are its own.
         title: above the progress bar.
         advice: what to do where the loss is no number; fields in braces, see `FieldError`.
         recent: steps whose mean is shown and recorded.
@@ -197,7 +197,7 @@ class Fitted(Generic[Made]):
 
 
 def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | None = None) -> Fitted[Made]:
-    """Train, or take a run up where an earlier one of the same inputs was stopped: the result is the same to the byte.
+    """Train, or resume an interrupted run of the same inputs: the result is the same to the byte.
 
     Args:
         task: what is trained.
@@ -217,7 +217,7 @@ def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | No
     lead()
     if checkpoint is None:
         return _fit(task, config, None)
-    # beside the folder of all runs, which the last one removes
+    # beside the folder of all runs, which the last run removes
     with hold_folder(checkpoint.folder.parent.parent, f".{checkpoint.file.stem}.lock"):
         return _fit(task, config, checkpoint)
 
@@ -229,6 +229,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
             return None
         return task.find_finished()
 
+    # a finished run is returned as it is
     finished = current().ask_first(find_finished)
     if finished is not None:
         if checkpoint is not None:
@@ -238,6 +239,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
 
     for line in task.describe():
         notice(line)
+    # an interrupted run resumes at its checkpoint
     state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
     run = _Fitting(task, config)
     if state is not None:
@@ -258,7 +260,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
 
 
 def make_steps(task: TrainingTask[Made], config: FitConfig) -> Iterator[None]:
-    """The bare steps, one per turn of the caller's loop, without progress, checkpoints and finish; for measurements."""
+    """Yield after each step, without progress, checkpoints and finish; for measurements."""
     with task.open():
         task.begin()
         yield from _Fitting(task, config).steps()
@@ -306,7 +308,7 @@ class _Fitting:
         self._optimiser = _make_optimiser(list(self._parameters.values()), config)
 
     def steps(self) -> Iterator[None]:
-        """Make the steps from the history's end to the last, one per turn; one that is cut short is not counted.
+        """Make the steps from the history's end to the last, a step per turn; an interrupted step is not counted.
 
         Ctrl-C comes before the parameters are moved or after, never in between.
         """
@@ -335,7 +337,7 @@ class _Fitting:
         import torch
 
         draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
-        # of dropout: another mask in each process, the same ones when the run goes on
+        # of dropout: another mask in each process, the same masks when the run resumes
         torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():
             # every gradient is made anew: the paper's release never zeroed the patch's
@@ -431,8 +433,8 @@ def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "tor
     """None for `sign`, which has no state."""
     import torch
 
-    decayed = [one for one in parameters if one.ndim > 1]
-    others = [one for one in parameters if one.ndim <= 1]
+    decayed = [parameter for parameter in parameters if parameter.ndim > 1]
+    others = [parameter for parameter in parameters if parameter.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]
     groups = [group for group in groups if group["params"]]
     if config.optimiser == "sgd":

@@ -1,4 +1,4 @@
-"""What the kit needs from a machine, checked one by one, each with the line that fixes it."""
+"""What the kit needs from a machine, checked in turn, each with the line that fixes it."""
 
 import os
 import platform
@@ -40,7 +40,7 @@ def check_machine(folder: Path | None = None) -> list[Check]:
     """What the kit needs from this machine, each with what was found and the line that fixes it.
 
     Args:
-        folder: where a workspace is or would be, for its free disk space; by default the current one.
+        folder: where a workspace is or would be, for its free disk space; by default the current folder.
     """
     where = Path.cwd() if folder is None else folder
     return [

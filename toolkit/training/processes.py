@@ -1,7 +1,7 @@
 """Training by the processes that torchrun started: each takes its share of a batch, and their gradients are averaged.
 
-Which of them this process is, is ambient, as progress is: alone it is the first of one, and nothing is shared. The
-first one goes ahead: it reads and renders, then the others follow with the same command, and find what it has made. It
+The number of this process is ambient, as progress is. A single process is the first, and nothing is shared. The
+first process reads and renders, then the others follow with the same command, and find what it has made. It
 alone says something and writes.
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MEETING_S = 300.0
 """How long processes wait for each other at the start."""
 LONGEST_STEP = timedelta(hours=12)
-"""And later: while the first one reads its data, or judges what it has trained."""
+"""And later: while the first process reads its data, or judges what it has trained."""
 POLL_S = 0.2
 LAUNCHED = "TORCHELASTIC_RUN_ID"
 """Torchrun's mark in the environment."""
@@ -38,7 +38,7 @@ class EndedElsewhere(ToolkitError):
 
 @dataclass(frozen=True)
 class Processes:
-    """Those that train together, and which one this is.
+    """The processes that train together, and the number of this process.
 
     Attributes:
         rank: its number, from 0.
@@ -69,18 +69,18 @@ class Processes:
         return batch if self.count == 1 else batch[self.part(len(batch))]
 
     def average(self, tensors: "Sequence[torch.Tensor]") -> None:
-        """Put the mean over all processes into tensors of one kind and device."""
+        """Put the mean over all processes into tensors of the same type and device."""
         if self.count == 1:
             return
         import torch
 
-        # one message for all tensors: many small ones cost more than their bytes
-        joined = torch.cat([one.reshape(-1) for one in tensors])
+        # a single message for all tensors: many small messages cost more than their bytes
+        joined = torch.cat([tensor.reshape(-1) for tensor in tensors])
         with _explained():
             torch.distributed.all_reduce(joined)
         joined /= self.count
-        for one, mean in zip(tensors, joined.split([one.numel() for one in tensors]), strict=True):
-            one.copy_(mean.view(one.shape))
+        for tensor, mean in zip(tensors, joined.split([tensor.numel() for tensor in tensors]), strict=True):
+            tensor.copy_(mean.view(tensor.shape))
 
     def average_figures(self, figures: dict[str, float]) -> dict[str, float]:
         """The mean of each over all processes."""
@@ -132,11 +132,11 @@ class Processes:
         import torch
 
         with torch.no_grad():
-            for one in tensors:
-                told = one.detach().contiguous()
+            for tensor in tensors:
+                told = tensor.detach().contiguous()
                 with _explained():
                     torch.distributed.broadcast(told, src=0)
-                one.copy_(told)
+                tensor.copy_(told)
 
     def check(self, batch: int, device: "torch.device") -> None:
         """Refuse a training that they cannot share.
@@ -168,7 +168,7 @@ _meeting: "_Meeting | None" = None
 
 
 def current() -> Processes:
-    """The processes that train, of which this is one."""
+    """Return the processes that train, with this process among them."""
     return _current
 
 
@@ -198,7 +198,7 @@ class _Meeting:
         """Wait for it; the others do.
 
         Raises:
-            SystemExit: the first one has ended.
+            SystemExit: the first process has ended.
         """
         key = f"next {self._number}"
         self._number += 1
@@ -223,7 +223,7 @@ def follow() -> None:
 
 @contextmanager
 def joined() -> Iterator[None]:
-    """Within, this is one of the processes that torchrun started; where it started none, or one, nothing changes.
+    """Within, this process belongs to those that torchrun started; without several processes nothing changes.
 
     Raises:
         ToolkitError: they do not find each other.

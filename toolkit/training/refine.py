@@ -55,7 +55,7 @@ def distill_loss(student: torch.Tensor, teacher: torch.Tensor, temperature: floa
 
     Softmax of logits / T, times T², which keeps the size of the gradient (Hinton et al. 2015, section 2).
     """
-    log_student, log_teacher = (log_softmax(one / temperature, dim=1) for one in (student, teacher))
+    log_student, log_teacher = (log_softmax(logits / temperature, dim=1) for logits in (student, teacher))
     return kl_div(log_student, log_teacher, reduction="batchmean", log_target=True) * temperature**2
 
 
@@ -93,7 +93,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
 
     The copy sees varied views, the teacher the photograph as it is: of the same view both would say the same, and
     nothing would move. The copy stays in eval mode: batch normalisation goes by the statistics of the given weights,
-    folded ones too, and nothing updates them.
+    folded layers too, and nothing updates them.
     """
 
     kind = "refinement"
@@ -143,7 +143,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
     def find_finished(self) -> list[ClassifierRecord] | None:
         """The records, where all weights are whole and of the same inputs."""
         found = [find_finished(self._file(name), self.inputs_sha256) for name in self.config.names]
-        records = [one for one in found if one is not None]
+        records = [record for record in found if record is not None]
         if len(records) < len(found):
             return None
         if len(found) == 1:
@@ -177,9 +177,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             return network.logits(images).to(torch.float64 if images.dtype == torch.float64 else torch.float32)
 
     def _draw_views(self, step: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """This process's views of a step, robust ones at their worst, and the teacher's answers to the photographs.
+        """This process's views of a step, robust views at their worst, and the teacher's answers to the photographs.
 
-        The worst ones are those at which the student is least sure of what the teacher answers.
+        The worst views are those at which the student is least sure of what the teacher answers.
         """
         pack, teacher = self.inputs.data.train, self.inputs.teacher
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
@@ -347,23 +347,23 @@ class RefinedNetworks:
         """All of it for a script."""
         return {
             "model": self.name,
-            "files": [str(self.folder / f"{one.name}.safetensors") for one in self.records],
+            "files": [str(self.folder / f"{record.name}.safetensors") for record in self.records],
             "was_finished": self.was_finished,
             "resumed_from": self.resumed_from,
             "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
-            "records": [one.model_dump(mode="json") for one in self.records],
+            "records": [record.model_dump(mode="json") for record in self.records],
         }
 
     def lines(self) -> Iterator[str]:
         """The same for people."""
         if self.was_finished:
             yield f"{self.name} was refined with these inputs before: nothing to do; --restart refines it again"
-        for one in self.records:
-            if one.refined is not None:
-                attack = f"{one.refined.attack['norm']} {one.refined.attack['eps']:g}"
-                clean = _compare(one.refined.before, one.refined.after)
-                yield f"{one.name}: held-out photographs, {clean}"
-                yield f"  under attack ({attack}), {_compare(one.refined.before_attacked, one.refined.after_attacked)}"
+        for record in self.records:
+            if record.refined is not None:
+                refined = record.refined
+                attack = f"{refined.attack['norm']} {refined.attack['eps']:g}"
+                yield f"{record.name}: held-out photographs, {_compare(refined.before, refined.after)}"
+                yield f"  under attack ({attack}), {_compare(refined.before_attacked, refined.after_attacked)}"
         yield f"next: toolkit train-patch --object OBJECT --model {self.name}"
 
 
@@ -379,7 +379,7 @@ def refine_network(
 ) -> RefinedNetworks:  # fmt: skip
     """Refine a network by its own answers, or take it up where an interrupted run of the same settings left it.
 
-    What binds a booster to one network is in its sharp and brittle features; refined surrogates have fewer of them:
+    What binds a booster to a network is in its sharp and brittle features; refined surrogates have fewer of them:
     slightly robust (Springer et al. 2021), flat (Foret et al. 2021; Izmailov et al. 2018), or many along a path of SGD
     at a high constant rate (LGV; Gubri et al. 2022).
 
@@ -403,13 +403,15 @@ def refine_network(
     training = folder / ".training" / config.name
     if restart and current().is_first:
         delete_folder(training)
-    sources = [open_photographs(one, HELD_OUT) for one in dict.fromkeys(config.data)]
+    # photographs of the teacher's classes, in the teacher's preprocessing
+    sources = [open_photographs(photographs, HELD_OUT) for photographs in dict.fromkeys(config.data)]
     classes = keep_classes(sources, teacher, "model")
     stored = store_preprocessing(teacher.preprocessing, teacher.preprocessing.resize_px)
     with hold_folder(folder, f".{config.name}.lock"):
         data = load_training_set(sources, classes, stored, training, workers=1, every_class=False)
     held_out = len(data.held_out.images)
     notice(f"data: {len(data.train.images)} photographs to refine with, {held_out} held out")
+    # all that decides the weights is in the hash, by which an interrupted run resumes
     inputs_sha256 = sha256_bytes(
         json.dumps(
             [METHOD_VERSION, config.name, config.record(), teacher.arch, teacher.weights.sha256,

@@ -1,4 +1,4 @@
-"""What decides a refined network's weights: the one declaration of the settings of its training."""
+"""What decides a refined network's weights: the declaration of the settings of its training."""
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,14 +16,14 @@ METHOD_VERSION = 1
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 HELD_OUT = 0.2
 MOMENTUM = 0.9
-"""Of LGV (Gubri et al. 2022, section 3), as of most trainings on ImageNet."""
+"""Momentum of SGD, as in LGV (Gubri et al. 2022, section 3) and in most trainings on ImageNet."""
 LONGEST_GRADIENT = 1.0
-"""Of all weights together. A folded ResNet-18 has gradients of 10 to 250, and SGD at 0.01 diverged without."""
+"""Largest norm of the gradient of all weights. Without it, SGD at 0.01 diverged: a folded ResNet-18 has 10 to 250."""
 RHO = 0.005
 """A tenth of what Foret et al. (2021, section 3.1) take on ImageNet: their normalisation makes up for a climb, fixed
 statistics do not. At 0.05 the loss of a folded ResNet-18 rises from 0.9 to 8.2."""
 AVERAGED = 0.5
-"""Share of the steps, the last ones, whose weights SWA averages."""
+"""Share of the steps, at the end, whose weights SWA averages."""
 PATH = "What carries over to other networks"
 
 
@@ -84,12 +84,12 @@ class RefineConfig(Config):
 
     @property
     def kept_steps(self) -> list[int]:
-        """Steps, counted from 1, after which a network is kept: evenly spaced, the last one among them."""
+        """Steps, counted from 1, after which a network is kept: evenly spaced, with the last step among them."""
         return [self.steps * (k + 1) // self.checkpoints for k in range(self.checkpoints)]
 
     @property
     def names(self) -> list[str]:
-        """Of the networks: the name itself, or of several the name with a number."""
+        """Names of the networks: the name itself, or numbered names for several networks."""
         if self.checkpoints == 1:
             return [self.name]
         return [f"{self.name}-{k + 1:02d}" for k in range(self.checkpoints)]

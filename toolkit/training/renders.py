@@ -1,4 +1,4 @@
-"""Renders to train a classifier on: processes that each draw one object in one studio, kept as shards on disk."""
+"""Renders to train a classifier on: processes that each draw an object in a studio, kept as shards on disk."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -22,7 +22,7 @@ RENDERS_VERSION = 2
 
 @dataclass(frozen=True)
 class RenderUnit:
-    """Pictures of one object in one studio, the work of one process at a time.
+    """Pictures of an object in a studio, the work of a process at a time.
 
     Attributes:
         source: `everyday`, or the path of an object's spec.
@@ -40,7 +40,7 @@ class RenderUnit:
 
     @property
     def name(self) -> str:
-        """Of its shard: the same inputs have the same name."""
+        """File name of the shard; equal inputs have equal names."""
         return sha256_bytes(f"{RENDERS_VERSION} {self!r}".encode())[:20] + ".npy"
 
 
@@ -66,7 +66,7 @@ def _make_mesh(unit: RenderUnit) -> Mesh:
     return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))
 
 
-# units of one object follow each other, and share its mesh
+# units of the same object follow each other, and share its mesh
 @lru_cache(maxsize=8)
 def _load_mesh(spec_file: str) -> Mesh:
     from toolkit.objects.load import load_object
@@ -75,7 +75,7 @@ def _load_mesh(spec_file: str) -> Mesh:
 
 
 def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advance: Callable[[int], None]) -> None:
-    """Render what is not there yet into `folder`, one file for each unit, each whole or absent.
+    """Render what is not there yet into `folder`, a file for each unit, each whole or absent.
 
     Args:
         units: what to render.

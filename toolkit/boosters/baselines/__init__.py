@@ -17,7 +17,7 @@ NEED_DATA = (BEST_IMAGE, RANDOM_IMAGE)
 
 
 class BaselineConfig(Config):
-    """Patch sets of one kind to make."""
+    """Patch sets of a kind to make."""
 
     kind: Annotated[
         Literal["qr", "apriltag", "word", "best-image", "random-image", "fixed-pattern"],
@@ -57,5 +57,5 @@ class BaselineConfig(Config):
         return self
 
     def name_set(self, size_px: int) -> str:
-        """Folder of the pictures of one size."""
+        """Return the folder of the pictures of a size."""
         return f"{self.set_name or self.kind}-{size_px}"

@@ -58,7 +58,7 @@ class Baseline(ABC):
     least_because: str = ""
 
     def list_inputs(self, index: int) -> Any:
-        """What decides the picture of one class beside the settings, as JSON holds it."""
+        """What decides the picture of a class beside the settings, as JSON holds it."""
         return None
 
     def is_current(self, record: PatchRecord) -> bool:
@@ -75,7 +75,7 @@ class Baseline(ABC):
 
 
 MEAN, DEVIATION = 0.5, 0.1
-"""Of the values in [0, 1], as in the paper's release."""
+"""Mean and standard deviation of the noise in [0, 1], as in the paper's release."""
 
 
 class FixedPatterns(Baseline):
@@ -89,7 +89,7 @@ class FixedPatterns(Baseline):
         self.settings = {"mean": MEAN, "standard_deviation": DEVIATION}
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The pattern of one class."""
+        """Return the pattern of a class."""
 
         def draw(size_px: int) -> np.ndarray:
             noise = Draws(self.seed, index, "fixed pattern").of("noise").normal(MEAN, DEVIATION, (size_px, size_px, 3))
@@ -100,7 +100,7 @@ class FixedPatterns(Baseline):
 
 
 LEAST_MODULE_PX = 2
-"""A camera, or a resampling, cannot keep modules of one pixel apart."""
+"""A camera, or a resampling, cannot keep modules of a single pixel apart."""
 BLACK, WHITE = 0, 255
 
 
@@ -213,7 +213,7 @@ def tag_dictionary(name: str) -> Any:
 
 
 def choose_dictionary(classes: int) -> str:
-    """The family with the greatest distance between its tags that has one for each class."""
+    """Return the family with the greatest distance between tags that has enough tags for all classes."""
     return next(name for name in DICTIONARIES if classes <= len(tag_dictionary(name).bytesList))
 
 
@@ -250,7 +250,7 @@ class QrCodes(_Codes):
         self.settings = {"border_modules": border, "error_correction": ERROR_CORRECTION}
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The code of one class."""
+        """Return the code of a class."""
         black = _draw_qr(index)
         # a side has 17 + 4 · version modules (ISO/IEC 18004)
         version = (len(black) - 17) // 4
@@ -266,15 +266,15 @@ class AprilTags(_Codes):
 
     def __init__(self, classes: int, border: int = 1) -> None:
         self.dictionary = choose_dictionary(classes)
-        # the bits, and a black frame of one module at each side
+        # the bits, and a black frame of a module at each side
         super().__init__(tag_dictionary(self.dictionary).markerSize + 2, border)
         self.settings = {"border_modules": border, "dictionary": self.dictionary}
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The tag of one class."""
+        """Return the tag of a class."""
         import cv2
 
-        # one pixel for each module
+        # a pixel for each module
         black = cv2.aruco.generateImageMarker(tag_dictionary(self.dictionary), index, self.modules) == 0
         advance(1)
         about = {"kind": APRILTAG, "text": str(index), "dictionary": self.dictionary}

@@ -103,7 +103,7 @@ class _Photos(Baseline):
 
 
 class BestImages(_Photos):
-    """Of each class the image with the lowest cross-entropy loss, as the classifier is shown it."""
+    """The image of each class with the lowest cross-entropy loss, after the classifier's preprocessing."""
 
     method = "training image with the lowest loss"
 
@@ -116,7 +116,7 @@ class BestImages(_Photos):
         return len(self.by_class[index])
 
     def choose(self, index: int, advance: Advance) -> Choice:
-        """The best of a class; of several equally good ones the first by name.
+        """The best of a class; of several equally good images the first by name.
 
         Raises:
             ToolkitError: the network's output is not finite.
@@ -146,15 +146,15 @@ class BestImages(_Photos):
             for first in range(0, len(images), BATCH):
                 part = images[first : first + BATCH]
                 loaded = list(pool.map(load, part))
-                skipped += [(one.id, what) for one, what in zip(part, loaded, strict=True) if isinstance(what, str)]
+                skipped += [(image.id, what) for image, what in zip(part, loaded, strict=True) if isinstance(what, str)]
                 usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]
                 if usable:
-                    yield [one for one, _ in usable], np.stack([pixels for _, pixels in usable])
+                    yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
                 advance(len(part))
 
 
 class RandomImages(_Photos):
-    """Of each class one image, drawn by seed and class; where it cannot be read, another."""
+    """A random image of each class, drawn by seed and class; unreadable images are replaced."""
 
     method = "random training image"
 
@@ -166,7 +166,7 @@ class RandomImages(_Photos):
         """One of a class."""
         images, skipped = self.by_class[index], Skipped()
         chosen = None
-        # an order of all, so that the next one takes the place of an image that cannot be read
+        # an order of all, so that the next image takes the place of an image that cannot be read
         for k in Draws(self.seed, index, "random image").of("order").permutation(len(images)):
             try:
                 self.images.load(images[k], self.classifier.preprocessing)
@@ -223,26 +223,26 @@ class MadeSet:
 
 @dataclass(frozen=True)
 class MadeBaseline:
-    """What a run made, and (path, reason) of what could not be used: images, and classes without one that can."""
+    """What a run made, and (path, reason) of what could not be used: images, and classes without a usable image."""
 
     sets: tuple[MadeSet, ...]
     skipped: tuple[tuple[str, str], ...]
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a script."""
-        sets = [asdict(one) | {"folder": str(one.folder)} for one in self.sets]
+        sets = [asdict(patch_set) | {"folder": str(patch_set.folder)} for patch_set in self.sets]
         return {"sets": sets, "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped]}
 
     def lines(self) -> Iterator[str]:
         """What each set got."""
-        for one in self.sets:
-            if one.made:
-                pictures = f"{one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px"
-                yield f"{one.folder}: {pictures}{f', {one.found} made before' if one.found else ''}"
-            elif one.found:
-                yield f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do"
+        for made in self.sets:
+            if made.made:
+                pictures = f"{made.made} {'picture' if made.made == 1 else 'pictures'} of {made.size_px} px"
+                yield f"{made.folder}: {pictures}{f', {made.found} made before' if made.found else ''}"
+            elif made.found:
+                yield f"{made.folder}: its {made.found} pictures were made from these inputs before: nothing to do"
             else:
-                yield f"{one.folder}: nothing made"
+                yield f"{made.folder}: nothing made"
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
         workspace: where the sets go.
 
     Raises:
-        ToolkitError: an unknown class or one without images, a size that does not suit, a set that is there and was
+        ToolkitError: an unknown class or a class without images, a size that does not suit, a set that is there and was
             made another way, or the disk is full.
     """
     images = None if config.data is None else open_images(config.data, classifier, split="train")
@@ -289,6 +289,7 @@ def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Wor
         images = choose_classes(images, config.class_names, classifier)
         classes = images.classes
     baseline = prepare_baseline(config, images, classifier)
+    # a folder for each size; a folder made in another way is refused, never mixed
     places = [_choose_place(config, baseline, classifier, workspace, size) for size in dict.fromkeys(config.sizes_px)]
     for place in places:
         _check_same_way(place, baseline)
@@ -317,7 +318,7 @@ def _make_pictures(
         made += [(place, False) for place, record in finished.items() if record is not None]
         # nothing is chosen anew; what a run before passed over is still said
         if len(records) == len(places):
-            skipped += [(one["path"], one["reason"]) for one in records[0].data.get("passed_over", [])]
+            skipped += [(skip["path"], skip["reason"]) for skip in records[0].data.get("passed_over", [])]
             bar.advance(baseline.count_work(index))
             continue
         choice = baseline.choose(index, bar.advance)

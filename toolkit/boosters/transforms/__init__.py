@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 STAGES = ("place", "print", "paper", "view", "light", "photo", "network", "features")
 """Where a transform acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene,
-on a view by its depth, on a view's light, on the photograph, on what one network sees of it, on what it makes of it."""
+on a view by its depth, on a view's light, on the photograph, on what a network sees of it, on what it makes of it."""
 OF_NETWORKS = ("network", "features")
 """Stages that act for each network by itself."""
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -26,7 +26,7 @@ Probability = Annotated[float, Field(ge=0, le=1)]
 class Transform(Config):
     """Something that a booster meets on its way into a photograph; its fields are the ranges that it draws from.
 
-    A field of `PatchConfig` or `TextureConfig` that holds one makes it act.
+    A field of `PatchConfig` or `TextureConfig` that holds a transform makes it act.
 
     Attributes:
         stage: one of `STAGES`.
@@ -39,8 +39,8 @@ class Transform(Config):
         probability: float = 1.0
 
     def rng(self, draws: Draws, of: str = "") -> "np.random.Generator":
-        """Its own generator of a step; `of` tells uses of one step apart."""
-        # a generator for each transform: one that is switched on or off leaves the draws of the others as they were
+        """Return the transform's own generator of a step; `of` distinguishes several uses in a step."""
+        # a generator for each transform: switching a transform on or off leaves the draws of the others unchanged
         return draws.of((self.drawn_as or type(self).__name__) + of)
 
     def draw_acting(self, rng: "np.random.Generator", count: int) -> "np.ndarray":
@@ -68,7 +68,7 @@ class ImageTransform(Transform):
         which = np.flatnonzero(acting)
         if len(which) == 0:
             return pixels
-        chosen = tuple(one[which] for one in drawn)
+        chosen = tuple(values[which] for values in drawn)
         # no gather and scatter where nothing is left out
         if len(which) == len(batch):
             return self.apply(batch, chosen).reshape(pixels.shape)

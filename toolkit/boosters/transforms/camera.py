@@ -82,7 +82,7 @@ def make_kernels(sigma_px: "np.ndarray", length_px: "np.ndarray", angle: "np.nda
     import numpy as np
     from scipy.special import ndtr
 
-    # three standard deviations beyond either end of the line; one size for the batch, as kernels are stacked
+    # three standard deviations beyond either end of the line; the same size for the batch, as kernels are stacked
     reach = int(np.ceil((3 * sigma_px + length_px / 2).max()))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, None].astype(float)
     sigma, half = sigma_px[:, None, None], length_px[:, None, None] / 2
@@ -135,7 +135,7 @@ class SensorNoise(ImageTransform):
         import numpy as np
 
         shot, read = rng.uniform(*self.shot, count), rng.uniform(*self.read, count)
-        # one generator draws the grain of all photographs at once: its seed stands in each row
+        # a single generator draws the grain of all photographs at once: its seed stands in each row
         return shot, read, np.full(count, rng.integers(1 << 62))
 
     def apply(self, some: "torch.Tensor", drawn: "tuple[np.ndarray, ...]") -> "torch.Tensor":
@@ -246,7 +246,7 @@ def quantise_tables(table: Sequence[Sequence[int]], quality: "np.ndarray") -> "n
 
 @lru_cache(maxsize=1)
 def _cosines() -> "np.ndarray":
-    """(64, 64) the two-dimensional DCT of a block of 8 × 8 as one orthonormal matrix."""
+    """(64, 64) the two-dimensional DCT of a block of 8 × 8 as a single orthonormal matrix."""
     import numpy as np
 
     frequency, place = np.mgrid[:8, :8]
@@ -257,7 +257,7 @@ def _cosines() -> "np.ndarray":
 
 
 def _code_blocks(planes: "torch.Tensor", steps: "np.ndarray", middle: float, rounding: Callable) -> "torch.Tensor":
-    """Transform, divide, round, multiply, transform back; one matrix product each way holds all but the rounding."""
+    """Transform, divide, round, multiply, transform back; a matrix product each way holds all but the rounding."""
     import numpy as np
     import torch
 

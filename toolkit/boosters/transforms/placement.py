@@ -226,7 +226,7 @@ class Sheet:
 
     Attributes:
         middle: (3,) of its centre.
-        right, up: (3,) unit vectors along its sides, as one sees it.
+        right, up: (3,) unit vectors along its sides, as seen from the front.
         size_mm: its side.
     """
 
@@ -279,9 +279,9 @@ def project_sheet(camera: "Camera", T_world_camera: "np.ndarray", sheet: Sheet, 
     import numpy as np
 
     texel_mm = sheet.size_mm / patch_px
-    # texel (0, 0) is at the top left of the sheet as one sees it
+    # texel (0, 0) is at the top left of the sheet as seen from the front
     corner = sheet.middle + sheet.size_mm / 2 * (sheet.up - sheet.right)
-    # columns: a step of one texel right and down, and where texel (0, 0) lies, all seen from the camera
+    # columns: a step of a texel right and down, and where texel (0, 0) lies, all seen from the camera
     plane = np.stack([sheet.right * texel_mm, -sheet.up * texel_mm, corner - T_world_camera[:3, 3]], axis=1)
     T_image_patch = camera.matrix @ T_world_camera[:3, :3].T @ plane
     return T_image_patch / (T_image_patch[2] @ [patch_px / 2, patch_px / 2, 1])

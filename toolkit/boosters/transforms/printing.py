@@ -1,4 +1,4 @@
-"""What a desktop printer makes of the patch, any or one's own as measured; light on its paper, and clear tape."""
+"""What a desktop printer makes of the patch, any printer or a measured printer; light on its paper, and clear tape."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -83,7 +83,7 @@ def spread_ink(pixels: "torch.Tensor", sigma_texels: "np.ndarray") -> "torch.Ten
     from torch.nn.functional import conv2d, pad
 
     b, c, h, w = pixels.shape
-    # three standard deviations hold 99.7 % of a Gaussian; one texel more for the box that it blurs
+    # three standard deviations hold 99.7 % of a Gaussian; another texel for the box that it blurs
     reach = int(np.ceil(3 * sigma_texels.max())) + 1
     x = np.arange(-reach - 1, reach + 2) / sigma_texels[:, None]
     # the Gaussian integrated twice, in texels: once for the blurred texel's box, once for its neighbour's
@@ -279,7 +279,7 @@ class TapeGlare(PaperTransform):
             paper = _cover(paper, mask, shine * as_factors(strength * shines, x), colour)
         if hides.any():
             _, y, pixel = _measure(mask, strip_angle, np.stack([np.zeros(count), strip_place], axis=1))
-            inside = ((as_factors(strip_width / 2, y) - y.abs()) / pixel + 0.5).clamp(0, 1)  # one pixel of soft edge
+            inside = ((as_factors(strip_width / 2, y) - y.abs()) / pixel + 0.5).clamp(0, 1)  # a pixel of soft edge
             paper = _cover(paper, mask, inside * as_factors(hides.astype(float), y), strip_colour)
         return paper
 

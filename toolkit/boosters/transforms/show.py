@@ -16,7 +16,7 @@ RIM_PX = 2
 
 
 def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "tuple[np.ndarray, int]":
-    """Squares of one size, inside the image, that each hold all that is seen of a placed patch.
+    """Squares of the same size, inside the image, that each hold all that is seen of a placed patch.
 
     Returns:
         (b, 2) int, their (left, top) corners in pixels, and their side.
@@ -28,7 +28,7 @@ def find_windows(T_image_patch: "np.ndarray", patch_px: int, image_px: int) -> "
     points = np.stack([x / w, y / w], axis=1)
     low = np.clip(np.floor(points.min(axis=2)) - RIM_PX, 0, image_px)
     high = np.clip(np.ceil(points.max(axis=2)) + RIM_PX, 0, image_px)
-    # one side for the batch, the largest box's: windows of one size stack into a tensor
+    # the largest box's side for the whole batch: windows of equal size stack into a tensor
     side = max(1, int((high - low).max()))
     # moved back into the image, where a window of the common side would leave it
     return np.minimum(low, image_px - side).astype(int), side
@@ -83,7 +83,7 @@ def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: "np.
 
 @dataclass(frozen=True)
 class WarpPlan:
-    """Sizes that fit one batch of placements.
+    """Sizes that fit a batch of placements.
 
     Attributes:
         repeat: every texel becomes repeat × repeat, so that a magnified patch keeps its printed, sharp texel edges.
@@ -132,10 +132,10 @@ def warp_patch(
 ) -> tuple["torch.Tensor", "torch.Tensor"]:  # fmt: skip
     """Draw a patch and its mask into images.
 
-    The mask is explicit: without one every texel of the square is opaque, black ones too.
+    The mask is explicit: without a mask every texel of the square is opaque, black ones too.
 
     Args:
-        patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
+        patch: (3, n, n), or (b, 3, n, n) for a patch per image; any values, any encoding.
         T_image_patch: (b, 3, 3), see `toolkit.boosters.transforms.placement` for the convention.
         image_px: side m of the images.
         scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
@@ -191,8 +191,8 @@ def _sampling_grid(T_image_patch: "np.ndarray", plan: WarpPlan, image_px: int, l
     to_unit = np.vstack([to_unit / plan.side, [0, 0, 1]])
     T_unit_image = torch.as_tensor(to_unit @ np.linalg.inv(T_image_patch), dtype=like.dtype, device=like.device)
     centres = torch.arange(image_px, dtype=like.dtype, device=like.device) + 0.5
-    x, y, one = (T_unit_image[:, :, k, None, None] for k in range(3))
-    points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + one
+    x, y, w = (T_unit_image[:, :, k, None, None] for k in range(3))
+    points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + w
     # w is 1 everywhere for affine placements: the division is spared
     if np.allclose(T_image_patch[:, 2], [0, 0, 1]):
         return points[:, :2].permute(0, 2, 3, 1)
@@ -223,7 +223,7 @@ class Appearance:
 def show_patch(
     patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws, mounted: Mounted | None = None
 ) -> "torch.Tensor":
-    """Photographs with the printed patch in them: the three steps below, one after the other.
+    """Photographs with the printed patch in them: the three steps below, in order.
 
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1].
@@ -238,7 +238,7 @@ def show_patch(
     import torch
 
     printed = print_patch(patch, appearance, draws)
-    # one print for flat placements and views of the object alike
+    # the same print for flat placements and views of the object alike
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))
@@ -247,8 +247,8 @@ def show_patch(
 
 def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """θ, (3, n, n) sRGB-encoded in [0, 1], as it comes out of the printer."""
-    for one in appearance.on_print:
-        patch = one.change(patch, one.rng(draws))
+    for transform in appearance.on_print:
+        patch = transform.change(patch, transform.rng(draws))
     return patch
 
 
@@ -263,14 +263,14 @@ def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appea
     )
     corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
     paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
-    for one in appearance.on_paper:
-        paper = one.light(paper, mask, one.rng(draws))
+    for transform in appearance.on_paper:
+        paper = transform.light(paper, mask, transform.rng(draws))
     around = cut_windows(images, corners, side)
     return paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
 
 
 def take_photos(scenes: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """(b, 3, m, m) scenes as the camera gives them."""
-    for one in appearance.on_photo:
-        scenes = one.change(scenes, one.rng(draws))
+    for transform in appearance.on_photo:
+        scenes = transform.change(scenes, transform.rng(draws))
     return scenes

@@ -85,7 +85,7 @@ class BlockShuffle(ImageTransform):
         """Cut, turn, shuffle, and join."""
         import torch
 
-        return torch.stack([_shuffle(photo, *one) for photo, *one in zip(some, *drawn, strict=True)])
+        return torch.stack([_shuffle(photo, *draws) for photo, *draws in zip(some, *drawn, strict=True)])
 
 
 def _shuffle(
@@ -150,7 +150,7 @@ class FeatureMixup(Transform):
             image_px: side of the images that it sees.
             see_clean: asks it about all photographs without the booster.
             draws: of the step.
-            of: tells networks of one step apart.
+            of: distinguishes the networks of a step.
         """
         layers, largest_px = find_layers(module), image_px // LARGEST_MAP
         acting = self.draw_acting(self.rng(draws, f"{of} layers"), len(layers))
@@ -177,7 +177,7 @@ class FeatureMixup(Transform):
             yield
 
     def apply(self, output: "torch.Tensor", clean: "torch.Tensor", rng: "np.random.Generator") -> "torch.Tensor":
-        """Mix this process's part of (b, c, …) features with (b, c, …) clean ones of all photographs."""
+        """Mix this process's part of (b, c, …) features with (b, c, …) clean features of all photographs."""
         import torch
 
         # drawn for the whole batch and then shared, so that the number of processes changes nothing
@@ -192,4 +192,4 @@ def find_layers(module: "torch.nn.Module | None") -> "list[torch.nn.Module]":
     import torch
 
     inside = [] if module is None else module.modules()
-    return [one for one in inside if isinstance(one, torch.nn.Conv2d | torch.nn.Linear)]
+    return [module for module in inside if isinstance(module, torch.nn.Conv2d | torch.nn.Linear)]

@@ -52,7 +52,7 @@ class Fog(ImageTransform):
         from toolkit.corruptions.weather import add_fog
 
         foggy = [
-            # one at a time: strength and smoothness are the photograph's own
+            # photograph by photograph: strength and smoothness are the photograph's own
             add_fog(photo[None], (strength, smoothness), RandomStreams([int(seed)], "fog", 0, photo.device))
             for photo, strength, smoothness, seed in zip(some, *drawn, strict=True)
         ]
@@ -71,9 +71,9 @@ def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float])
 
     buffers = [view.depth for view in views]
     return [
-        DepthView.of_model(one.depth, one.camera, one.T_world_camera, metres)
-        for one, metres in zip(buffers, metres_per_unit, strict=True)
-        if one is not None
+        DepthView.of_model(buffer.depth, buffer.camera, buffer.T_world_camera, metres)
+        for buffer, metres in zip(buffers, metres_per_unit, strict=True)
+        if buffer is not None
     ]
 
 
@@ -116,10 +116,10 @@ class Weathered(Transform):
     def draw(self, views: "Sequence[DepthView]", rng: "np.random.Generator") -> "tuple[torch.Tensor, torch.Tensor]":
         """Factor and offset of linear light, both (b, h, w, 3) float32: weathered light is factor · light + offset.
 
-        They do not depend on the light, so that the gradient through weather is the factor: the true one.
+        They do not depend on the light, so that the gradient through weather is the factor: the true gradient.
 
         Args:
-            views: depths of b views of one size, at the object's real size: see `DepthView.of_model`.
+            views: depths of b views of equal size, at the object's real size: see `DepthView.of_model`.
             rng: draws.
         """
         import numpy as np
@@ -131,6 +131,7 @@ class Weathered(Transform):
         height, width = views[0].depth_m.shape
         factor = np.ones((len(views), height, width, 3), np.float32)
         offset = np.zeros_like(factor)
+        # each view has its own airlight, a grey with a tint from yellow to blue
         grey = rng.uniform(*self.airlight, len(views))
         tint = rng.uniform(-TINT, TINT, len(views))
         for which, name, severity, seeds in draw_corrupted(rng, len(views), self.weathers, self.probability):
@@ -206,15 +207,15 @@ class Corrupted(ImageTransform):
 def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":
     """`toolkit.corruptions.batch.corrupt` with a gradient.
 
-    The gradient of what is in `DIFFERENTIABLE` is the true one. What is in `STRAIGHT_THROUGH` acts forward, and
+    The gradient of what is in `DIFFERENTIABLE` is the true gradient. What is in `STRAIGHT_THROUGH` acts forward, and
     backward counts as what it is near (Bengio et al. 2013; BPDA, Athalye et al. 2018): pixelate as its means, shot
     noise and JPEG as the identity.
 
     Args:
         images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
-        name: one of `CORRUPTIONS`.
+        name: key of `CORRUPTIONS`.
         severity: 1 to 5.
-        seeds: one per image.
+        seeds: a seed per image.
 
     Returns:
         As `images`, what `corrupt` returns; differentiable.

@@ -12,7 +12,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.text import FileName
 
 VERSION = 1
-"""Of rules, poses and judges; scores of different versions are never compared."""
+"""Version of the rules, poses and judges; scores of different versions are never compared."""
 Division = Literal["closed", "open"]
 Budget = Literal["patch", "wrap", "texture"]
 VARIANT: Mapping[Budget, str] = {"patch": "patched", "wrap": "wrapped", "texture": "textured"}
@@ -21,7 +21,7 @@ JUDGES: Mapping[str, str] = {
     "resnet50": "0676ba61", "mobilenet_v2": "b0353104", "efficientnet_b0": "7f5810bc", "convnext_tiny": "983f1562",
     "regnet_y_800mf": "1b27b58c", "swin_t": "704ceda3",
 }  # fmt: skip
-"""Of the closed division, with the first digits of their hash: torchvision's first published ImageNet weights."""
+"""Judges of the closed division, with the first digits of their hash: torchvision's first ImageNet weights."""
 LARGEST_PATCH = 1 / 3
 """Side of a patch as a share of the object's longest side."""
 POSES = 18

@@ -41,13 +41,13 @@ from toolkit.rig.variants import find_booster
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 MOST_LISTED = 20
-"""Files without a place that are named, one a line."""
+"""Largest number of misplaced files that are listed, each on its own line."""
 MOST_LETTERS = 2000
 MOST_FILE_BYTES = 64 << 20
 
 
 def _check_text(text: str) -> str:
-    if not text.strip() or not all(one.isprintable() or one == "\n" for one in text):
+    if not text.strip() or not all(character.isprintable() or character == "\n" for character in text):
         raise ValueError("expected words: some printable characters")
     return text
 
@@ -72,7 +72,7 @@ class EntryRecord(BaseModel):
         link: to a paper or to code; may be empty.
         division, budget: where it takes part: objects and poses of the kit or one's own, patches or whole surfaces.
         networks: on which it was trained, each with the SHA-256 of its weights. Such a network is no judge of it.
-        seed: of its training, where there is one.
+        seed: seed of its training; None without training.
         recipe: the settings, or the command line.
         training_hours: what all of it took; None: not known.
         boosters: SHA-256 of each object's picture.
@@ -95,7 +95,7 @@ class EntryRecord(BaseModel):
 
     @property
     def variant(self) -> str:
-        """Of its pictures."""
+        """Variant of the entry's pictures."""
         return VARIANT[self.budget]
 
 
@@ -113,11 +113,11 @@ class ChallengeEntry:
 
     @cached_property
     def objects(self) -> tuple[str, ...]:
-        """That are judged, by name."""
+        """Names of the judged objects, sorted."""
         return CLOSED_OBJECTS if self.record.division == "closed" else tuple(sorted(self.record.boosters))
 
     def file_name(self, name: str) -> str:
-        """Of an object's booster: the picture of a patch or texture, the folder of a wrap."""
+        """Return the path of an object's booster: the picture of a patch or texture, or the folder of a wrap."""
         return f"{BOOSTERS}/{name}" if self.record.budget == "wrap" else f"{BOOSTERS}/{name}.png"
 
     def read_booster(self, name: str) -> "EnteredBooster":
@@ -162,7 +162,7 @@ def read_booster(path: Path, budget: Budget) -> EnteredBooster:
         training = wrap.record.booster
         if training is None:
             raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
-        names = (RECORD_FILE, MAP_FILE, *(piece_name(one.number) for one in wrap.record.pieces))
+        names = (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in wrap.record.pieces))
         files = tuple((f"/{name}", path / name) for name in names)
         return EnteredBooster(
             wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
@@ -205,6 +205,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
     if not names:
         raise FieldError("the open division judges objects of your own: name them", {"objects": ()})
     places = {"patch": workspace.patches, "wrap": workspace.wraps, "texture": workspace.textures}
+    # copy each booster, and note the networks that trained it: as judges they count as seen
     trained: dict[str, NetworkRecord] = {}
     hashes = {}
     for name in names:
@@ -217,6 +218,7 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
             write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
         if not is_closed:
             _copy_object(workspace.object_spec(name).parent, name, folder / OBJECTS)
+    # the record is a draft: authors and method are for the entrant to fill in
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-_")
     record = EntryRecord(
         name=stem if is_file_name(stem) else "entry", authors=("Your name",), method="How it was made.",
@@ -229,9 +231,9 @@ def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Chall
 def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
     """(what follows the picture's name, file) of a booster: picture, record, and of a texture coordinates and masks."""
     names = [".png", ".json"]
-    for one in made.record.objects if isinstance(made, Texture) else ():
-        names += [uv_name("", one.name)] * (one.uv_sha256 is not None)
-        names += [keep_name("", one.name)] * (one.keep_image_sha256 is not None)
+    for item in made.record.objects if isinstance(made, Texture) else ():
+        names += [uv_name("", item.name)] * (item.uv_sha256 is not None)
+        names += [keep_name("", item.name)] * (item.keep_image_sha256 is not None)
     for name in names:
         yield name, png.with_name(png.stem + name)
 
@@ -268,15 +270,18 @@ def check_entry(folder: Path) -> list[str]:
 
 def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
     record = entry.record
+    # what the record says
     if record.challenge_version != VERSION:
         yield f"{ENTRY}: challenge_version {record.challenge_version}: expected {VERSION}, which this toolkit judges"
     for name in sorted(set(entry.objects) ^ set(record.boosters)):
         yield f"{ENTRY}: boosters: {name}: " + ("missing" if name in entry.objects else "is no object of the division")
+    # which files the folder has; without all of them nothing can be opened
     yield from _list_stray(entry)
     missing = list(_list_missing(entry))
     yield from missing
     if missing:
         return
+    # whether each booster can be read, and fits its object
     with TemporaryDirectory(prefix="toolkit-entry-") as scratch:
         try:
             space = open_space(entry, Path(scratch))
@@ -346,14 +351,17 @@ def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> 
     item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
     if booster.sha256 != entry.record.boosters[name]:
         yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
+    # trained for the object's own class
     wanted = item.spec.class_name
     if wanted not in (booster.label, booster.index):
         yield f"{where}: was trained for '{booster.label}': expected '{wanted}'"
+    # the entry names every network of the training, so that none counts as unseen
     said = {network.sha256 for network in entry.record.networks}
     for network in booster.networks:
         if network.sha256 not in said:
             which = f"{network.arch} ({network.sha256[:12]})"
             yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
+    # the size of a patch is bounded; a wrap or a texture must be of this mesh
     if isinstance(booster.made, Patch):
         side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
         if side > most + 0.05:

@@ -62,14 +62,14 @@ from toolkit.rig.variants import CONTROLS_OF
 
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
 CONDITIONS = (CLEAR, FOG, CORRUPTED)
-"""Clean air; ImageNet-C's fog of severity 3; one of its 75 corruptions for each picture, in turn."""
+"""Clean air; ImageNet-C's fog of severity 3; each picture in turn gets another of its 75 corruptions."""
 FOG_SEVERITY = 3
 UNSEEN, SEEN = "unseen", "seen"
 MOST_OUTCOMES_BYTES, MOST_PICTURE_BYTES = 256 << 20, 16 << 20
 Answered = tuple[bool, bool, str, str]
 """Right bare, right boosted, the object, and the picture."""
 SHOWN_POSE = 1
-"""Of the plan: from there each booster is shown on its object."""
+"""Number of the plan's pose from which each booster is shown on its object."""
 LOOK_STRIDE = 4
 """Each fourth pixel each way says enough of how much the looks change."""
 
@@ -95,14 +95,14 @@ class Judge(BaseModel):
         """Whether an entry says that it was trained on it."""
         # by what the records hold alone, so that all count the same
         return any(
-            one.sha256 == self.sha256
-            or (self.tensors_sha256 or "") in (one.tensors_sha256, KNOWN_TENSORS.get(one.sha256))
-            for one in record.networks
+            network.sha256 == self.sha256
+            or (self.tensors_sha256 or "") in (network.tensors_sha256, KNOWN_TENSORS.get(network.sha256))
+            for network in record.networks
         )
 
 
 class JudgedPicture(BaseModel):
-    """A line of `outcomes.csv`: what one judge said of one picture.
+    """A line of `outcomes.csv`: the answer of a judge to a picture.
 
     Attributes:
         judge_sha256: of whom.
@@ -127,7 +127,7 @@ class JudgedPicture(BaseModel):
 
 
 class ScoreRow(BaseModel):
-    """What one judge, or all that the entry saw or never saw, say of the same pictures bare and boosted.
+    """Answers of a judge, or of all seen or unseen judges, to the same pictures bare and boosted.
 
     Attributes:
         judge: its name, or `unseen` or `seen` for all of these together.
@@ -189,13 +189,13 @@ class Score(BaseModel):
 
     @property
     def pooled(self) -> list[ScoreRow]:
-        """Of `unseen`, the booster's own."""
+        """Return the rows of `unseen` for the booster's own variant."""
         return [row for row in self.unseen if row.variant == self.entry.variant]
 
     @property
     def class_of(self) -> tuple[object, ...]:
         """What must agree for two scores to be compared."""
-        judged = tuple(sorted((one.sha256, one.preprocessing) for one in self.judges))
+        judged = tuple(sorted((judge.sha256, judge.preprocessing) for judge in self.judges))
         return self.challenge_version, self.entry.division, self.entry.budget, judged
 
 
@@ -223,7 +223,7 @@ def write_score(entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequen
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
     """
-    cells = ([int(value) if isinstance(value, bool) else value for _, value in one] for one in outcomes)
+    cells = ([int(value) if isinstance(value, bool) else value for _, value in outcome] for outcome in outcomes)
     text, folder = encode_csv(list(JudgedPicture.model_fields), cells), entry.folder / SCORE
     score = count_score(entry, judges, outcomes, sha256_bytes(text.encode()))
     write_text(folder / OUTCOMES, text, entry.folder)
@@ -239,25 +239,29 @@ def count_score(
     Raises:
         ToolkitError: an outcome is of a judge that is not named, or a picture was not seen both ways.
     """
-    by_sha = {one.sha256: one for one in judges}
-    if unknown := next((one for one in outcomes if one.judge_sha256 not in by_sha), None):
+    by_sha = {judge.sha256: judge for judge in judges}
+    if unknown := next((outcome for outcome in outcomes if outcome.judge_sha256 not in by_sha), None):
         raise ToolkitError(f"{OUTCOMES}: a judge {unknown.judge_sha256[:12]} that {SCORE_FILE} does not name")
-    groups = {one.name: [one] for one in judges}
-    groups |= {name: [one for one in judges if one.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
+    # each judge alone, then all unseen and all seen judges together
+    groups = {judge.name: [judge] for judge in judges}
+    groups |= {name: [judge for judge in judges if judge.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
     table = _Table(outcomes)
-    names = tuple(dict.fromkeys(one.object for one in outcomes))
+    names = tuple(dict.fromkeys(outcome.object for outcome in outcomes))
     rows = [
-        table.count(who, [one.sha256 for one in members], condition, variant, name)
+        table.count(who, [judge.sha256 for judge in members], condition, variant, name)
         for who, members in groups.items() if members
         for condition in CONDITIONS
         for variant in table.variants(condition)
         for name in ((*names, POOLED) if variant == entry.record.variant else (POOLED,))
     ]  # fmt: skip
-    unseen = [one.sha256 for one in groups[UNSEEN]]
+    # the rank counts unseen judges alone
+    unseen = [judge.sha256 for judge in groups[UNSEEN]]
     gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
-    changes = {(one.object, one.pose): one.delta_e for one in outcomes if one.delta_e is not None}
+    # how far the booster changes the picture, and how far it leaves the printable colours
+    changes = {(outcome.object, outcome.pose): outcome.delta_e for outcome in outcomes if outcome.delta_e is not None}
     inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
-    known = {one.name: one.sha256[: len(JUDGES.get(one.name, ""))] for one in judges}
+    # official: exactly the division's judges, by the digits of their hashes
+    known = {judge.name: judge.sha256[: len(JUDGES.get(judge.name, ""))] for judge in judges}
     return Score(
         entry=entry.record, is_official=known == JUDGES, judges=tuple(judges),
         outcomes_sha256=sha256, rank_gain=gain, rank_ci95=ci95, rows=tuple(rows),
@@ -271,9 +275,10 @@ class _Table:
 
     def __init__(self, outcomes: Sequence[JudgedPicture]) -> None:
         self.right = {
-            (one.judge_sha256, one.condition, one.object, one.pose, one.variant): one.correct for one in outcomes
+            (outcome.judge_sha256, outcome.condition, outcome.object, outcome.pose, outcome.variant): outcome.correct
+            for outcome in outcomes
         }
-        self.pictures = sorted({(one.object, one.pose) for one in outcomes})
+        self.pictures = sorted({(outcome.object, outcome.pose) for outcome in outcomes})
         if len(self.right) < len(outcomes):
             raise ToolkitError(f"{OUTCOMES}: a judge has two answers for one picture: expected one")
 
@@ -286,7 +291,7 @@ class _Table:
         found = []
         for judge, (item, pose) in product(judges, self.pictures):
             if name in (item, POOLED):
-                both = [self.right.get((judge, condition, item, pose, one)) for one in (UNPATCHED, variant)]
+                both = [self.right.get((judge, condition, item, pose, shown)) for shown in (UNPATCHED, variant)]
                 if None in both:
                     expected = f"expected an answer bare and {variant}"
                     raise ToolkitError(f"{OUTCOMES}: {item}, pose {pose}, {condition}: {expected}")
@@ -312,7 +317,7 @@ class _Table:
 
 
 def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
-    """Mean gain, and its interval over objects; over pictures where there is one object, or all gain alike."""
+    """Mean gain, and its interval over objects; over pictures for a single object, or if all gain alike."""
     bare, boosted = (np.array([pair[k] for pair in pairs], float) for k in (0, 1))
     for cluster in (2, 3):
         _, member = np.unique([pair[cluster] for pair in pairs], return_inverse=True)
@@ -343,7 +348,7 @@ def read_judged(folder: Path) -> Judged:
     """An entry with its score, as it stands in the files.
 
     Raises:
-        ToolkitError: no entry, no score, or a damaged one.
+        ToolkitError: no entry, no score, or a damaged score.
     """
     entry = read_entry(folder)
     files = [entry.folder / SCORE / name for name in (SCORE_FILE, OUTCOMES)]
@@ -376,7 +381,11 @@ def read_picture(judged: Judged, name: str) -> np.ndarray:
     file = inside(judged.entry.folder, f"{SCORE}/{PICTURES}/{name}.png")
     content = read_bytes(file, MOST_PICTURE_BYTES)
     wanted = (name, SHOWN_POSE, judged.entry.record.variant)
-    hashes = {one.picture_sha256 for one in judged.outcomes if (one.object, one.pose, one.variant) == wanted}
+    hashes = {
+        outcome.picture_sha256
+        for outcome in judged.outcomes
+        if (outcome.object, outcome.pose, outcome.variant) == wanted
+    }
     if hashes != {sha256_bytes(content)}:
         raise ToolkitError(f"{file}: is not the picture that was judged: run the entry again")
     return decode_image(content, file)
@@ -402,13 +411,13 @@ def rescore(folder: Path) -> list[str]:
         judged = read_judged(folder)
         sha256 = sha256_file(judged.entry.folder / SCORE / OUTCOMES)
         record = judged.entry.record
-        judges = [one.model_copy(update={"seen": one.is_seen_by(record)}) for one in judged.score.judges]
+        judges = [judge.model_copy(update={"seen": judge.is_seen_by(record)}) for judge in judged.score.judges]
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
         for name in judged.entry.objects:
             read_picture(judged, name)
     except ToolkitError as error:
         return [str(error)]
-    said, found = (one.model_dump(mode="json", exclude={"toolkit_version"}) for one in (judged.score, again))
+    said, found = (score.model_dump(mode="json", exclude={"toolkit_version"}) for score in (judged.score, again))
     return [
         f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
         for name in found
@@ -426,7 +435,7 @@ def describe_rank(score: Score) -> dict[str, Any]:
         "rank_high": score.rank_ci95[1] if score.rank_ci95 else None,
         **{f"gain_{name}": rows[name].gain if name in rows else None for name in CONDITIONS},
         "delta_e": score.delta_e, "non_printability": score.non_printability,
-        "networks": len(score.entry.networks), "unseen_judges": sum(not one.seen for one in score.judges),
+        "networks": len(score.entry.networks), "unseen_judges": sum(not judge.seen for judge in score.judges),
     }  # fmt: skip
 
 
@@ -446,9 +455,10 @@ def run_entry(
     if faults:
         more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
         raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
-    if len({one.weights.sha256 for one in judges}) < max(1, len(judges)):
-        raise FieldError("expected at least one network, each once", {"judge": [one.name for one in judges]})
+    if len({judge.weights.sha256 for judge in judges}) < max(1, len(judges)):
+        raise FieldError("expected at least one network, each once", {"judge": [judge.name for judge in judges]})
     home = workspace.eval_dir / "challenge"
+    # each judge answers the same captures, of which the entry's own are measured against the bare object
     captures = _shoot(entry, home, engine, with_controls)
     looks = dict(_measure_looks(entry, captures, home))
     outcomes: list[JudgedPicture] = []
@@ -456,10 +466,11 @@ def run_entry(
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     folder = entry.folder / SCORE
-    for one in captures:
-        if (one.variant, one.pose_id) == (entry.record.variant, SHOWN_POSE):
-            write_bytes(folder / PICTURES / f"{one.object}.png", one.file.read_bytes(), entry.folder)
-    return write_score(entry, [describe_judge(entry.record, one) for one in judges], outcomes)
+    # the board shows a picture of each object
+    for capture in captures:
+        if (capture.variant, capture.pose_id) == (entry.record.variant, SHOWN_POSE):
+            write_bytes(folder / PICTURES / f"{capture.object}.png", capture.file.read_bytes(), entry.folder)
+    return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes)
 
 
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
@@ -477,7 +488,7 @@ def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_contro
         raise ToolkitError(f"{done.failed[0][0]}: {done.failed[0][1]}: a score needs all pictures: run it again")
     wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
     found = read_captures(done.source_dir).captures
-    return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
+    return [found_file for found_file in found if found_file.path_in_source.rpartition("/")[0] in wanted]
 
 
 def _measure_looks(
@@ -486,7 +497,7 @@ def _measure_looks(
     """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
     space_root = home / entry.record.name
     plan = read_plan(space_root / "rig" / "plan.json")
-    by_key = {(one.object, one.variant, one.pose_id): one for one in captures}
+    by_key = {(capture.object, capture.variant, capture.pose_id): capture for capture in captures}
     for name in entry.objects:
         scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
         camera = plan.camera
@@ -496,8 +507,8 @@ def _measure_looks(
             rays = pixel_rays(camera, pose.matrix(), (pixels + 0.5).astype(np.float32))
             own = pixels[np.isfinite(cast_rays(scene, rays))]
             pair = (by_key[name, variant, pose.id] for variant in (UNPATCHED, entry.record.variant))
-            bare, boosted = (read_image(one.file)[own[:, 1], own[:, 0]] / 255 for one in pair)
-            change = delta_e2000(*(lab_of_linear(srgb_to_linear(one)) for one in (bare, boosted)))
+            bare, boosted = (read_image(capture.file)[own[:, 1], own[:, 0]] / 255 for capture in pair)
+            change = delta_e2000(*(lab_of_linear(srgb_to_linear(colours)) for colours in (bare, boosted)))
             yield (name, pose.id), round(float(change.mean()), 4)
 
 
@@ -514,19 +525,22 @@ def _ask(
 ) -> Iterator[JudgedPicture]:  # fmt: skip
     space = Workspace(home / entry.record.name)
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
-    chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
-    paired = [one for one in captures if one.variant in (UNPATCHED, entry.record.variant)]
-    asked: list[tuple[str, Capture]] = [(CLEAR, one) for one in captures]
-    asked += [(FOG, replace(one, corruption=(FOG, FOG_SEVERITY))) for one in paired]
-    asked += [(CORRUPTED, replace(one, corruption=chosen[one.object, one.pose_id or 0])) for one in paired]
-    said, _ = predict_once([one for _, one in asked], classes, judge, home / "answers.jsonl")
-    hashes = {one.path: sha256_file(one.file) for one in captures}
-    for (condition, capture), one in zip(asked, said, strict=True):
+    chosen = choose_corruptions((capture.object, capture.pose_id or 0) for capture in captures)
+    paired = [capture for capture in captures if capture.variant in (UNPATCHED, entry.record.variant)]
+    # in clear air all variants with the controls, in fog and corrupted only the bare and boosted object
+    asked: list[tuple[str, Capture]] = [(CLEAR, capture) for capture in captures]
+    asked += [(FOG, replace(capture, corruption=(FOG, FOG_SEVERITY))) for capture in paired]
+    asked += [
+        (CORRUPTED, replace(capture, corruption=chosen[capture.object, capture.pose_id or 0])) for capture in paired
+    ]
+    said, _ = predict_once([capture for _, capture in asked], classes, judge, home / "answers.jsonl")
+    hashes = {capture.path: sha256_file(capture.file) for capture in captures}
+    for (condition, capture), answer in zip(asked, said, strict=True):
         corruption, severity = capture.corruption or ("", 0)
         is_own = condition == CLEAR and capture.variant == entry.record.variant
         yield JudgedPicture(
             judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,
             variant=capture.variant, condition=condition, corruption=corruption, severity=severity,
-            picture_sha256=hashes[capture.path], correct=one.correct_top1,
+            picture_sha256=hashes[capture.path], correct=answer.correct_top1,
             delta_e=looks[capture.object, capture.pose_id or 0] if is_own else None,
         )  # fmt: skip

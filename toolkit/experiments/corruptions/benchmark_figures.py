@@ -1,4 +1,4 @@
-"""The benchmark's figures: one variant as in the paper's Figures 12 to 20, and all variants in one picture."""
+"""The benchmark's figures: a variant as in the paper's Figures 12 to 20, and all variants in one picture."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -81,7 +81,7 @@ def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool, siz
 
 
 def colour_of(name: str) -> str:
-    """Of a corruption's family, or of the mean."""
+    """Return the colour of a corruption's family, or of the mean."""
     return MEAN_COLOUR if name == MEAN else FAMILY_COLOURS[CORRUPTIONS[name].family]
 
 
@@ -165,6 +165,7 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
     label_places(panels[-1], places, is_coloured=not is_reader(row))
     images = f"{summary.n} image{'s' if summary.n != 1 else ''}"
     figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.answerer}, {images}", fontsize=13)
+    # a narrow figure wraps its legend
     handles = _list_colours(summary, row, before)
     columns = len(handles) if width == MAX_WIDTH_IN else NARROW_COLUMNS
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
@@ -211,7 +212,9 @@ def _draw_severities(
         members = {name: [name] for name in ran}
         if summary.has_same_severities:
             members[MEAN] = [name for name in ran if name in COMMON]
-        keys = [(place, [(one, severity) for one in members.get(name, [])]) for name, place in places.items()]
+        keys = [
+            (place, [(corruption, severity) for corruption in members.get(name, [])]) for name, place in places.items()
+        ]
         shown = [own for _, own in keys if own]
         x = [place + step * (i - (len(summary.severities) - 1) / 2) for place, own in keys if own]
         # every cell has the same images, so a mean of shares is the share of the mean
@@ -229,8 +232,8 @@ def _draw_severities(
 def _draw_without(panel: "Axes", x: list[float], width: float, top1: list[float], style: str) -> None:
     if not top1:
         return
-    y, left, right = [100 * one for one in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
-    panel.hlines(y, left, right, color="white", lw=2.6, zorder=4)  # so that the black one shows on a dark bar
+    y, left, right = [100 * share for share in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
+    panel.hlines(y, left, right, color="white", lw=2.6, zorder=4)  # shows the black line on a dark bar
     panel.hlines(y, left, right, color=WITHOUT_COLOUR, lw=1.4, ls=style, zorder=5)
 
 
@@ -265,6 +268,7 @@ def draw_overview(summary: Summary) -> bytes:
     lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
     columns = min(SMALL_COLUMNS, len(lined))
     bands = -(-len(lined) // columns) if len(summary.corruptions) > 1 else 0
+    # above the means, a line each; below them small panels by corruption, if there are several
     rows_in = OVERVIEW_HEAD_IN + ROW_IN * len(summary.variants)
     small_in = bands * SMALL_IN + SMALL_LABELS_IN if bands else 0
     width = OVERVIEW_MAX_WIDTH_IN if len(summary.corruptions) > FEW_PLACES else OVERVIEW_MIN_WIDTH_IN
@@ -337,7 +341,7 @@ def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Arti
 
 
 def _draw_corruptions(figure: "SubFigure", summary: Summary, rows: Sequence[VariantMean], columns: int) -> None:
-    """A panel for each row, on one scale; the grey line is the same answerer without patches."""
+    """A panel for each row, on a shared scale; the grey line is the same answerer without patches."""
     places = place_corruptions(summary.corruptions, False)
     families = dict.fromkeys(CORRUPTIONS[name].family for name in summary.corruptions)
     panels = figure.subplots(-(-len(rows) // columns), columns, sharey=True, squeeze=False)

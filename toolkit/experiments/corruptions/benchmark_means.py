@@ -48,7 +48,7 @@ TOP = 5
 
 @dataclass(frozen=True)
 class Series:
-    """What one network or reader said of one variant: condition -> (n,) ranks."""
+    """Answers of a network or reader to a variant: condition -> (n,) ranks."""
 
     variant: str
     answerer: str
@@ -81,7 +81,7 @@ class Series:
         is_so = {"top5": lambda ranks: ranks <= TOP}
         if self.kind == READER:
             is_so = {"wrong": lambda ranks: ranks == WRONG, "not_decoded": lambda ranks: ranks == NOT_DECODED}
-        found = {name: float(self.average(one, keys).mean()) for name, one in is_so.items() if keys}
+        found = {name: float(self.average(correct, keys).mean()) for name, correct in is_so.items() if keys}
         return dict.fromkeys(("top5", "wrong", "not_decoded")) | found
 
     def mean(self, keys: Sequence[Condition], classes: np.ndarray) -> dict[str, Any]:
@@ -94,8 +94,8 @@ def summarise(benchmark: Benchmark) -> Summary:
     """Every table of the benchmark.
 
     Raises:
-        ToolkitError: two networks have one name.
-        ValueError: a cell has not one rank per image, or the variants have not all the same cells.
+        ToolkitError: two networks have the same name.
+        ValueError: the ranks of a cell do not match the images, or the variants have different cells.
     """
     every = _collect(benchmark)
     levels: dict[str, tuple[int, ...]] = {
@@ -106,20 +106,22 @@ def summarise(benchmark: Benchmark) -> Summary:
     common = [(name, severity) for name in levels if name in COMMON for severity in levels[name]]
     # mCE is defined for all fifteen corruptions at all five severities
     is_whole = all(levels.get(name) == SEVERITIES for name in COMMON)
-    unpatched = {one.answerer: one for one in every if one.variant == UNPATCHED}
+    unpatched = {series.answerer: series for series in every if series.variant == UNPATCHED}
     references = {"unpatched": UNPATCHED_SOURCE} if unpatched else {}
     # AlexNet's errors are of ImageNet's labels under ImageNet-C's own parameters
     if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
         references["alexnet"] = ALEXNET_SOURCE
     alexnet = ALEXNET_ERRORS if "alexnet" in references else {}
     means = {
-        (one.variant, one.answerer): [
-            _mean_corruption(one, unpatched.get(one.answerer), name, own, benchmark.classes, alexnet)
+        (series.variant, series.answerer): [
+            _mean_corruption(series, unpatched.get(series.answerer), name, own, benchmark.classes, alexnet)
             for name, own in levels.items()
         ]
-        for one in every
+        for series in every
     }
-    rows = [_mean_variant(one, means[one.variant, one.answerer], common, is_whole, benchmark) for one in every]
+    rows = [
+        _mean_variant(series, means[series.variant, series.answerer], common, is_whole, benchmark) for series in every
+    ]
     return Summary(
         about=benchmark.about,
         n=len(benchmark.ids),
@@ -131,7 +133,9 @@ def summarise(benchmark: Benchmark) -> Summary:
         variants=tuple(rows),
         differences=tuple(_compare(every, rows, common, benchmark.classes)),
         means=tuple(mean for own in means.values() for mean in own),
-        cells=tuple(cell for one in every for cell in _count_cells(one, unpatched.get(one.answerer), tuple(levels))),
+        cells=tuple(
+            cell for series in every for cell in _count_cells(series, unpatched.get(series.answerer), tuple(levels))
+        ),
         failed=tuple(list_reasons(benchmark.failed)),
         notes=benchmark.notes,
     )
@@ -141,52 +145,55 @@ def _collect(benchmark: Benchmark) -> list[Series]:
     """By who answers as they come, each with `unpatched` first."""
     n = len(benchmark.ids)
     by_row: dict[tuple[str, str], Series] = {}
-    for one in benchmark.cells:
-        series = by_row.setdefault((one.variant, one.recogniser), Series(one.variant, one.recogniser, one.kind, {}))
-        if np.shape(one.ranks) != (n,) or n == 0:
-            raise ValueError(f"ranks of {one.variant}, {one.corruption}: {np.shape(one.ranks)} for {n} images")
-        if (one.corruption, one.severity) in series.ranks:
+    for cell in benchmark.cells:
+        series = by_row.setdefault(
+            (cell.variant, cell.recogniser), Series(cell.variant, cell.recogniser, cell.kind, {})
+        )
+        if np.shape(cell.ranks) != (n,) or n == 0:
+            raise ValueError(f"ranks of {cell.variant}, {cell.corruption}: {np.shape(cell.ranks)} for {n} images")
+        if (cell.corruption, cell.severity) in series.ranks:
             raise ToolkitError(
-                f"two networks called '{one.recogniser}' saw {one.variant}: give one another name, or evaluate "
+                f"two networks called '{cell.recogniser}' saw {cell.variant}: give one another name, or evaluate "
                 "them in runs of their own"
             )
-        series.ranks[one.corruption, one.severity] = np.asarray(one.ranks)
+        series.ranks[cell.corruption, cell.severity] = np.asarray(cell.ranks)
     # means over other cells would be other means
-    if len({frozenset(one.ranks) for one in by_row.values()}) != 1:
+    if len({frozenset(series.ranks) for series in by_row.values()}) != 1:
         raise ValueError("every variant and answerer needs ranks under the same corruptions and severities")
     answerers = list(dict.fromkeys(answerer for _, answerer in by_row))
-    return sorted(by_row.values(), key=lambda one: (answerers.index(one.answerer), one.variant != UNPATCHED))
+    return sorted(by_row.values(), key=lambda series: (answerers.index(series.answerer), series.variant != UNPATCHED))
 
 
 def _mean_corruption(
-    one: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], classes: np.ndarray,
+    series: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], classes: np.ndarray,
     alexnet: Mapping[str, float],
 ) -> CorruptionMean:  # fmt: skip
-    """Mean over the severities of one corruption; `alexnet` has the errors that it may be divided by."""
-    keys, is_network = [(name, severity) for severity in severities], one.kind != READER
+    """Mean over the severities of a corruption; `alexnet` has the errors that it may be divided by."""
+    keys, is_network = [(name, severity) for severity in severities], series.kind != READER
     ce_alexnet = ce_unpatched = None
     if is_network and name in alexnet and severities == SEVERITIES:
         # CE of Hendrycks and Dietterich (2019): the error over AlexNet's, both summed over the five severities
-        ce_alexnet = one.error(keys) / alexnet[name]
+        ce_alexnet = series.error(keys) / alexnet[name]
     # a network without an error has nothing to divide by
     if is_network and unpatched is not None and unpatched.error(keys) > 0:
-        ce_unpatched = one.error(keys) / unpatched.error(keys)
+        ce_unpatched = series.error(keys) / unpatched.error(keys)
     return CorruptionMean(
-        **one.who, corruption=name, family=CORRUPTIONS[name].family, **one.mean(keys, classes),
+        **series.who, corruption=name, family=CORRUPTIONS[name].family, **series.mean(keys, classes),
         ce_alexnet=ce_alexnet, ce_unpatched=ce_unpatched,
     )  # fmt: skip
 
 
 def _mean_variant(
-    one: Series, means: Sequence[CorruptionMean], common: Sequence[Condition], is_whole: bool, benchmark: Benchmark
+    series: Series, means: Sequence[CorruptionMean], common: Sequence[Condition], is_whole: bool, benchmark: Benchmark
 ) -> VariantMean:
-    clean = [NOT_CORRUPTED] if NOT_CORRUPTED in one.ranks else []
+    clean = [NOT_CORRUPTED] if NOT_CORRUPTED in series.ranks else []
     sizes = {entry["name"]: entry.get("patch_px") for entry in benchmark.about.get("variants", [])}
     own = [mean for mean in means if is_whole and mean.corruption in COMMON]
     return VariantMean(
-        **one.who, patch_px=sizes.get(one.variant), clean_top1=float(one.right(clean).mean()) if clean else None,
-        **{f"clean_{name}": share for name, share in one.others(clean).items()},
-        **one.mean(common, benchmark.classes),
+        **series.who, patch_px=sizes.get(series.variant),
+        clean_top1=float(series.right(clean).mean()) if clean else None,
+        **{f"clean_{name}": share for name, share in series.others(clean).items()},
+        **series.mean(common, benchmark.classes),
         mce_alexnet=_mean_of_all([mean.ce_alexnet for mean in own]),
         mce_unpatched=_mean_of_all([mean.ce_unpatched for mean in own]),
     )  # fmt: skip
@@ -194,25 +201,26 @@ def _mean_variant(
 
 def _mean_of_all(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
-    # mCE is the mean over all fifteen: with one missing there is none
+    # mCE is the mean over all fifteen: if a corruption is missing there is no mCE
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
-def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[BenchmarkCell]:
+def _count_cells(series: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[BenchmarkCell]:
     order = {name: i for i, name in enumerate((CLEAN, *corruptions))}
-    for key in sorted(one.ranks, key=lambda key: (order[key[0]], key[1])):
-        ranks = one.ranks[key]
+    for key in sorted(series.ranks, key=lambda key: (order[key[0]], key[1])):
+        ranks = series.ranks[key]
         is_right = ranks == RIGHT
         n, right = len(ranks), int(is_right.sum())
-        is_reader = one.kind == READER
+        is_reader = series.kind == READER
         change: dict[str, Any] = dict.fromkeys(("gained", "lost", "mcnemar_p"))
-        if unpatched is not None and one.variant != UNPATCHED:
+        if unpatched is not None and series.variant != UNPATCHED:
+            # paired with the same images without patches
             before = unpatched.ranks[key] == RIGHT
             gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
             change = {"gained": gained, "lost": lost, "mcnemar_p": mcnemar_p(gained, lost)}
         yield BenchmarkCell(
-            **one.who, corruption=key[0], severity=key[1], n=n, right=right, top1=right / n,
-            top1_ci95=wilson_interval(right, n), top5=one.others([key])["top5"],
+            **series.who, corruption=key[0], severity=key[1], n=n, right=right, top1=right / n,
+            top1_ci95=wilson_interval(right, n), top5=series.others([key])["top5"],
             wrong=int((ranks == WRONG).sum()) if is_reader else None,
             not_decoded=int((ranks == NOT_DECODED).sum()) if is_reader else None,
             **change,
@@ -224,15 +232,16 @@ def _compare(
 ) -> Iterator[Difference]:
     if not common:
         return
-    scores = {(one.variant, one.answerer): one.right(common) for one in every}
-    bare = {one.answerer: one for one in every if one.variant == UNPATCHED}
-    for one, row in zip(every, rows, strict=True):
+    scores = {(series.variant, series.answerer): series.right(common) for series in every}
+    bare = {series.answerer: series for series in every if series.variant == UNPATCHED}
+    for series, row in zip(every, rows, strict=True):
         others: list[tuple[Against, str, str, np.ndarray]] = []
-        before = bare.get(one.answerer)
-        if one.variant != UNPATCHED and before is not None:
-            others.append(("unpatched", UNPATCHED, one.answerer, scores[UNPATCHED, one.answerer]))
+        before = bare.get(series.answerer)
+        if series.variant != UNPATCHED and before is not None:
+            others.append(("unpatched", UNPATCHED, series.answerer, scores[UNPATCHED, series.answerer]))
             if NOT_CORRUPTED in before.ranks:
-                others.append(("clean unpatched", UNPATCHED, one.answerer, before.right([NOT_CORRUPTED])))
+                others.append(("clean unpatched", UNPATCHED, series.answerer, before.right([NOT_CORRUPTED])))
+        # the fairest rival: the best other set whose patches have the same size
         equals = [
             other for other in rows if other.patch_px == row.patch_px is not None and other.variant != row.variant
         ]
@@ -240,5 +249,5 @@ def _compare(
             best = max(equals, key=lambda other: other.top1 or 0.0)
             others.append(("best of its size", best.variant, best.answerer, scores[best.variant, best.answerer]))
         for against, variant, answerer, other in others:
-            difference, ci95 = estimate_difference(scores[one.variant, one.answerer], other, classes)
-            yield Difference(one.variant, one.answerer, against, variant, answerer, difference, ci95)
+            difference, ci95 = estimate_difference(scores[series.variant, series.answerer], other, classes)
+            yield Difference(series.variant, series.answerer, against, variant, answerer, difference, ci95)

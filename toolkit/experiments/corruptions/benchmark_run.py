@@ -112,13 +112,15 @@ def _title(key: str) -> str:
 
 
 def _flatten(value: Any) -> str:
-    """A record of `about` in one line."""
+    """Return a record of `about` as a single line."""
     if isinstance(value, Mapping):
-        known = {key: one for key, one in value.items() if one not in (None, [], {})}
-        parts = (_flatten(one) if key == "name" else f"{_title(key)} {_flatten(one)}" for key, one in known.items())
+        known = {key: part for key, part in value.items() if part not in (None, [], {})}
+        parts = (_flatten(part) if key == "name" else f"{_title(key)} {_flatten(part)}" for key, part in known.items())
         return "; ".join(parts) or "no patches"
     if isinstance(value, list | tuple):
-        return ", ".join(" ".join(map(str, one)) if isinstance(one, list | tuple) else _flatten(one) for one in value)
+        return ", ".join(
+            " ".join(map(str, part)) if isinstance(part, list | tuple) else _flatten(part) for part in value
+        )
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -143,7 +145,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
         examples: PNG of an image in every variant.
 
     Raises:
-        ToolkitError: the disk is full or may not be written, or two networks have one name.
+        ToolkitError: the disk is full or may not be written, or two networks have the same name.
     """
     wanted, inputs = Path(folder), _hash_inputs(benchmark)
     folder = find_run_dir(wanted, lacks_other_inputs(inputs))
@@ -165,9 +167,9 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
 
 def _hash_inputs(benchmark: Benchmark) -> str:
-    """Of the question: data, networks, patches and conditions, whatever version asks it."""
+    """Return the hash of the data, networks, patches and conditions, without the toolkit's version."""
     about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
-    conditions = sorted({(one.corruption, one.severity) for one in benchmark.cells})
+    conditions = sorted({(cell.corruption, cell.severity) for cell in benchmark.cells})
     return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
 
 
@@ -210,11 +212,11 @@ def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
 def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     """PNG: a row for each variant, a column for each condition; always the image in the middle of the list.
 
-    A green frame says that the network's first guess is right, a red one that it is not.
+    A green frame says that the network's first guess is correct, a red frame that it is wrong.
     """
     chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
-    image = next(one for one in grid.images.images if one.id == chosen)
+    image = next(image for image in grid.images.images if image.id == chosen)
     # drawn and not recorded, so that its hash is not needed
     shard = Shard((image,), ("",))
     names = [_label_row(variant, grid.variants[0]) for variant in grid.variants]
@@ -224,7 +226,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     left = label_in / figure.get_figwidth()
     top = 1 - 0.84 * HEAD_IN / figure.get_figheight()
     figure.subplots_adjust(left, bottom=0.01, right=0.995, top=top, wspace=0.06, hspace=0.06)
-    ranks = {(one.variant, one.recogniser, (one.corruption, one.severity)): one.ranks for one in benchmark.cells}
+    ranks = {(cell.variant, cell.recogniser, (cell.corruption, cell.severity)): cell.ranks for cell in benchmark.cells}
     for row, variant, name in zip(panels, grid.variants, names, strict=True):
         # each variant is shown as its own network sees it
         pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
@@ -244,7 +246,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
 
 
 def _label_row(variant: Variant, first: Variant) -> str:
-    """The variant, and below it the network where that is another one."""
+    """The variant, and below it the network if it differs."""
     other = variant.classifier is not first.classifier
     return f"{variant.name},\n{variant.classifier.name}" if other else variant.name
 
@@ -266,7 +268,7 @@ class BenchmarkRun:
     @property
     def headlines(self) -> list[str]:
         """The result in words, a sentence for each patch set and who answers."""
-        return [one.sentence for one in judge_benchmark(read_summary(self.files.summary))]
+        return [verdict.sentence for verdict in judge_benchmark(read_summary(self.files.summary))]
 
 
 def evaluate_benchmark(

@@ -24,7 +24,7 @@ INITIALS = {"gaussian": "Gaussian", "jpeg": "JPEG"}
 
 @dataclass(frozen=True)
 class BenchmarkCell:
-    """One variant, seen by one answerer, under one corruption at one severity (`clean` and 0 where there is none).
+    """Accuracy of an answerer on a variant, under a corruption and severity (`clean` and 0 where there is none).
 
     Attributes:
         n, right: images, and how many are right at the first guess (a reader's: read as the right code).
@@ -80,7 +80,7 @@ class CorruptionMean:
 
 @dataclass(frozen=True)
 class VariantMean:
-    """One variant, seen by one answerer: clean, and the mean that `Summary.mean_of` names.
+    """Accuracy of an answerer on a variant: clean, and the mean that `Summary.mean_of` names.
 
     Attributes:
         patch_px: side of the patch; None where there is none, or unknown.
@@ -183,27 +183,29 @@ class Summary(BaseModel):
         return len(set(self.corruptions.values())) <= 1
 
     def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
-        """By corruption, of one variant and answerer."""
-        return {one.corruption: one for one in self.means if is_of(one, row)}
+        """Return the means of the row's variant and answerer, by corruption."""
+        return {mean.corruption: mean for mean in self.means if is_of(mean, row)}
 
     def cells_of(self, row: VariantMean) -> dict[tuple[str, int], BenchmarkCell]:
-        """By corruption and severity, of one variant and answerer."""
-        return {(one.corruption, one.severity): one for one in self.cells if is_of(one, row)}
+        """Return the cells of the row's variant and answerer, by corruption and severity."""
+        return {(cell.corruption, cell.severity): cell for cell in self.cells if is_of(cell, row)}
 
     def differences_of(self, row: VariantMean) -> dict[str, Difference]:
-        """By what it is against, of one variant and answerer."""
-        return {one.against: one for one in self.differences if is_of(one, row)}
+        """Return the differences of the row's variant and answerer, by the variant compared against."""
+        return {difference.against: difference for difference in self.differences if is_of(difference, row)}
 
     def unpatched_of(self, row: VariantMean) -> VariantMean | None:
         """The same answerer without patches; None for `unpatched` itself and where that was not run."""
         if row.variant == UNPATCHED:
             return None
-        return next((one for one in self.variants if (one.variant, one.answerer) == (UNPATCHED, row.answerer)), None)
+        return next(
+            (bare for bare in self.variants if (bare.variant, bare.answerer) == (UNPATCHED, row.answerer)), None
+        )
 
 
-def is_of(one: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
-    """Whether both are of one variant and answerer."""
-    return (one.variant, one.answerer) == (row.variant, row.answerer)
+def is_of(part: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
+    """Return whether both have the same variant and answerer."""
+    return (part.variant, part.answerer) == (row.variant, row.answerer)
 
 
 def read_summary(file: Path) -> Summary:
@@ -271,6 +273,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
         return Verdict(
             "open", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
         )
+    # readers have no baseline: without a patch there is no code to read
     how_many = _format_share(share, ci95)
     if row.kind == READER:
         rest = f"another on {format_percent(wrong)} %, none on {format_percent(not_decoded)} %"
@@ -279,6 +282,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     if row.variant == UNPATCHED:
         return Verdict("open", f"{row.answerer} recognises {how_many} of {what} images, without patches.")
     sentence = f"{row.answerer} recognises {how_many} of {what} images with {row.variant}"
+    # networks are compared with their own answers without patches
     before, difference = summary.unpatched_of(row), summary.differences_of(row).get("unpatched")
     if before is None:
         return Verdict("open", f"{sentence}.")
@@ -287,6 +291,7 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     sentence += f", {_format_share(before.top1 or 0.0, before.top1_ci95)} without"
     if difference.ci95 is None:
         return Verdict("open", f"{sentence}: {format_points(difference.difference)} points.")
+    # an interval that includes zero shows no difference
     tone = find_tone(difference.ci95)
     points = f"{format_points(difference.difference)} points ({format_points_interval(difference.ci95)})"
     return Verdict(tone, f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}.")

@@ -1,4 +1,4 @@
-"""Variants, and the cells of the grid: a shard's images in one variant, corrupted and ranked, by their inputs' hash."""
+"""Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -82,6 +82,7 @@ def open_variants(
     networks: dict[str, Classifier] = {"": classifier}
     boosted: list[Variant] = []
     notes: list[str] = []
+    # each patch set, with the network that is named after its `@`
     for word in dict.fromkeys(words):
         name, _, model = word.partition("@")
         network = networks[model] = networks.get(model) or load(model)
@@ -99,18 +100,20 @@ def open_variants(
                 "smaller ones",
                 {"patches": name},
             )
+        # codes are decoded beside the network's answers, if a decoder is installed
         readers, missing = _find_readers(patches)
         notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
         boosted.append(Variant(name, patches, network, tuple(readers)))
-    distinct = {(one.name, one.weights.sha256): one for one in networks.values()}
+    distinct = {(network.name, network.weights.sha256): network for network in networks.values()}
     names = [name for name, _ in distinct]
     for name in names:
         # results are kept by the network's name
         if names.count(name) > 1:
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
+    # every network needs its own baseline without patches, and needs it once
     variants = [Variant(UNPATCHED, None, classifier)]
     for variant in boosted:
-        if all(one.classifier.name != variant.classifier.name for one in variants):
+        if all(known.classifier.name != variant.classifier.name for known in variants):
             variants.append(Variant(UNPATCHED, None, variant.classifier))
         variants.append(variant)
     return variants, list(dict.fromkeys(notes))
@@ -119,7 +122,7 @@ def open_variants(
 def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
     if patches.code_kind is None:
         return [], []
-    # the codes of a set are of one kind: the first tells which
+    # all codes of a set have the same kind, so the first decides
     code = next(iter(patches.patches.values())).record.settings["code"]
     return find_readers(code["kind"], code.get("dictionary", ""))
 
@@ -143,7 +146,7 @@ def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list
 
 
 class CellLine(BaseModel):
-    """One line of `cells.jsonl`: the ranks of a shard's images in one cell."""
+    """Line of `cells.jsonl`: the ranks of a shard's images in a cell."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     key: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -167,7 +170,7 @@ def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
     """The images in parts of `size`; files are read once for their hashes."""
     for start in range(0, len(images.images), size):
         part = images.images[start : start + size]
-        yield Shard(part, tuple(images.hash_image(one.id) for one in part))
+        yield Shard(part, tuple(images.hash_image(image.id) for image in part))
 
 
 def make_key(
@@ -177,7 +180,9 @@ def make_key(
     how = variant.classifier.preprocessing
     patches = variant.patches
     # by the pictures' hashes: a set that is trained anew has other cells
-    pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
+    pictures = (
+        None if patches is None else [patches.patches[image.class_index].record.png_sha256 for image in shard.images]
+    )
     given = None
     if condition != NOT_CORRUPTED:
         corruption, severity = condition
@@ -186,8 +191,8 @@ def make_key(
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
     inputs = [
-        METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else config.placement.model_dump(),
+        METHOD_VERSION, [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(),
+        pictures, None if patches is None else config.placement.model_dump(),
         None if patches is given is None else config.seed, given,
         recogniser.identity,
     ]  # fmt: skip
@@ -195,12 +200,12 @@ def make_key(
 
 
 CUDA_PART = 128
-"""Images that are computed at once; on a CPU `CPU_PART`, by one thread."""
+"""Number of images in a computation; on a CPU `CPU_PART`, in a single thread."""
 
 
 @dataclass(frozen=True)
 class ShardImages:
-    """The images of a shard that can be used, in one variant.
+    """The images of a shard that can be used, in a variant.
 
     Attributes:
         pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
@@ -234,9 +239,9 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
 
     with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
         loaded = list(pool.map(load, shard.images))
-    usable = np.array([one is not None for one in loaded])
+    usable = np.array([pixels is not None for pixels in loaded])
     empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
-    return (np.stack([one for one in loaded if one is not None]) if usable.any() else empty), usable
+    return (np.stack([pixels for pixels in loaded if pixels is not None]) if usable.any() else empty), usable
 
 
 def apply_variant(
@@ -250,11 +255,11 @@ def apply_variant(
         variant: whose patches are put on.
         config: placement and seed.
     """
-    used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
-    ids = [one.id for one in used]
+    used = [image for image, is_usable in zip(shard.images, usable, strict=True) if is_usable]
+    ids = [image.id for image in used]
     # by the seed and the image's name alone, so that all variants lie alike on an image
     seeds = [image_seed(config.seed, id) for id in ids]
-    classes = np.array([one.class_index for one in used], np.int64)
+    classes = np.array([image.class_index for image in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
     patches = variant.patches
     if patches is None:
@@ -304,6 +309,7 @@ def rank_images(
                 except BadAnswer as error:
                     raise error.at(images.ids[part]) from None
 
+    # on a CPU parts share the cores; a GPU takes them in turn
     if device == "cpu":
         run_each(work, len(parts))
     else:

@@ -22,15 +22,15 @@ def list_doubts(images: ImageSet, shards: Sequence[Shard], variants: Sequence[Va
         shards: the same with their hashes.
         variants: what lies on them.
     """
-    hashes = {one.id: sha256 for shard in shards for one, sha256 in zip(shard.images, shard.hashes, strict=True)}
+    hashes = {image.id: sha256 for shard in shards for image, sha256 in zip(shard.images, shard.hashes, strict=True)}
     labels = variants[0].classifier.labels
-    counts = Counter(one.class_index for one in images.images)
+    counts = Counter(image.class_index for image in images.images)
     (most, n_most), (fewest, n_fewest) = counts.most_common()[0], counts.most_common()[-1]
     if n_fewest < n_most:
         unequal = f"{labels[fewest]} {n_fewest}, {labels[most]} {n_most}"
         yield f"classes have unequal numbers of images ({unequal}): in all shares and tests those with more count more"
-    yield from _find_copies({one.id: one.class_index for one in images.images}, hashes, labels)
-    for name, patches in {one.name: one.patches for one in variants if one.patches is not None}.items():
+    yield from _find_copies({image.id: image.class_index for image in images.images}, hashes, labels)
+    for name, patches in {variant.name: variant.patches for variant in variants if variant.patches is not None}.items():
         yield from _find_trained(name, patches, images.name, set(hashes.values()))
 
 
@@ -43,11 +43,11 @@ def _find_copies(class_of: Mapping[str, int], hashes: Mapping[str, str], labels:
     alike = [ids for ids in copies if ids not in crossed]
     if crossed:
         # the first of another class than the first image
-        one = crossed[0][0]
-        other = next(id for id in crossed[0] if class_of[id] != class_of[one])
+        first = crossed[0][0]
+        other = next(id for id in crossed[0] if class_of[id] != class_of[first])
         yield (
-            f"{sum(map(len, crossed))} images lie in folders of two classes, such as {one} and {other}: they cannot be "
-            f"both '{labels[class_of[one]]}' and '{labels[class_of[other]]}'"
+            f"{sum(map(len, crossed))} images lie in folders of two classes, such as {first} and {other}: they cannot "
+            f"be both '{labels[class_of[first]]}' and '{labels[class_of[other]]}'"
         )
     if alike:
         extra = sum(len(ids) - 1 for ids in alike)
@@ -75,11 +75,16 @@ def find_misnamed(is_right: np.ndarray, classes: np.ndarray, labels: Mapping[int
 def _find_trained(name: str, patches: PatchSet, data: str, hashes: set[str]) -> Iterator[str]:
     """Whether the patches of a set were trained on images of this data."""
     short, trained, is_alike = {sha256[:HASH_DIGITS]: sha256 for sha256 in hashes}, set[str](), False
-    for one in patches.patches.values():
-        about = one.record.data
+    for patch in patches.patches.values():
+        about = patch.record.data
+        # hashes of the training images are proof; without them a folder of the same name is a hint
         listed, sources = str(about.get(IMAGE_HASHES, "")).split(), about.get("sources")
-        trained |= {short[one] for one in listed if one in short}
-        names = [one.get("source") for one in sources if isinstance(one, dict)] if isinstance(sources, list) else []
+        trained |= {short[digits] for digits in listed if digits in short}
+        names = (
+            [source.get("source") for source in sources if isinstance(source, dict)]
+            if isinstance(sources, list)
+            else []
+        )
         is_alike |= not listed and data in names
     if trained:
         yield f"{name} was trained on {len(trained)} of these {len(hashes)} images: they show how well it was learnt"

@@ -39,7 +39,7 @@ from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
 SHARD_IMAGES = 256
-"""Images in memory at once; also what a kill may cost, in one cell."""
+"""Largest number of images in memory; a kill costs at most so many answers of a cell."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ class Grid:
 
     @property
     def name(self) -> str:
-        """Of the run."""
+        """Name of the run."""
         return self.config.run or f"{self.images.name.replace('/', '-')}-{self.variants[0].classifier.name}"
 
 
 @dataclass(frozen=True)
 class CellRanks:
-    """What one recogniser said of all images in one cell.
+    """Answers of a recogniser to all images of a cell.
 
     Attributes:
         variant: what lies on the images: `unpatched`, or the name of a patch set.
@@ -91,7 +91,7 @@ class Benchmark:
         ids: of the images, in the order of every `ranks`.
         classes: (n,) int, index of each image's class.
         labels: of the classes that are there, by index.
-        cells: one for each variant, recogniser and condition.
+        cells: a cell for each variant, recogniser and condition.
         failed: (path, reason) of images that could not be used.
         notes: what a reader of the tables must know, a sentence each.
         computed, kept: ranks of single images that were computed now, and taken from before.
@@ -145,7 +145,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         for r, recogniser in enumerate(variant.recognisers)
         for condition in grid.config.conditions
     }
-    # cells of the same inputs have one key, and are computed once
+    # cells of equal inputs share a key, and are computed once
     wanted = {key: cell for cell, key in keys.items()}
     log = RecordLog(cells_file, CellLine, required=False, compact=True)
     cache = RecordCache(log, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
@@ -158,7 +158,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
     ran = run_resumable(
         title, wanted, missing, units, keep, engine, cells_file.parent, lambda cell: len(shards[cell.shard].images)
     )
-    # a condition that lacks a cell is left out for all: variants are compared under the same ones
+    # a condition that lacks a cell is left out for all: variants are compared under the same conditions
     lost = {cell.condition for cell in cache.find_missing(wanted).values()}
     if lost >= set(grid.config.conditions):
         raise ToolkitError(ran.failed[0][1])
@@ -173,8 +173,8 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
         if condition not in lost
     ]  # fmt: skip
     doubts = list_doubts(grid.images, shards, grid.variants)
-    done = _collect(grid, [one for shard in shards for one in shard.images], cells, (*notes, *doubts), ran)
-    clean = [one.ranks == RIGHT for one in done.cells if (one.variant, one.corruption) == (UNPATCHED, CLEAN)]
+    done = _collect(grid, [image for shard in shards for image in shard.images], cells, (*notes, *doubts), ran)
+    clean = [cell.ranks == RIGHT for cell in done.cells if (cell.variant, cell.corruption) == (UNPATCHED, CLEAN)]
     misnamed = find_misnamed(clean[0], done.classes, done.labels) if clean else ()
     return replace(done, notes=(*done.notes, *misnamed))
 
@@ -234,22 +234,22 @@ def _collect(
     grid: Grid, images: Sequence[LabelledImage], cells: Sequence[CellRanks], notes: Sequence[str], ran: Ran
 ) -> Benchmark:
     """The ranks of the images that could be used in every cell."""
-    # an image that failed in one cell is left out of all: pairs need the same images
-    usable = np.all([one.ranks != FAILED for one in cells], axis=0)
-    unusable = [one for one, ok in zip(images, usable, strict=True) if not ok]
+    # an image that failed in any cell is left out of all: pairs need the same images
+    usable = np.all([cell.ranks != FAILED for cell in cells], axis=0)
+    unusable = [image for image, ok in zip(images, usable, strict=True) if not ok]
     refused = [*grid.images.refused, *_explain(grid, unusable)]
     if not usable.any():
         path, reason = refused[-1]
         raise ToolkitError(f"{grid.images.name}: none of its {len(images)} images can be used; {path}: {reason}")
-    classes = np.array([one.class_index for one in images])[usable]
-    ids = tuple(one.id for one, ok in zip(images, usable, strict=True) if ok)
-    note = find_note(list(dict.fromkeys(one.corruption for one in cells if one.corruption != CLEAN)))
+    classes = np.array([image.class_index for image in images])[usable]
+    ids = tuple(image.id for image, ok in zip(images, usable, strict=True) if ok)
+    note = find_note(list(dict.fromkeys(cell.corruption for cell in cells if cell.corruption != CLEAN)))
     return Benchmark(
         about=describe(grid, ids),
         ids=ids,
         classes=classes,
         labels={int(index): grid.variants[0].classifier.labels[index] for index in np.unique(classes)},
-        cells=tuple(replace(one, ranks=one.ranks[usable]) for one in cells),
+        cells=tuple(replace(cell, ranks=cell.ranks[usable]) for cell in cells),
         failed=(*refused, *ran.failed),
         notes=(*notes, *([note] if note else [])),
         computed=ran.made,
@@ -300,5 +300,5 @@ def _describe_variant(variant: Variant, grid: Grid, ids: Sequence[str]) -> dict[
     whole = is_whole(grid.config.placement.place_seeded(seeds, patches.n_px, image_px), patches.n_px, image_px)
     return about | {
         "patch_px": patches.n_px, "method": patches.method, "sha256": patches.sha256,
-        "share_whole": float(whole.mean()), "readers": [[one.name, one.version] for one in variant.readers],
+        "share_whole": float(whole.mean()), "readers": [[reader.name, reader.version] for reader in variant.readers],
     }  # fmt: skip

@@ -151,7 +151,7 @@ def read_codes(reader: Reader, images: torch.Tensor, truths: Sequence[str]) -> n
         (b,) int32, `RIGHT`, `WRONG` or `NOT_DECODED`.
     """
     pictures = to_bytes(images)
-    ranks = [judge_texts(reader.read(one), truth) for one, truth in zip(pictures, truths, strict=True)]
+    ranks = [judge_texts(reader.read(picture), truth) for picture, truth in zip(pictures, truths, strict=True)]
     return np.array(ranks, np.int32)
 
 
@@ -164,7 +164,7 @@ def _read_zxing(grey: np.ndarray) -> list[str]:
 def _read_zbar(grey: np.ndarray) -> list[str]:
     from pyzbar.pyzbar import ZBarSymbol, decode
 
-    # of this one kind alone: the decoders of bar codes write warnings to stderr
+    # for this kind alone: the decoders of bar codes write warnings to stderr
     return [code.data.decode(errors="replace") for code in decode(grey, symbols=[ZBarSymbol.QRCODE])]
 
 

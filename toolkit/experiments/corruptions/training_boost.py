@@ -47,7 +47,7 @@ class TrainingBoost:
     def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Overlay:
         """How the patches of the classes `used` are laid on images of `image_px`.
 
-        A class's patch is the one made for its label: the set may have its classes in another order.
+        A class's patch is the patch made for its label: the set may have its classes in another order.
 
         Raises:
             ToolkitError: a class has no patch, or the patches are larger than the images.
@@ -77,7 +77,7 @@ class TrainingBoost:
         patches = self.pictures.patches
         same = [own for own, patch in patches.items() if patch.record.class_name == label]
         if same:
-            # several classes may bear one label: the one of the same index is meant, if there is one
+            # several classes may share a label: the class of the same index has precedence
             return patches[index if index in same else same[0]]
         known = [patch.record.class_name for patch in patches.values()]
         hint = str(one_of("class", label, known)).partition(": ")[2]

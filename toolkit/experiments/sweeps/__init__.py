@@ -1,4 +1,4 @@
-"""How far a patch carries: one thing varied, the rest kept.
+"""How far a patch carries: a quantity is varied, the rest kept.
 
 The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
 """

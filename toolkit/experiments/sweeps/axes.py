@@ -1,4 +1,4 @@
-"""What can be varied, and the units of work that makes: one object at one value, or why it cannot be shot there."""
+"""What can be varied, and the units of work that makes: an object at a value, or why it cannot be shot there."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ PAPER_MM = round(printed_size_mm(100), 3)
 
 @dataclass(frozen=True)
 class ShootSetup:
-    """Everything that decides how the images of one value are shot.
+    """Everything that decides how the images of a value are shot.
 
     Attributes:
         plan: camera and poses.
@@ -69,7 +69,7 @@ class Axis:
 
 
 def find_axis(name: str) -> Axis:
-    """The axis of that name; an unknown one is a `ToolkitError`."""
+    """Return the axis of that name; an unknown name raises `ToolkitError`."""
     if name not in AXES:
         raise one_of("axis", name, list(AXES))
     return AXES[name]
@@ -115,7 +115,7 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
 
 
 def _change_setting(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
-    """The change of one of the settings that images are shot with."""
+    """Return the function that changes a setting of the shoot."""
 
     def change(setup: ShootSetup, value: Value) -> ShootSetup:
         settings: dict[str, Any] = {name: value}
@@ -169,13 +169,13 @@ AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One object at one value.
+    """An object at a value.
 
     Attributes:
         value, label: of the axis; the label is the name of its source's folder.
-        object: which one.
+        object: name of the object.
         setup: how it is shot.
-        patch_mm: printed side of its patch, None where no variant has one.
+        patch_mm: printed side of its patch, None if no variant has a patch.
         covered: share of what cameras see that its wrap covers, None where it is not varied.
         longest_mm: the object's longest side.
         refused: why it cannot be shot in every variant; None when it can.
@@ -199,7 +199,7 @@ def plan_units(
 ) -> list[SweepPoint]:  # fmt: skip
     """Every unit of a sweep, value by value.
 
-    An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is
+    An object that cannot be shot in a variant at a value (a patch too large for it, a camera inside it) is
     refused there as a whole: its rows would have nothing to be compared with. With `trained`, each value has the set of
     patches that bears its label; where there is none, its units are refused.
 
@@ -219,7 +219,7 @@ def plan_units(
         for value, setup in setups.items()
         for item in items.values()
     ]
-    # what no variant wears cannot be varied: all values would be one picture
+    # an absent booster cannot be varied: all values would give the same picture
     if axis.name == "coverage" and all(unit.covered is None and unit.refused is None for unit in units):
         raise FieldError("the axis 'coverage' varies the wrap: name the variant 'wrapped'", {"variants": variants})
     if axis.name == "size" and all(unit.patch_mm is None for unit in units):
@@ -247,7 +247,7 @@ def _plan_unit(
 ) -> SweepPoint:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [setup.settings.find_booster(workspace, item, name) for name in variants]
-    shown = [one.covered for one in boosters if one is not None and one.covered is not None]
+    shown = [booster.covered for booster in boosters if booster is not None and booster.covered is not None]
     own_mm = [size_mm for booster in boosters if booster is not None for size_mm in booster.sizes_mm]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
     if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):

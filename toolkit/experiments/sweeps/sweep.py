@@ -52,7 +52,7 @@ def run_sweep(
     workspace: Workspace, config: SweepConfig, classifier: Classifier, base: ShootSetup | None = None,
     engine: EngineConfig | None = None,
 ) -> SweepResult:  # fmt: skip
-    """Vary one thing and keep the rest.
+    """Vary a quantity and keep the rest.
 
     Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
     in `sweep-MODEL.json` and `.csv`, drawn in `.png`. They hold what this call asks for. What was shot or classified
@@ -127,7 +127,7 @@ def _shoot_units(
     stale: set[str] = set()
     failed: list[tuple[str, str]] = []
     images = sum(len(unit.setup.plan.objects[unit.object]) for unit in units) * len(variants)
-    # one bar over all values, not one for each
+    # a single progress bar for all values
     with progress("shooting", images) as bar, quietly():
         for unit in units:
             space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
@@ -139,7 +139,7 @@ def _shoot_units(
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
             failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
-            # what was shot for one value may serve the next
+            # the images of a value may serve the next
             stored |= index_images(result.source_dir)
     return shot, kept, stale, failed
 
@@ -159,8 +159,8 @@ def _read_units(
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}
     captures = [
-        one
-        for one in folder.captures
-        if (one.source, one.object) in wanted and one.variant in variants and one.path not in stale
+        capture
+        for capture in folder.captures
+        if (capture.source, capture.object) in wanted and capture.variant in variants and capture.path not in stale
     ]
     return replace(folder, captures=tuple(captures))

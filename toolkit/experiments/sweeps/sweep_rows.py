@@ -41,7 +41,7 @@ class Sweep:
 
     Attributes:
         axis, settings, model: what was varied, what was kept, and which network spoke.
-        points: every object at every value, the impossible ones too; the label of a value is the source of its images.
+        points: every object at every value, even if it cannot be shot; a value's label is the source of its images.
         variants: in order.
         findings: of all images.
     """
@@ -81,11 +81,11 @@ class Sweep:
         Where a wrap's coverage is varied, the share is what its pieces reach of what cameras see; pooled their mean.
         """
         sizes: dict[tuple[str, str], PatchSize] = {}
-        for one in self.points:
-            if one.refused is None and one.covered is not None:
-                sizes[one.label, one.object] = (None, one.covered)
-            elif one.refused is None and one.patch_mm is not None:
-                sizes[one.label, one.object] = (one.patch_mm, round(one.patch_mm / one.longest_mm, 4))
+        for point in self.points:
+            if point.refused is None and point.covered is not None:
+                sizes[point.label, point.object] = (None, point.covered)
+            elif point.refused is None and point.patch_mm is not None:
+                sizes[point.label, point.object] = (point.patch_mm, round(point.patch_mm / point.longest_mm, 4))
         for label in {label for label, _ in sizes}:
             sides, shares = zip(*(size for (of, _), size in sizes.items() if of == label), strict=True)
             mean = round(sum(shares) / len(shares), 4)
@@ -95,7 +95,7 @@ class Sweep:
     @cached_property
     def skipped(self) -> list[tuple[str, str, str]]:
         """(label, object, reason) of what could not be shot."""
-        return [(one.label, one.object, one.refused) for one in self.points if one.refused is not None]
+        return [(point.label, point.object, point.refused) for point in self.points if point.refused is not None]
 
     @property
     def failed(self) -> tuple[tuple[str, str], ...]:
@@ -176,9 +176,9 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     A printed size is followed by its share of the longest side, where the objects agree on it; a coverage by what was
     reached, where that is another.
     """
-    one = len(sweep.objects) == 1
-    name = next(iter(sweep.objects)) if one else POOLED
-    others = [] if one else list(sweep.objects)
+    has_single_object = len(sweep.objects) == 1
+    name = next(iter(sweep.objects)) if has_single_object else POOLED
+    others = [] if has_single_object else list(sweep.objects)
     groups = {(group.source, group.object, group.variant): group for group in sweep.groups}
     pairs = {(pair.source, pair.object, pair.second): pair for pair in sweep.pairs}
     rows = []
@@ -198,7 +198,9 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     if sum(max(map(len, column)) + 1 for column in columns) > console.width:
         # a row that is cut off helps nobody: each object is in figure and CSV
         others, rows = [], [row[: len(texts) + len(heads)] for row in rows]
-    title = f"{sweep.axis.name}, {sweep.model['name']}, " + (name if one else f"{len(sweep.objects)} objects")
+    title = f"{sweep.axis.name}, {sweep.model['name']}, " + (
+        name if has_single_object else f"{len(sweep.objects)} objects"
+    )
     return build_table(title, texts, [*heads, *others], rows)
 
 

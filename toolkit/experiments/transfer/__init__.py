@@ -1,4 +1,4 @@
-"""Do boosters work on networks that they were not trained on: train on all but one, test on that one.
+"""Do boosters work on networks that they were not trained on: train on all but one network, and test on that network.
 
 The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
 """

@@ -1,4 +1,4 @@
-"""Train boosters on all networks but one, shoot the plan, and ask that one; then the next is left out.
+"""Train boosters on all networks but one, shoot the plan, and test the left-out network; then the next.
 
 Every step is kept and taken up again: training by its checkpoints, captures by their manifest, answers by the hash of
 what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
@@ -48,7 +48,7 @@ Judge = Classifier | DetectorNetwork
 
 
 class JudgedRow(BaseModel):
-    """What one network says of one object in one booster, pooled rows among them.
+    """Answers of a network to an object with a booster, pooled rows among them.
 
     Attributes:
         left_out: the network that the boosters were not trained on, or `classifiers` or `detectors`.
@@ -81,7 +81,7 @@ class JudgedRow(BaseModel):
 
 
 class JudgedCell(BaseModel):
-    """What one network says of the boosters that were trained without one network.
+    """Answers of a network to the boosters that were trained without a network.
 
     Attributes:
         key: hash of all that it depends on.
@@ -153,7 +153,7 @@ class TransferResult:
     """What an experiment made.
 
     Attributes:
-        rows: of every network that was left out in this run or an earlier one of the same settings.
+        rows: of every network that was left out in this run or an earlier run of the same settings.
         json_file, markdown_file: where they are.
     """
 
@@ -178,12 +178,12 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
             training, shooting and judging raise.
     """
-    by_name = {one.name: one for one in networks}
-    # two networks of one name would share a folder
+    by_name = {network.name: network for network in networks}
+    # two networks of the same name would share a folder
     if len(by_name) < max(2, len(networks)):
-        raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
+        raise FieldError("expected at least two networks, each once", {"model": [network.name for network in networks]})
     groups = group_networks(networks)
-    if any(isinstance(one, DetectorNetwork) for one in networks):
+    if any(isinstance(network, DetectorNetwork) for network in networks):
         refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
     for name in config.left_out:
         if name not in groups:
@@ -194,7 +194,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     folder = workspace.eval_dir / "transfer" / config.run
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
-        others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        others = [network for name, network in by_name.items() if name not in groups[left_out]]
         # a workspace of its own: its boosters are called as those that were trained without another network
         space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
         for name in objects:
@@ -206,14 +206,14 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     # also of networks that an earlier run left out
     rows: list[JudgedRow] = []
     for left_out in groups:
-        others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        others = [network for name, network in by_name.items() if name not in groups[left_out]]
         rows += _read_rows(folder, left_out, {
             judge.name: _hash_settings(config, judge, others, shown) for judge in networks
         })  # fmt: skip
     about = {"run": config.run, "settings": config.record(), "networks": {
-        name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
-        | ({"kind": "detector"} if isinstance(one, DetectorNetwork) else {})
-        for name, one in by_name.items()
+        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+        | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
+        for name, network in by_name.items()
     }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
 
@@ -221,9 +221,9 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
 def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
     """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
     kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
-    for one in networks:
-        kinds["detectors" if isinstance(one, DetectorNetwork) else "classifiers"].append(one.name)
-    return kinds if all(kinds.values()) else {one.name: [one.name] for one in networks}
+    for network in networks:
+        kinds["detectors" if isinstance(network, DetectorNetwork) else "classifiers"].append(network.name)
+    return kinds if all(kinds.values()) else {network.name: [network.name] for network in networks}
 
 
 def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
@@ -264,7 +264,9 @@ def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence
 def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
     """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
     settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
-    networks = [(one.name, one.weights.sha256, one.preprocessing.describe()) for one in (judge, *others)]
+    networks = [
+        (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
+    ]
     return sha256_json([settings, networks, shown])
 
 
@@ -272,9 +274,9 @@ def _judge(
     space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig,
     settings_sha256: str,
 ) -> None:  # fmt: skip
-    """Ask one network, unless it was asked of the same captures before."""
+    """Ask a network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
-    seen = [one.name for one in others]
+    seen = [network.name for network in others]
     # the manifest's hash stands for all images: it holds theirs
     parts = (
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
@@ -311,7 +313,7 @@ def _cell_file(root: Path, judge: str) -> Path:
 
 
 def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
-    """Rows of one network left out; `settings` is the hash that each judge's rows must rest on to count."""
+    """Rows of a left-out network; `settings` is the hash that each judge's rows must rest on to count."""
     rows: list[JudgedRow] = []
     others = []
     for judge, sha256 in settings.items():

@@ -61,13 +61,13 @@ class GridCamera:
 
 @dataclass(frozen=True)
 class PlaceCameras:
-    """The cameras at one place.
+    """The cameras at a place.
 
     Attributes:
         placed: the object there.
         cameras: those that are shot, by number.
         points: (n, 3) positions of the whole grid, metres.
-        reasons: of each point, why no camera stands there; empty where one can.
+        reasons: of each point, why no camera stands there; empty if a camera can.
     """
 
     placed: Placed
@@ -79,7 +79,9 @@ class PlaceCameras:
         """Without the cameras of these numbers, whose pictures failed."""
         reasons = [FAILED if k + 1 in failed else reason for k, reason in enumerate(self.reasons)]
         return replace(
-            self, cameras=tuple(one for one in self.cameras if one.number not in failed), reasons=tuple(reasons)
+            self,
+            cameras=tuple(camera for camera in self.cameras if camera.number not in failed),
+            reasons=tuple(reasons),
         )
 
     @property
@@ -98,7 +100,7 @@ def lay_grid(shape: GridShape, extent_m: float, lowest_m: float) -> np.ndarray:
     """(n, 3) points around an object in its own frame, metres: x along it, y across, z up from its ground.
 
     Args:
-        shape: how many along, across and up; one alone stands in the middle.
+        shape: how many along, across and up; a single point stands in the middle.
         extent_m: x and y from minus to plus this, z up to it.
         lowest_m: least z.
     """
@@ -119,7 +121,7 @@ def plan_cameras(
         placed: what they look at.
         camera: its pixels and field of view.
         shape, extent: of the grid; `extent` in object lengths.
-        sample: how many are drawn from those that can stand; a larger sample holds the smaller one. None takes all.
+        sample: how many are drawn from those that can stand; a larger sample contains the smaller. None takes all.
         rng: draws them.
 
     Raises:
@@ -136,7 +138,7 @@ def plan_cameras(
             f"no camera of the {len(points)} around '{placed.spot.name}' can stand: {why}: widen the extent, or "
             "draw other places with another seed"
         )
-    # a prefix of one permutation: a larger sample holds a smaller one of the same seed
+    # a prefix of a permutation: a larger sample contains a smaller sample of the same seed
     chosen = standing if sample is None else np.sort(rng.permutation(standing)[:sample])
     seen = Shape.of(placed.mesh)
     cameras = tuple(_aim(world, placed, seen, camera, int(k), points[k]) for k in chosen)
@@ -146,7 +148,7 @@ def plan_cameras(
 def find_reasons(
     world: World, placed: Placed, points: np.ndarray, nearest_m: float, clearance_m: float = CLEARANCE_M
 ) -> list[str]:
-    """Why no camera can stand at each of the points (n, 3); empty where one can."""
+    """Return for each point (n, 3) why no camera can stand there; empty if a camera can."""
     o3d = load_open3d()
 
     ground = world.ground_height(points)
@@ -193,15 +195,15 @@ def measure_sight(
     pixels, depth = project(camera, T_world_camera, placed.stand.to_world(shape.outline))
     frame = np.array([camera.width, camera.height], float)
     ahead = pixels[depth > 0]
-    # rays only over the object's box: a small object gets as many as a large one
-    low, high = (np.clip(one, 0, frame) for one in (ahead.min(axis=0), ahead.max(axis=0)))
+    # rays only over the object's box: a small object gets as many as a large object
+    low, high = (np.clip(corner, 0, frame) for corner in (ahead.min(axis=0), ahead.max(axis=0)))
     if not len(ahead) or (high - low).min() <= 0:
         return 0.0, 0.0
     # a lattice of rays over the box of the object's outline in the picture
     steps = (np.arange(LATTICE) + 0.5) / LATTICE
     x, y = np.meshgrid(low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1]))
     rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
-    # rays are turned into the object's frame, not its mesh into the world: one ray scene serves all places
+    # rays are turned into the object's frame, not its mesh into the world: a single ray scene serves all places
     local = np.concatenate(
         [(rays[:, :3] - placed.stand.place) @ placed.stand.turn, rays[:, 3:] @ placed.stand.turn], axis=1
     ).astype(np.float32)
@@ -215,7 +217,7 @@ def measure_sight(
 
 
 def count_cameras(places: Sequence[PlaceCameras]) -> dict[str, int]:
-    """Of all places: points of the grid, cameras shot, how many of them see nothing of the object, and left out."""
+    """Return counts over all places: grid points, cameras shot, cameras without the object in view, left out."""
     left_out: Counter[str] = Counter()
     for place in places:
         left_out.update(place.left_out)

@@ -1,4 +1,4 @@
-"""Pictures of an object in its place from the grid's cameras: one render for all weathers, and the answers to them."""
+"""Pictures of an object in its place from the grid's cameras: a render for all weathers, and the answers to them."""
 
 import hashlib
 import json
@@ -36,7 +36,7 @@ OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
 
 
 class FrameAnswers(BaseModel):
-    """One line of `answers.jsonl`: what was said of one frame in some weathers.
+    """Line of `answers.jsonl`: the answers to a frame in some weathers.
 
     Attributes:
         frame: hash of what the frame in clear air, its grain and the network are made of.
@@ -50,7 +50,7 @@ class FrameAnswers(BaseModel):
 
 @dataclass(frozen=True)
 class ViewAnswers:
-    """What was said of every camera's picture of one variant in one weather, in the order of the cameras.
+    """Answers to every camera's picture of a variant in a weather, in the order of the cameras.
 
     Attributes:
         top1_index: (n,) int, first guess.
@@ -67,7 +67,7 @@ class ViewAnswers:
     def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
         """From single answers."""
         columns = list(zip(*rows, strict=True))
-        return cls(*(np.array(one) for one in columns))
+        return cls(*(np.array(column) for column in columns))
 
     def right(self, guesses: int) -> np.ndarray:
         """(n,) bool: whether the truth is among so many first guesses."""
@@ -99,7 +99,9 @@ AnswerKey = tuple[str, str]
 def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
     """The answers that are wanted and there; those of a line that is broken are computed again."""
     log = RecordLog(file, FrameAnswers, required=False, compact=True)
-    return RecordCache(log, lambda line: [((line.frame, name), one) for name, one in line.answers.items()], wanted)
+    return RecordCache(
+        log, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
+    )
 
 
 class PictureTask(NamedTuple):
@@ -131,7 +133,7 @@ class Frame:
         task: what was asked for.
         pictures: (h, w, 3) uint8 sRGB for each of the task's weathers.
         depth_m: (h, w) float32 along each ray, inf for the sky; None unless kept.
-        classes: (h, w) uint8 `SceneClass`, or one of the numbers above; None unless kept.
+        classes: (h, w) uint8 `SceneClass`, or a number from above; None unless kept.
     """
 
     task: PictureTask
@@ -142,7 +144,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class WorldVariant:
-    """The object in one variant, at its real size.
+    """The object in a variant, at its real size.
 
     Attributes:
         mesh: metres, in the object's frame.
@@ -154,8 +156,8 @@ class WorldVariant:
 
     @classmethod
     def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
-        """A variant of a bare mesh: faces with a picture that the bare one lacks are boosted."""
-        # by identity: a variant has the bare mesh's own textures, and new ones beside them
+        """A variant of a bare mesh: faces with a picture that the bare mesh lacks are boosted."""
+        # by identity: a variant has the bare mesh's own textures, and new textures beside them
         own = {id(material.texture) for material in bare.materials}
         new = np.array([id(material.texture) not in own for material in mesh.materials])
         return cls(mesh, new[mesh.face_material])
@@ -163,7 +165,7 @@ class WorldVariant:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What all frames of a run share; two are the same where they are one.
+    """What all frames of a run share; equal only to itself.
 
     Attributes:
         world, sky: around the object.
@@ -213,7 +215,7 @@ def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
 def render_frame(stage: Stage, task: PictureTask, renderer: Renderer) -> Frame:
     """Render, and lay every weather over the linear light before it is developed."""
     view = stage.camera, task.camera.T_world_camera
-    # one render serves all weathers: they change light by its depth alone
+    # a render serves all weathers, which depend on its depth alone
     light, found = renderer.render_with_depth(*view)
     through = find_depths(stage.world, stage.sky, view, found, task.weathers)
     pictures = tuple(develop_through(light, through, stage.sky, task.weathers, (stage.seed, task.item)))

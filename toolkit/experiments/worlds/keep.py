@@ -19,8 +19,8 @@ from toolkit.rig.scene import Stand
 
 CM_PER_M, FARTHEST_CM = 100.0, 65_534
 SHOWN_AT = (30.0, 15.0, 1.6)
-"""Of each place the camera is shown whose azimuth, elevation and distance in lengths are nearest to these, among those
-that see the object whole."""
+"""Preferred azimuth and elevation, degrees, and distance, object lengths. The report shows the nearest camera of each
+place that sees the whole object."""
 MOST_PICTURE_BYTES = 64 << 20
 
 
@@ -85,7 +85,7 @@ class KeptFrames:
             folder: it need not exist.
             stage, places: of the run.
             spec: of the object.
-            everything: keep all frames; otherwise one camera of each place.
+            everything: keep all frames; otherwise a camera of each place.
         """
         self.renderer: str | None = None
         self.folder, self._stage, self._spec = folder, stage, spec
@@ -96,7 +96,7 @@ class KeptFrames:
 
     @property
     def object_name(self) -> str:
-        """Of what stands there."""
+        """Name of the object at the place."""
         return self._spec.name
 
     def wants(self, task: PictureTask) -> bool:
@@ -193,7 +193,7 @@ def choose_shown(place: PlaceCameras) -> GridCamera:
     azimuth, elevation, lengths = SHOWN_AT
 
     def miss(camera: GridCamera) -> float:
-        # each in the unit of which one is much: a quarter turn, 30°, a length
+        # each in a unit that counts as a large difference: a quarter turn, 30°, a length
         turn = abs((abs((camera.azimuth_deg + 180) % 360 - 180)) - azimuth) / 90
         rise = abs(camera.elevation_deg - elevation) / 30
         return turn + rise + abs(camera.distance_m / length - lengths)

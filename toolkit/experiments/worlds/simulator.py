@@ -40,9 +40,10 @@ def write_objects(folder: Path, stage: Stage, name: str) -> dict[str, Path]:
     """Write every variant as a GLB in metres, to be imported into the simulator's project; by variant."""
     return {
         variant: write_bytes(
-            folder / f"{name_actor(name, variant)}.glb", to_glb(one.mesh, name_actor(name, variant), units_per_m=1.0)
+            folder / f"{name_actor(name, variant)}.glb",
+            to_glb(variant_mesh.mesh, name_actor(name, variant), units_per_m=1.0),
         )
-        for variant, one in stage.variants.items()
+        for variant, variant_mesh in stage.variants.items()
         if variant != ABSENT
     }
 
@@ -65,7 +66,10 @@ def shoot_missing(
     """
     name = kept.object_name
     write_objects(kept.folder.parent / "objects", stage, name)
-    camera, meshes = stage.camera.intrinsics, {key: hash_mesh(one.mesh) for key, one in stage.variants.items()}
+    camera, meshes = (
+        stage.camera.intrinsics,
+        {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()},
+    )
     shared = hash_inputs(list(astuple(address)), stage.world.sha256, camera)
     missing = []
     for task in tasks:
@@ -73,7 +77,7 @@ def shoot_missing(
         where = list(stand.place), stand.turn_deg, task.camera.T_world_camera.tolist()
         frame = task._replace(frame=hash_inputs(shared, meshes[task.variant], *where), is_kept=True)
         # weather by weather: a run that was stopped leaves a part of a frame's
-        weathers = tuple(one for one in task.weathers if kept.lacks(frame._replace(weathers=(one,))))
+        weathers = tuple(weather for weather in task.weathers if kept.lacks(frame._replace(weathers=(weather,))))
         missing += [frame._replace(weathers=weathers)] if weathers else []
     todo = sum(len(task.weathers) for task in missing)
     total = sum(len(task.weathers) for task in tasks)
@@ -83,7 +87,7 @@ def shoot_missing(
             for shot in shoot_frames(simulator, stage, places, name, missing):
                 kept.write(shot.task, encode_frame(shot))
                 bar.advance()
-    return ShotFrames(kept.folder, tuple(one.spot.name for one in stage.places), kept.describe_renderers(tasks))
+    return ShotFrames(kept.folder, tuple(place.spot.name for place in stage.places), kept.describe_renderers(tasks))
 
 
 def shoot_frames(
@@ -91,14 +95,14 @@ def shoot_frames(
 ) -> Iterator[Frame]:
     """The frames of tasks, one weather at a time: a frame's weathers come apart.
 
-    Weather takes a while to come up, so all cameras of a place and variant are shot in one before the next.
+    Weather takes a while to come up, so all cameras of a place and variant are shot in a weather before the next.
 
     Args:
         simulator: is moved, and left with the last object in its place.
         stage: the objects; of its camera, field of view and size.
         places: by the tasks' number.
         name: of the object.
-        tasks: those of one place and variant follow each other.
+        tasks: those of the same place and variant follow each other.
 
     Raises:
         ToolkitError: the simulator fails, its pictures have another size, or the object is not where it should be.
@@ -106,7 +110,7 @@ def shoot_frames(
     simulator.set_camera(stage.camera.fov_deg)
     simulator.number_things()
     for variant in stage.variants:
-        if variant != ABSENT:  # one that is missing is told before the first picture, not after hours
+        if variant != ABSENT:  # a missing variant is reported before the first picture, not after hours
             simulator.place(name_actor(name, variant), None)
     standing = ""
     for (place, variant), own in groupby(tasks, lambda task: (task.place, task.variant)):
@@ -121,7 +125,7 @@ def shoot_frames(
             simulator.set_weather({})
             colour = find_object(simulator, stage, places[place], variant, actor)
         # weather outside, cameras inside: a change of weather costs seconds, a camera does not
-        for weather in dict.fromkeys(one for task in group for one in task.weathers):
+        for weather in dict.fromkeys(weather for task in group for weather in task.weathers):
             simulator.set_weather(to_airsim(*weather))
             for task in group:
                 if weather in task.weathers:
@@ -188,7 +192,7 @@ def find_object(simulator: AirSim, stage: Stage, place: PlaceCameras, variant: s
     # a colour that much else has tells nothing of the object
     if len(elsewhere) and elsewhere.mean() > MOST_ELSEWHERE:
         return None
-    red, green, blue = (int(one) for one in colour)
+    red, green, blue = (int(channel) for channel in colour)
     return red, green, blue
 
 
@@ -202,5 +206,5 @@ def measure_depths(
     own = np.concatenate([(rays[:, :3] - stand.place) @ stand.turn, rays[:, 3:] @ stand.turn], axis=1)
     shapes = (Shape.of(stage.variants[variant].mesh), own), (stage.world.shape, rays)
     hits = [cast_rays(shape.rays, lines) for shape, lines in shapes]
-    object_m, around_m = (one.reshape(camera.height, camera.width) for one in hits)
+    object_m, around_m = (distances.reshape(camera.height, camera.width) for distances in hits)
     return object_m, around_m

@@ -55,6 +55,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
             colour = colour_of(results.variants, variant)
             own = [rows[variant, name, severity] for name, severity in ladder]
             draw_line(panel, x.tolist(), own, colour, variant)
+            # the visibility that halves the accuracy, as a hollow mark with a line to the axis
             half = halves[variant, kind]["visibility_m"]
             if half is not None:
                 at, level = 1e3 * CONTRAST_LOG / half, 50 * halves[variant, kind]["clear_top5"]
@@ -106,7 +107,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
                 draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
         style_panel(panel)
         panel.set_axisbelow(True)
-        panel.set_xticks(range(len(bins)), [_name_bin(axis, *one) for one in bins], fontsize=7.5, rotation=40)
+        panel.set_xticks(range(len(bins)), [_name_bin(axis, *interval) for interval in bins], fontsize=7.5, rotation=40)
         panel.set_xlabel(title, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()
     panels[-1].axis("off")
@@ -132,6 +133,7 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
     figure = make_figure(max(2.4 * columns, 4.5), 0.6 + 2.2 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for panel, place in zip(panels, places, strict=False):
+        # points without a camera, then cameras by how much of the object they see
         left = np.array([bool(reason) for reason in place.reasons])
         panel.scatter(*place.points[left, :2].T, s=9, color=LEFT_OUT_COLOUR, marker="x", lw=0.8, label="left out")
         where = np.array([camera.T_world_camera[:2, 3] for camera in place.cameras])
@@ -142,12 +144,14 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
             (share >= IN_VIEW, RIGHT, "in view"),
         ):  # fmt: skip
             panel.scatter(*where[own].T, s=9, color=colour, alpha=0.75, lw=0, label=label)
+        # the object's footprint
         low, high = place.placed.mesh.bounds
         outline = np.array([(low[0], low[1], 0), (high[0], low[1], 0), (high[0], high[1], 0), (low[0], high[1], 0)])
         panel.fill(*place.placed.stand.to_world(outline)[:, :2].T, color="#333333", zorder=5)
         panel.set_aspect("equal")
         panel.tick_params(labelsize=7)
         panel.set_title(place.placed.spot.name, fontsize=9)
+    # the last row may have empty panels
     for panel in panels[len(places) :]:
         panel.axis("off")
     figure.legend(
@@ -158,7 +162,7 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
 
 @with_default_style
 def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
-    """PNG: one camera of each place, a row for each variant, a column for each of some weathers.
+    """Return a PNG: a camera of each place, a row for each variant, a column for each of some weathers.
 
     Green: the truth is the first guess; yellow: among five; red: not. A place whose shown pictures failed is left out;
     None where they all did.
@@ -169,6 +173,7 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     rows = [(k, variant) for k in shown for variant in results.variants]
     if not rows:
         return None
+    # the longest name or variant decides the margin for the labels
     label_in = 0.3 + LETTER_IN * max(map(len, names))
     label_in = max(label_in, 0.3 + LETTER_IN * max(map(len, results.variants)))
     figure = make_figure(label_in + TILE_IN * len(weathers), 0.7 + TILE_IN * len(rows), layout=None)
@@ -182,6 +187,7 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
         folder = kept.folder / kept.path_of(names[k], variant, camera)
         for panel, weather in zip(line, weathers, strict=True):
             panel.imshow(read_image(folder / f"{name_picture(weather)}.png"), interpolation="antialiased")
+            # a frame in the colour of the answer
             rank = results.answers[variant, weather].true_rank[number]
             colour = RIGHT if rank == 1 else FIFTH if rank <= 5 else WRONG
             for spine in panel.spines.values():

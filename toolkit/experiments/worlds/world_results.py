@@ -78,7 +78,7 @@ class WorldResults:
 
     @cached_property
     def cameras(self) -> list[GridCamera]:
-        """Of all places, in the order of the answers."""
+        """Cameras of all places, in the order of the answers."""
         return [camera for place in self.places for camera in place.cameras]
 
     @cached_property
@@ -88,11 +88,11 @@ class WorldResults:
 
     @cached_property
     def place_names(self) -> list[str]:
-        """Of the places, in order."""
+        """Names of the places, in order."""
         return [place.placed.spot.name for place in self.places]
 
     def column(self, name: str) -> np.ndarray:
-        """(n,) one number of every camera, such as `distance_m`."""
+        """Return (n,) float, an attribute of every camera, such as `distance_m`."""
         return np.array([getattr(camera, name) for camera in self.cameras], float)
 
     @property
@@ -102,7 +102,7 @@ class WorldResults:
 
     @property
     def world_name(self) -> str:
-        """Of the world, with its seed, such as `city/0`."""
+        """Name of the world with its seed, such as `city/0`."""
         return f"{self.stage.world.name}/{self.stage.world.seed}"
 
 
@@ -113,7 +113,7 @@ def find_visibility_m(weather: WeatherKey) -> float | None:
 
 
 def encode_predictions(results: WorldResults) -> str:
-    """The text of `predictions.csv`: one row per picture."""
+    """The text of `predictions.csv`: a row per picture."""
     return encode_csv(COLUMNS, _list_predictions(results))
 
 
@@ -134,7 +134,7 @@ def _list_predictions(results: WorldResults) -> Iterator[list[object]]:
 
 
 def encode_cameras(results: WorldResults) -> str:
-    """The text of `cameras.csv`: one row per point of the grid, whether a camera stands there and what it sees."""
+    """The text of `cameras.csv`: a row per point of the grid, whether a camera stands there and what it sees."""
     rows: list[list[object]] = []
     for place in results.places:
         shot = {camera.number: camera for camera in place.cameras}
@@ -222,7 +222,7 @@ def format_visibility(row: Row) -> str:
     interval = row["visibility_ci95"]
     if interval is None:
         return f"{row['visibility_m']:.3g} m"
-    low, high = ("not reached" if one is None else f"{one:.3g}" for one in interval)
+    low, high = ("not reached" if bound is None else f"{bound:.3g}" for bound in interval)
     return f"{row['visibility_m']:.3g} m (95 % {low}–{high})"
 
 
@@ -235,7 +235,7 @@ def format_times(row: Row, key: str) -> str:
         return f"at least {value:.1f} times"
     if interval is None:
         return f"{value:.1f} times"
-    low, high = ("?" if one is None else f"{one:.1f}" for one in interval)
+    low, high = ("?" if bound is None else f"{bound:.1f}" for bound in interval)
     return f"{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
 
 

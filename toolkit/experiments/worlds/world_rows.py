@@ -35,10 +35,10 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
 
 @dataclass(frozen=True)
 class HalfLost:
-    """Of one variant in one kind of weather.
+    """Visibility at which a variant loses half of its accuracy, in a kind of weather.
 
     Attributes:
-        variant, weather: which.
+        variant, weather: names of the variant and of the kind of weather.
         clear_top5: share with the truth among five guesses in clear air.
         visibility_m: at which half of that is left; None where more is left in the densest that was run, or nothing
             was recognised.
@@ -67,7 +67,7 @@ class HalfLost:
 
     def as_json(self) -> dict[str, Any]:
         """An entry of `half_lost` of `summary.json`."""
-        return {key: list(one) if isinstance(one, tuple) else one for key, one in vars(self).items()}
+        return {key: list(part) if isinstance(part, tuple) else part for key, part in vars(self).items()}
 
 
 def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) -> np.ndarray:
@@ -97,21 +97,21 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
 
 
 def find_ladder(weathers: tuple[tuple[str, int], ...]) -> dict[str, list[tuple[str, int]]]:
-    """By kind of weather, clear air and its severities, thinnest first; kinds that have at least one."""
+    """By kind of weather, clear air and its severities, thinnest first; kinds with at least a severity."""
     kinds = dict.fromkeys(name for name, _ in weathers if name != CLEAR[0])
-    return {kind: [CLEAR, *sorted(one for one in weathers if one[0] == kind)] for kind in kinds}
+    return {kind: [CLEAR, *sorted(weather for weather in weathers if weather[0] == kind)] for kind in kinds}
 
 
 def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
     """(m,) 1/m of each step of a ladder; 0 in clear air."""
     visible = [make_weather(*weather).visibility_m for weather in ladder]
-    return np.array([0.0 if np.isinf(one) else find_extinction(one) for one in visible])
+    return np.array([0.0 if np.isinf(visibility_m) else find_extinction(visibility_m) for visibility_m in visible])
 
 
 def measure_half(
     variant: str, kind: str, extinctions: np.ndarray, shares: np.ndarray, bare: np.ndarray | None
 ) -> HalfLost:
-    """The half of one variant, alone and against the bare object.
+    """The half of a variant, alone and against the bare object.
 
     Args:
         variant, kind: names.
@@ -121,7 +121,7 @@ def measure_half(
     """
     own = find_level(extinctions, shares, HALF * shares[:, 0])
     # 0 where a level is not reached, infinite where nothing needs to be lost
-    visible = np.array([0.0 if np.isinf(one) else find_visibility(float(one)) for one in own])
+    visible = np.array([0.0 if np.isinf(extinction) else find_visibility(float(extinction)) for extinction in own])
     half = HalfLost(
         variant, kind, float(shares[0, 0]), _finite(visible[0]), _visible_interval(visible[1:]),
         find_visibility(float(extinctions.max())),
@@ -175,7 +175,7 @@ def summarise(results: WorldResults) -> dict[str, Any]:
         "groups": list(_each_group(results, sampler, everywhere)),
         "groups_in_view": list(_each_group(results, sampler, in_view)),
         "pairs": list(_each_pair(results, sampler)),
-        "half_lost": [one.as_json() for one in measure_halves(results, sampler)],
+        "half_lost": [half_loss.as_json() for half_loss in measure_halves(results, sampler)],
         "curves": list(_each_curve(results, sampler)),
         "cameras": describe_cameras(results),
         "about": describe_run(results),
@@ -202,7 +202,7 @@ def describe_run(results: WorldResults) -> dict[str, Any]:
 
 
 def describe_cameras(results: WorldResults) -> list[dict[str, Any]]:
-    """Of each place and of all: points, cameras shot, hidden, in view, left out by reason."""
+    """Return counts for each place and for all: points, cameras shot, hidden, in view, left out by reason."""
     rows = []
     groups = [(place.placed.spot.name, place.placed.spot.place, [place]) for place in results.places]
     for name, kind, own in [*groups, (POOLED, POOLED, list(results.places))]:
@@ -273,7 +273,7 @@ def _count(found: ViewAnswers, own: np.ndarray, sampler: ClusterBootstrap | None
     shares: dict[str, Any] = {"n": n, "failed": 0}
     for name, guesses in (("top1", 1), ("top5", 5)):
         right = found.right(guesses)
-        # of one place: its cameras are all that there is
+        # for a single place, its cameras are the whole population
         interval: Interval | None = wilson_interval(int(right[own].sum()), n)
         if sampler is not None:
             interval = sampler.estimate(right, own)[1]

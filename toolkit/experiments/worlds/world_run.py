@@ -1,7 +1,7 @@
 """An evaluation in a world, from a config to a results folder: place, plan, render, ask, summarise, write.
 
-Frames without an answer are work units: some frames of one variant at one place, each in all of its weathers, which
-share one render.
+Frames without an answer are work units: some frames of a variant at a place, each in all of its weathers, which
+share a render.
 """
 
 import re
@@ -76,7 +76,7 @@ class Asked:
         true_index: class of the object.
         weathers: that every frame is seen in.
         batch_size: pictures that are gathered for a pass.
-        shots: pictures that a simulator made, where one did.
+        shots: pictures that a simulator made, if a simulator was used.
     """
 
     item: TableObject
@@ -101,16 +101,16 @@ class Asked:
         shared = hash_inputs(
             METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network, *other
         )
-        meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
+        meshes = {name: hash_mesh(variant.mesh) for name, variant in stage.variants.items()}
         tasks = []
         for k, place in enumerate(self.places):
             stand = place.placed.stand
             for name in stage.variants:
                 there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
-                for one in place.cameras:
-                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
-                    frame = hash_inputs(there, one.T_world_camera.tolist(), item)
-                    tasks.append(PictureTask(frame, k, name, item, one, self.weathers, False))
+                for grid_camera in place.cameras:
+                    item = k * 1_000_000_000 + grid_camera.number  # a grid has at most a million points
+                    frame = hash_inputs(there, grid_camera.T_world_camera.tolist(), item)
+                    tasks.append(PictureTask(frame, k, name, item, grid_camera, self.weathers, False))
         if self.shots is None:
             return tasks
         # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
@@ -164,6 +164,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
             kept.write(task, files)
         cache.add(FrameAnswers(frame=frame, answers=answers))
 
+    # answers are kept frame by frame, so an interrupted run resumes
     units = list_units(asked, missing, engine)
     ran = run_resumable(
         "evaluating (pictures)", wanted, missing, units, keep, engine, log.parent, lambda task: len(task.weathers)
@@ -175,7 +176,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
 
 def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]) -> Answers:
-    """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
+    """Cameras with answers in every variant and weather, and their answers: all variants keep the same cameras."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
     for task in tasks:
@@ -287,7 +288,7 @@ def evaluate_world(
 ) -> WorldRun:
     """Put an object into a world, look at it from a grid of cameras through weather, and ask a network what it sees.
 
-    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it. A camera whose picture fails in one
+    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it. A camera whose picture fails in a
     variant is left out in all of them.
 
     Args:
@@ -342,7 +343,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     # all variants stand in the same places, so the widest decides
-    radius = max(find_radius(one.mesh) for one in variants.values())
+    radius = max(find_radius(variant.mesh) for variant in variants.values())
     spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
     side = classifier.preprocessing.crop_px
