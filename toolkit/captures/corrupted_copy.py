@@ -17,7 +17,7 @@ from toolkit.core.records import hold_folder
 from toolkit.rig.camera import Camera
 
 SEED = 0
-"""Of every corrupted image, with its path below the source: here and in `toolkit eval --corrupt`."""
+"""Seed of every corrupted image, with its path below the source: here and in `toolkit eval --corrupt`."""
 RESIZED_PX, CUT_PX = 256, 224
 BENDING = ("elastic_transform",)
 """What moves the picture about, so that no camera has taken it."""

@@ -18,7 +18,7 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 MOST_COEFFICIENTS = 14
-"""Of OpenCV's longest model of a lens."""
+"""Number of coefficients of OpenCV's longest lens model."""
 
 
 class CaptureRecord(BaseModel):

@@ -45,7 +45,7 @@ FEW_STEPS = 8
 RANDOM_VIEWS = 64
 """That judge sheets which go on together."""
 SMALL_SHARE = 0.1
-"""Of an object's length; below it, a sheet is a few pixels wide in a picture of the whole object."""
+"""Share of an object's length; below it, a sheet is a few pixels wide in a picture of the whole object."""
 TITLES = ("", "size, mm", "side", "offset, mm", "score, px", "seen", "area, px²", "poses", "bend")
 
 
@@ -131,7 +131,7 @@ class SuggestedPlaces:
             yield f"nothing was changed; --write puts the best into the file of {self.object_name}"
 
     def _names(self) -> list[str]:
-        """Of each place its rank among those of its size, as the picture numbers them; of sheets their number."""
+        """Return the rank of each place among those of its size, as pictures number them; of sheets, their number."""
         ranks: Counter[float | None] = Counter()
         names = []
         for one in self.places:
@@ -313,7 +313,7 @@ def describe_small_sheet(item: TableObject) -> str:
 
 
 def _list_shares(answers: "list[Validation]") -> dict[str, Any]:
-    """Of each network the shares that it recognised on held-out views."""
+    """Return the shares that each network recognised in held-out views."""
     return {one.network: {"patched": one.patched.value, "grey": one.bare.value, "n": one.patched.n} for one in answers}
 
 

@@ -19,7 +19,7 @@ from toolkit.models.load_detector import DenseDetector
 
 MOST_PHOTOS, CARD_PX, COLUMNS = 12, 400, 4
 MOST_COUNTED, SAME_IOU = 3, 0.7
-"""Of the boxes in each photograph the surest count, where the mirrored one shows them in the same place."""
+"""The surest boxes of a photograph count, if its mirror image shows them in the same place."""
 CLEARLY = 1.1
 """By which factor the scores must rise before another preprocessing is named."""
 

@@ -94,7 +94,7 @@ class RunComparison:
 
     @property
     def pooled(self) -> PairedOutcomes:
-        """Of all images."""
+        """The outcomes of all images."""
         return self.rows[-1].outcomes
 
     @property

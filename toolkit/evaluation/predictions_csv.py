@@ -56,7 +56,7 @@ DETECTION_COLUMNS: dict[str, type] = {
     "status": str,
 }  # fmt: skip
 MOST_LEVELS = 20
-"""Of folders that are each listed once; what lies deeper is looked up by itself."""
+"""Depth of folders that are listed once each; a deeper file is looked up by itself."""
 FILE, FOLDER, LINK = "file", "folder", "link"
 
 

@@ -187,7 +187,7 @@ class Findings:
 
     @property
     def gated(self) -> list[Prediction]:
-        """Of the photographs that failed a gate."""
+        """The predictions of photographs that failed a gate."""
         return [one for one in self.predictions if one.capture.failed_gates]
 
     @property

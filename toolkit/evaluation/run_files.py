@@ -15,7 +15,7 @@ TABLES: Mapping[str, str] = {
 }
 """Field of the summary -> the table whose hash it holds."""
 CONTENT, INPUTS = "content_sha256", "inputs_sha256"
-"""Of all other fields of a summary, and of what a run was asked to do where that is known before its result."""
+"""Hashes of all other fields of a summary, and of what a run was asked to do, if that is known before its result."""
 IsFree = Callable[[Path], bool]
 
 

@@ -28,7 +28,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 Metric = Literal["top1", "success", "found"]
 METRICS: Mapping[str, Metric] = {"detection": "found", "landing": "success"}
 SOURCES = {"landing": "flights"}
-"""Of the rows of a kind whose summary names no source."""
+"""Source of the rows of a kind whose summary names none."""
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ DECODERS = {
 }
 """Each as its authors publish it."""
 Shape = tuple[int | None, ...]
-"""Of an output; None: an axis of any length."""
+"""Shape of an output; None is an axis of any length."""
 STRIDES = ((8, 16, 32), (4, 8, 16, 32), (8, 16, 32, 64))
 MOST_SELECTED = 1000
 """Boxes that a graph selects by itself; the usual number is 300."""

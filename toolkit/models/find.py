@@ -17,7 +17,7 @@ from toolkit.models.weights import SUFFIXES, check_named
 
 
 class ClassShare(BaseModel):
-    """Of one class's held-out images, how many the network gets right."""
+    """How many held-out images of a class the network gets right."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     n: int

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import torch
 
 ID_DIGITS = 10
-"""Of a network's hash: enough to tell those apart that somebody compares."""
+"""Digits of a network's hash: enough to tell those apart that somebody compares."""
 KNOWN_TENSORS: Mapping[str, str] = {
     "a8ac1eaeb4d438c0cd513609d432f2b2415caa7627f9237d48f97b2d9218f798":
         "6d6b0272dc75eb82c249584d29e8824bed0645fb643d5651b33213f6d4851709",

@@ -23,7 +23,7 @@ MOST_LISTED = 60
 Pixels = Annotated[int, Field(ge=LEAST_PX, le=MOST_PX)]
 """A network sees no less; of more, one image fills hundreds of megabytes."""
 PYTHON_PREFIX = "python:"
-"""Of a model that is code; only whoever starts the kit may name it, no file."""
+"""Prefix of a model that is code; only whoever starts the kit may name it, no file."""
 Mean = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 

@@ -65,7 +65,7 @@ class BadAnswer(FieldError):
     """
 
     def __init__(self, reason: str, arch: str, row: int | None = None) -> None:
-        """Of the network `arch`, for a reason."""
+        """Name the network `arch` and the reason."""
         super().__init__(reason, {"model": arch})
         self.row = row
 

@@ -56,7 +56,7 @@ TREE_TYPES = ("builtins.tuple", "builtins.list", "builtins.dict")
 MOST_NODES = 5_000
 """Torch reads some 200 a second; EfficientNet-B7, the longest of torchvision's, has 1,100."""
 MOST_LETTERS, MOST_POWERS = 10_000, 4
-"""Of a symbolic size."""
+"""Bounds of a symbolic size: its letters and its powers."""
 SAVE_AGAIN = "copy it again, or save it again with torch.export.save"
 ELEMENT_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 2, 7: 4, 8: 8, 12: 1, 13: 2}
 """By torch's numbers for integers, floats, booleans and bfloat16."""

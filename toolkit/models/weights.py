@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
 NAMED_SUFFIXES = (*SUFFIXES, ".tar", ".bin")
-"""Of files that are named: `model_best.pth.tar` and `pytorch_model.bin` are such files too."""
+"""Suffixes of files that somebody names: `model_best.pth.tar` and `pytorch_model.bin` as well."""
 DOWNLOAD_TIMEOUT_S = 15.0
 
 

@@ -22,9 +22,9 @@ from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
 USUAL_MM = (20.0, 3000.0)
-"""Of things that stand on a table or a floor before a camera: other lengths are asked after."""
+"""Lengths in mm of things that stand before a camera: other lengths are asked about."""
 DEFAULT_PATCH_MM = printed_size_mm(100)
-"""Of a patch of 100 px, which training makes unless it is told otherwise."""
+"""Side of a patch of 100 px in mm, which training makes by default."""
 
 
 @dataclass(frozen=True)

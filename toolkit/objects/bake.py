@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.imaging.colour import linear_to_srgb
 
 MOST_TEXELS = 1 << 24
-"""Of the picture that is made."""
+"""Largest number of texels of a picture that is made."""
 MOST_LEVEL = 8
 """A face has up to 2^8 texels a side."""
 AT_ONCE = 1 << 20

@@ -281,7 +281,7 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
 
 
 MOST_TRIANGLES = 400_000
-"""Of a page that a phone opens."""
+"""Largest number of triangles of a page that a phone opens."""
 LIGHTS = (
     "scene.background=new THREE.Color(0xe9ebee);scene.add(new THREE.HemisphereLight(0xffffff,0x9a948c,0.55));"
     "tracklight.intensity*=0.25;"

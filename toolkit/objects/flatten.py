@@ -194,7 +194,7 @@ class Region:
 
 
 def worth_of(region: Region | None, value: np.ndarray) -> float:
-    """Of all faces together, of which each has a value (m,); 0 where there is no region."""
+    """Return the sum of the values (m,) of a region's faces; 0 without a region."""
     return 0.0 if region is None else float(value[region.faces].sum())
 
 

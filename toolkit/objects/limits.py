@@ -9,7 +9,7 @@ MAX_FACES = 4_000_000
 MAX_PARTS = 20_000
 """Each takes half a millisecond."""
 MAX_CORNERS = 4_096
-"""Of one polygon: a finer circle is a mistake, and its slivers, which all meet in a point, slow each ray down."""
+"""Largest number of corners of a polygon. A finer circle is a mistake, and its slivers slow each ray down."""
 SIMPLER = "simplify it (Blender: Decimate; MeshLab: Quadric Edge Collapse Decimation)"
 
 

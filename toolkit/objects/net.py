@@ -217,5 +217,5 @@ def _fit_tab(surface: Surface, flat: np.ndarray, at: Edge, taken: np.ndarray) ->
 
 
 def _depth(outline: np.ndarray) -> float:
-    """Of a tab."""
+    """Return how far a tab reaches out."""
     return float(np.linalg.norm(outline[1] - outline[2])) / np.sqrt(2)

@@ -40,7 +40,7 @@ Material = Literal["paper", "film", "vinyl"]
 STRETCH: dict[Material, float] = {"paper": 0.01, "film": 0.03, "vinyl": 0.08}
 """By how much what is stuck on may be stretched or squeezed before it tears or wrinkles."""
 MOST_PIECES = 99
-"""Of one wrap."""
+"""Largest number of pieces of a wrap."""
 Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
 MOST_SPEC_BYTES = 1 << 20

@@ -59,17 +59,17 @@ class FlatPiece:
 
     @cached_property
     def width_mm(self) -> float:
-        """Of its box."""
+        """Width of its box, mm."""
         return float(self.flat_mm[..., 0].max())
 
     @cached_property
     def height_mm(self) -> float:
-        """Of its box."""
+        """Height of its box, mm."""
         return float(self.flat_mm[..., 1].max())
 
     @cached_property
     def area_mm2(self) -> float:
-        """Of the flat piece."""
+        """Area of the flat piece, mm²."""
         return float(flat_areas(self.flat_mm).sum())
 
     def outline(self) -> "Polygon":

@@ -12,7 +12,7 @@ from toolkit.core.config import Config, Expect, Flag, Joined, Range, Rising
 from toolkit.objects.spec import MOST_PIECES, Material, Side
 
 MOST_POSES = 10_000
-"""Of one object: beyond, a plan is no day's work for a camera, and its file none that an editor opens."""
+"""Largest number of poses of an object. More are no day's work for a camera, and their file is too long for an editor."""
 PAIR = ("unpatched", "patched")
 Order = Literal["aba", "blocks", "alternate"]
 MOST_PLACES = 6

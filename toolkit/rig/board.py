@@ -28,7 +28,7 @@ from toolkit.rig.markers import (
 )
 
 MARKER_SHARE = 0.75
-"""Of a square's side: the white round a marker is then wider than one of its modules."""
+"""Share of a square's side that a marker takes: the white round a marker is then wider than one of its modules."""
 FEWEST_SQUARES = 3
 MOST_SQUARES = 200
 

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 FLOATING_OFF = 0.1
 """A point of the sheet floats where the surface is further below it than this share of the patch's side."""
 MOST_FLOATING = 0.25
-"""Of the sheet's area. On the four shipped objects 0 to 21 % floats; over the open lid of a moka pot 75 % and more."""
+"""Share of the sheet's area. On the four shipped objects 0 to 21 % floats; over the open lid of a moka pot 75 % and more."""
 LOOSE_MM = 6.0
 MOST_LOOSE = 0.3
-"""Of the white margin, by which the sheet is taped: further off the surface than `LOOSE_MM` no tape holds it."""
+"""Share of the white margin that may be further off the surface than `LOOSE_MM`, where no tape holds it."""
 MOST_OVERHANG = 0.15
-"""Of the sheet, with nothing below it; more is a tent, over an open lid for instance."""
+"""Share of the sheet with nothing below it; more is a tent, over an open lid for instance."""
 MOST_BEND_DEG = 100.0
 NEW_PATCH_MM = printed_size_mm(100)
-"""Of a patch of 100 px, which training makes unless it is told otherwise."""
+"""Side of a patch of 100 px in mm, which training makes by default."""
 ACROSS = 41
 MOST_PLACES = 4_000_000
 """Places of the grid that are looked at together."""

@@ -40,7 +40,7 @@ class Table:
 
     @property
     def px_per_mm(self) -> float:
-        """Of the picture."""
+        """Pixels of the table's picture per millimetre."""
         return self.picture.shape[1] / self.size_mm[0]
 
 

@@ -12,7 +12,7 @@ from toolkit.rig.kernel.develop import develop
 SHOULDER = 0.72
 """Linear value above which highlights are compressed."""
 NOISE, FALLOFF = 0.006, 0.12
-"""Of the camera, see `tone_map`."""
+"""Sensor noise and light fall-off of the camera, see `tone_map`."""
 
 
 def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = NOISE, falloff: float = FALLOFF) -> np.ndarray:

@@ -27,7 +27,7 @@ from toolkit.rig.shading import DepthBuffer, LinearView, tone_map
 from toolkit.rig.studio import LIGHTS, make_studio
 
 FOV_DEG = 30.5
-"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
+"""Field of view of the square picture, degrees: what the middle of a 4:3 frame of 40° shows."""
 PER_STUDIO = 24
 """Views of one setting: lighting it costs about as much as they do."""
 TRAIN, HELD_OUT, PICTURES = "train", "held out", "pictures"

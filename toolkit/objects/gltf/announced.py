@@ -9,7 +9,7 @@ from toolkit.objects.gltf.document import MESHOPT, MOST_VIEWED_BYTES, Document, 
 from toolkit.objects.limits import SIMPLER, check_faces, check_parts
 
 MOST_ZERO_BYTES = 64 << 20
-"""Of numbers that a file only counts: glTF lets it leave out those that are zero."""
+"""Largest size of the numbers that a file only counts: glTF lets it leave out those that are zero."""
 
 
 def check_announced(document: Document) -> None:

@@ -19,7 +19,7 @@ CLAMP, MIRROR, REPEAT, NEAREST = 33071, 33648, 10497, 9728
 MOST_TILES = 4
 """A clamped picture is continued by so many of its own sides, and further out is looked up texel by texel."""
 FARTHEST_UV = 1e6
-"""Of texture coordinates: beyond, float32 no longer tells texels apart."""
+"""Largest texture coordinate: beyond it, float32 no longer tells texels apart."""
 SHARP_PX = 512
 """Texels of a picture smaller than this that is not to be blurred are repeated until it has this size."""
 
@@ -77,7 +77,7 @@ class Pictures:
         return self._tinted[key][1]
 
     def _decode(self, texture: dict[str, Any], with_alpha: bool) -> Picture:
-        """Of a texture's sources the first that can be read, the widely known ones first."""
+        """Return the first source of a texture that can be read, widely known formats first."""
         sources = picture_sources(texture)
         if not sources:
             others = ", ".join(sorted(map(str, texture.get("extensions", {}))))[:80]

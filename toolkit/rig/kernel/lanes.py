@@ -93,7 +93,7 @@ number_of = cast(Callable[[int], float], intrinsic(_number_of))
 
 @inlined
 def log2(x: float) -> float:
-    """Of a normal positive number, to 1e-7, without a call into the library."""
+    """Return log2 of a normal positive number, to 1e-7, without a call into the library."""
     bits = bits_of(x) - 0x3FE6A09E667F3BCD  # of the root of 1/2: what is left of x lies around 1
     # a double is 1 sign, 11 exponent and 52 fraction bits (IEEE 754): above bit 52 stands the exponent
     exponent = bits >> 52
@@ -106,7 +106,7 @@ def log2(x: float) -> float:
 
 @inlined
 def exp2(x: float) -> float:
-    """Of a number in [-1000, 1000], to a share of 1e-7, without a call into the library."""
+    """Return 2^x of a number in [-1000, 1000], to a share of 1e-7, without a call into the library."""
     whole = math.floor(x + 0.5)
     # the Taylor series of e^t for |t| <= ln(2) / 2, then a power of two by its exponent's bits
     t = (x - whole) * 0.6931471805599453
