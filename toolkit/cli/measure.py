@@ -11,7 +11,7 @@ from toolkit.cli import options
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import is_file_name, quote
-from toolkit.core.workspace import open_workspace
+from toolkit.core.workspace import Workspace, open_workspace
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace as Space
@@ -42,9 +42,9 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.photos.calibrate import calibrate_folder, write_pictures
+    from toolkit.photos.calibrate import write_pictures
     from toolkit.photos.lens import write_lenses
-    from toolkit.rig.board_file import board_file, read_board, swap_sides, with_board
+    from toolkit.rig.board_file import with_board
 
     space = open_workspace(workspace)
     if find_board:
@@ -53,21 +53,10 @@ def calibrate(
     if square_mm is not None:
         raise FieldError("goes with {find_board}", {"square_mm": square_mm})
     space = with_board(space, board)
-    printed = read_board(space)
-    run = calibrate_folder(photos, printed)
-    if not run.lenses and (turned := swap_sides(printed)) is not None:
-        other = calibrate_folder(photos, turned)
-        if other.lenses:
-            run = other
-            remark(
-                f"the photos show {turned.describe()}; {board_file(space)} has columns and rows the other way round: "
-                "exchange them there"
-            )
-    _list_refused(run)
+    run = _calibrate(photos, space)
     records = [record for result in run.lenses if (record := result.record()) is not None]
     if not records:
-        why = run.lenses[0].why if run.lenses else _say_none_found(run, printed.describe())
-        raise ToolkitError(f"{photos}: no lens could be calibrated: {why}")
+        raise ToolkitError(f"{photos}: no lens could be calibrated: {run.lenses[0].why}")
     file, better = write_lenses(space, records, replace)
     pictures = write_pictures(space, run)
     for old, new in better:
@@ -86,6 +75,31 @@ def calibrate(
         say(f"wrote {file}; next: toolkit import PHOTOS/")
     if run.unreadable:
         raise typer.Exit(1)
+
+
+def _calibrate(photos: Path, space: Workspace) -> "CalibrationRun":
+    """Return what photographs of the printed board show, or of a board with its columns and rows exchanged.
+
+    Raises:
+        ToolkitError: no photograph shows either.
+    """
+    from toolkit.photos.calibrate import calibrate_folder
+    from toolkit.rig.board_file import board_file, read_board, swap_sides
+
+    printed = read_board(space)
+    run = calibrate_folder(photos, printed)
+    if not run.lenses and (turned := swap_sides(printed)) is not None:
+        other = calibrate_folder(photos, turned)
+        if other.lenses:
+            run = other
+            remark(
+                f"the photos show {turned.describe()}; {board_file(space)} has columns and rows the other way round: "
+                "exchange them there"
+            )
+    _list_refused(run)
+    if not run.lenses:
+        raise ToolkitError(f"{photos}: no lens could be calibrated: {_say_none_found(run, printed.describe())}")
+    return run
 
 
 def _list_refused(run: "CalibrationRun") -> None:

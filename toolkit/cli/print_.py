@@ -59,11 +59,7 @@ def print_patches(
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
     kinds: dict[str, object] = {"tag": own.tag, "picture": own.picture, "wrap": wrap}
     kinds |= {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {}
-    alone = {name: value for name, value in kinds.items() if value is not None}
-    if alone and (len(alone) > 1 or objects or classes or everything or files):
-        raise FieldError(
-            "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
-        )
+    _check_alone(kinds, has_patches=bool(objects or classes or everything or files))
     if own.tag is not None or own.picture is not None:
         from toolkit.printing.own import print_picture, print_tags
 
@@ -89,6 +85,15 @@ def print_patches(
     _report_patches(printed, failed, notes, as_json)
     if failed:
         raise typer.Exit(1 if printed else 2)
+
+
+def _check_alone(kinds: dict[str, object], *, has_patches: bool) -> None:
+    """Refuse to print a sheet that has a page size of its own together with others."""
+    alone = {name: value for name, value in kinds.items() if value is not None}
+    if alone and (len(alone) > 1 or has_patches):
+        raise FieldError(
+            "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
+        )
 
 
 def _report_patches(

@@ -208,9 +208,7 @@ def export(
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
         from toolkit.rig.variants import export_objects
 
-        if to is not None and to not in formats:
-            raise one_of("format of a mesh", to, list(formats))
-        chosen = [format_name for format_name, is_asked in formats.items() if is_asked or to == format_name] or ["glb"]
+        chosen = _choose_formats(formats, to)
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)
         return
     for format_name, is_asked in formats.items():
@@ -221,3 +219,10 @@ def export(
     from toolkit.evaluation.export import export_predictions
 
     show_result(export_predictions(open_workspace(workspace), names or (), to or "parquet", out, captures), as_json)
+
+
+def _choose_formats(formats: dict[str, bool], to: str | None) -> list[str]:
+    """Return the mesh formats that were asked for, each by its own option or by --to; GLB by default."""
+    if to is not None and to not in formats:
+        raise one_of("format of a mesh", to, list(formats))
+    return [name for name, is_asked in formats.items() if is_asked or to == name] or ["glb"]

@@ -284,8 +284,8 @@ def evaluate_detector(
     }  # fmt: skip
     summary = write_run(run_dir, summary, {DETECTIONS: table})
     run = DetectionRun(
-        tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders, *origin.faults), notes, run_dir,
-        summary, origin,
+        tuple(images), groups, pairs, notes=notes, run_dir=run_dir, summary=summary, origin=origin,
+        left_out=(*failed, *unknown, *folder.refused_folders, *origin.faults),
     )  # fmt: skip
     write_detection_report(run_dir / "report.html", run, detector)
     return run

@@ -138,9 +138,9 @@ def find_origin(
     )
     sources = dict.fromkeys(one.source for one in folder.captures)
     return Origin(
-        len(folder.captures), hash_captures(folder.captures), folder.set_aside, folder.is_trusted,
-        tuple(_describe_source(name, folder) for name in sources),
-        tuple(count_no_pairs(unpaired)), named, tuple(notes),
+        counted=len(folder.captures), images_sha256=hash_captures(folder.captures), set_aside=folder.set_aside,
+        is_trusted=folder.is_trusted, sources=tuple(_describe_source(name, folder) for name in sources),
+        no_pairs=tuple(count_no_pairs(unpaired)), network=named, notes=tuple(notes),
     )  # fmt: skip
 
 

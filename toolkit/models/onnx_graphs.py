@@ -38,7 +38,7 @@ MOST_NAMES = 200_000
 MOST_MISFITS = 500
 """Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
 SAME_ANSWER = 1e-3
-"""Share of the largest output by which two ways of running a graph may differ: more than rounding, less than a fault."""
+"""Share of the largest output by which two ways of running a graph may differ: above rounding, below a fault."""
 START_S, IMAGE_S, TRYING_S = 20.0, 10.0, 60.0
 """What an answer may take, and each image of it more; what a graph's trial may take of a core as a whole."""
 

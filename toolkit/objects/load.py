@@ -12,7 +12,7 @@ from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_read_error, inside
-from toolkit.objects.gltf.read import read_gltf
+from toolkit.objects.gltf.reader import read_gltf
 from toolkit.objects.limits import check_faces
 from toolkit.objects.mesh import (
     Material,

@@ -12,7 +12,7 @@ from toolkit.core.config import Config, Expect, Flag, Joined, Range, Rising
 from toolkit.objects.spec import MOST_PIECES, Material, Side
 
 MOST_POSES = 10_000
-"""Largest number of poses of an object. More are no day's work for a camera, and their file is too long for an editor."""
+"""Largest number of poses of an object. More are no day's work, and their file is too long for an editor."""
 PAIR = ("unpatched", "patched")
 Order = Literal["aba", "blocks", "alternate"]
 MOST_PLACES = 6

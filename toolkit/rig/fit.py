@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 FLOATING_OFF = 0.1
 """A point of the sheet floats where the surface is further below it than this share of the patch's side."""
 MOST_FLOATING = 0.25
-"""Share of the sheet's area. On the four shipped objects 0 to 21 % floats; over the open lid of a moka pot 75 % and more."""
+"""Share of the sheet's area. On the shipped objects 0 to 21 % floats; over a moka pot's open lid 75 % and more."""
 LOOSE_MM = 6.0
 MOST_LOOSE = 0.3
 """Share of the white margin that may be further off the surface than `LOOSE_MM`, where no tape holds it."""

@@ -273,7 +273,7 @@ class CapturePlan(BaseModel):
 
 
 WHOLE = 0.98
-"""Share of the frame that an object may fill: where a sheet reaches further out than its object, it is still in the picture."""
+"""Share of the frame that an object may fill: a sheet that reaches further out is still in the picture."""
 
 
 def plan_poses(

@@ -8,7 +8,7 @@ import numpy as np
 from toolkit.objects.gltf.accessors import normalise, read_accessor
 from toolkit.objects.gltf.compressed import DRACO, decode_draco
 from toolkit.objects.gltf.document import DamagedGltf, Document, extension, rows
-from toolkit.objects.gltf.scene import PlacedMesh
+from toolkit.objects.gltf.nodes import PlacedMesh
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 MORPHED = ("POSITION", "TEXCOORD", "COLOR")

@@ -8,8 +8,8 @@ from toolkit.objects.gltf.compressed import BASISU, DRACO
 from toolkit.objects.gltf.document import MESHOPT, Document, extension, rows
 from toolkit.objects.gltf.geometry import FAN, MORPHED, STRIP, TRIANGLES, is_read
 from toolkit.objects.gltf.materials import SPECULAR, read_look
+from toolkit.objects.gltf.nodes import INSTANCES
 from toolkit.objects.gltf.pictures import SOURCES, TRANSFORM
-from toolkit.objects.gltf.scene import INSTANCES
 
 READ = frozenset((
     "KHR_mesh_quantization", TRANSFORM, SPECULAR, BASISU, DRACO, *MESHOPT, *SOURCES, INSTANCES, "KHR_node_visibility",

@@ -10,8 +10,8 @@ from toolkit.objects.gltf.document import DamagedGltf, Document, read_document, 
 from toolkit.objects.gltf.geometry import read_primitive
 from toolkit.objects.gltf.leftovers import check_required, list_leftovers
 from toolkit.objects.gltf.materials import Part, paint_primitive
+from toolkit.objects.gltf.nodes import place_meshes
 from toolkit.objects.gltf.pictures import Pictures
-from toolkit.objects.gltf.scene import place_meshes
 from toolkit.objects.limits import check_faces, check_parts
 
 
