@@ -1,4 +1,4 @@
-"""`toolkit models --check`: a wrong preprocessing is found, and the boxes are drawn."""
+"""`toolkit models --check-on`: a wrong preprocessing is found, and the boxes are drawn."""
 
 import json
 from dataclasses import replace
@@ -57,8 +57,8 @@ def test_the_command_writes_the_picture_and_answers_1(photos, tmp_path, monkeypa
     make_workspace(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("toolkit.models.load_detector.load_detector", lambda *_: turned("RGB"))
-    done = CliRunner().invoke(app, ["models", "--model", "onnx:red.onnx", "--check", "photos", "--json"])
+    done = CliRunner().invoke(app, ["models", "--model", "onnx:red.onnx", "--check-on", "photos", "--json"])
     (row,) = json.loads(done.stdout)
     assert done.exit_code == 1 and row["photos"] == 3 and (tmp_path / "eval/check/red.png").is_file()
-    unnamed = CliRunner().invoke(app, ["models", "--check", "photos"])
+    unnamed = CliRunner().invoke(app, ["models", "--check-on", "photos"])
     assert "name the detectors to check" in str(unnamed.exception)

@@ -250,7 +250,7 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
             put(f"sim/racer/{variant}/{pose}.png", "racer" if variant in ("patched", "textured") else "eggnog")
     result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert [one["question"] for one in result.summary["controls"]["answers"]] == [
-        HELPS, ask_help("textured"), THIS_PATCH, STICKER, ask_this("textured"), EITHER,
+        HELPS, ask_help("textured"), ask_help("wrapped"), THIS_PATCH, STICKER, ask_this("textured"), EITHER,
     ]  # fmt: skip
     assert {pair["variant"] for pair in result.summary["pairs"]} == set(VARIANTS) - {"unpatched"}
     html = result.report_file.read_text(encoding="utf-8")

@@ -129,6 +129,7 @@ def test_what_it_cannot_do_is_one_line(make_box, studio, monkeypatch):
     with pytest.raises(ToolkitError, match=said):
         make_renderer("mitsuba", make_box(), studio)
     mitsuba_trouble.cache_clear()
+    pytest.importorskip("mitsuba")
     oblong = replace(CAMERA, fy=CAMERA.fy * 1.01)
     with pytest.raises(ToolkitError, match="the renderer mitsuba wants square pixels, and the camera has fx"):
         MitsubaRenderer(make_box(), studio).render(oblong, POSE)

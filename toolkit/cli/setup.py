@@ -183,6 +183,7 @@ def list_models(
     check: Annotated[
         Path | None,
         typer.Option(
+            "--check-on",
             metavar="FOLDER",
             help="Show detectors these photographs: write eval/check/NAME.png with their boxes, and report if another "
             "preprocessing finds more.",

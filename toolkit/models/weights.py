@@ -163,7 +163,9 @@ def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None"
         return None
     if all(_is_parameter(*item) for item in content.items()):
         return content
-    found = {str(key): state for key, value in content.items() if (state := _take_state(value, path)) is not None}
+    # an optimiser numbers what it keeps of each parameter: those are no networks
+    named_items = [(key, value) for key, value in content.items() if isinstance(key, str)]
+    found = {key: state for key, value in named_items if (state := _take_state(value, path)) is not None}
     usual = [key for key in WRAPPERS if key in found]
     if not found:
         return None
