@@ -18,7 +18,7 @@ def drawn(make_box, monkeypatch):
         cameras, studios = [], []
 
         class Still:
-            def __init__(self, mesh, scene, detail, stand):
+            def __init__(self, name, mesh, scene, detail, stand):
                 self.scene, self.outline = scene, stand.to_world(mesh.vertices)
 
             def render(self, camera, T_world_camera):
@@ -26,7 +26,7 @@ def drawn(make_box, monkeypatch):
                 studios.append(self.scene.name)
                 return np.full((camera.height, camera.width, 3), 0.2, np.float32)
 
-        monkeypatch.setattr(views, "RaycastRenderer", Still)
+        monkeypatch.setattr(views, "make_renderer", Still)
         settings = views.ViewSettings(image_px=PX, per_studio=PER_STUDIO)
         images = list(views.render_pictures(mesh, count, settings, seed, threads=1))
         return images, cameras, studios
