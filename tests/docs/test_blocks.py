@@ -271,6 +271,8 @@ RUNNING = [page for page in PAGES if any(map(is_quick, list_commands(read_page(p
 @pytest.mark.parametrize("page", [page for page in RUNNING if page not in ("README.md", "docs/tutorial.md")])
 def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]) -> None:
     for words in list_commands(read_page(page)):
+        if any("mitsuba" in word for word in words):
+            pytest.importorskip("mitsuba", reason="needs the extra mitsuba")
         if is_quick(words):
             run(words)
 
