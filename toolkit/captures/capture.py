@@ -29,6 +29,15 @@ SETTINGS: Mapping[str, str] = {
 """What two images of a pair must share besides the camera, each with the words for a pair that does not."""
 
 
+def find_difference(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
+    """Return the words for the first of `SETTINGS` in which two images differ; None if they differ in none.
+
+    A setting that either image does not state does not count.
+    """
+    shared = (name for name in SETTINGS if name in first and name in second)
+    return next((SETTINGS[name] for name in shared if first[name] != second[name]), None)
+
+
 @dataclass(frozen=True)
 class Capture:
     """One image and what is known of it.
@@ -110,13 +119,7 @@ class Capture:
             return "with another lens"
         return None
 
-    def compare_settings(self, other: "Capture") -> str | None:
-        """Return in what two images differ besides camera and booster, in words; None if in nothing that is known."""
-        mine, theirs = self.settings, other.settings
-        differing = (name for name in SETTINGS if name in mine and name in theirs and mine[name] != theirs[name])
-        return next((SETTINGS[name] for name in differing), None)
-
     def explain_no_pair(self, other: "Capture") -> str | None:
         """Return why two images differ in more than the booster, in words; None if they form a pair."""
         camera = self.compare_cameras(other)
-        return f"{OTHER_CAMERA} ({camera})" if camera else self.compare_settings(other)
+        return f"{OTHER_CAMERA} ({camera})" if camera else find_difference(self.settings, other.settings)

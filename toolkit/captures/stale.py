@@ -4,7 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.captures.capture import SETTINGS
+import numpy as np
+
+from toolkit.captures.capture import SETTINGS, find_difference
 from toolkit.captures.manifest import LEFT_OUT, CaptureRecord, read_manifest
 from toolkit.captures.read import read_settings
 from toolkit.captures.shoot import ShootSettings, Shot, describe_made, plan_scene
@@ -55,13 +57,12 @@ def find_stale(
         if record.object in wanted and record.variant not in variants and (source_dir / path).is_file():
             groups.setdefault((record.object, record.variant), {})[path] = record
     stale = []
-    items: dict[str, TableObject] = {}
+    items = {name: load_object(workspace.object_spec(name)) for name in dict.fromkeys(name for name, _ in groups)}
     for (name, variant), records in groups.items():
         counted = {path: one for path, one in records.items() if LEFT_OUT not in one.made}
-        item = items.setdefault(name, load_object(workspace.object_spec(name)))
         try:
-            shots = {one.path: one for one in plan_scene(workspace, plan, item, variant, settings)}
-            reason = _explain(counted, shots, item, settings, workspace)
+            shots = {one.path: one for one in plan_scene(workspace, plan, items[name], variant, settings)}
+            reason = _explain(counted, shots, items[name], settings, workspace)
         except ToolkitError as error:
             stale.append(StaleVariant(name, variant, str(error), tuple(counted), can_shoot=False))
             continue
@@ -82,21 +83,18 @@ def _explain(
         if shot.inputs_sha256 == record.inputs_sha256:
             continue
         booster = settings.find_booster(workspace, item, record.variant)
-        before, now = read_settings(record.made), read_settings(describe_made(item, booster, settings))
-        differing = [name for name in SETTINGS if name in before and name in now and before[name] != now[name]]
-        if differing:
-            return SETTINGS[differing[0]]
+        difference = find_difference(read_settings(record.made), read_settings(describe_made(item, booster, settings)))
+        if difference:
+            return difference
         if record.booster_sha256 != (booster.sha256 if booster else None):
             return "another booster"
-        same_place = record.T_world_camera is None or _is_near(record, shot)
-        return "other inputs" if same_place else SETTINGS["pose_sha256"]
+        return "other inputs" if _has_camera(record, shot) else SETTINGS["pose_sha256"]
     return None
 
 
-def _is_near(record: CaptureRecord, shot: Shot) -> bool:
-    found = [row for row in record.T_world_camera or ()]
-    expected = shot.T_world_camera.round(6).tolist()
-    lens = record.intrinsics == shot.camera.intrinsics
-    return lens and all(
-        abs(a - b) < 1e-5 for own, other in zip(found, expected, strict=True) for a, b in zip(own, other, strict=True)
-    )
+def _has_camera(record: CaptureRecord, shot: Shot) -> bool:
+    """Return whether an image was taken by the camera of a shot, as far as its line states it."""
+    if record.T_world_camera is None:
+        return True
+    is_near = np.allclose(record.T_world_camera, shot.T_world_camera, rtol=0, atol=1e-5)
+    return is_near and record.intrinsics == shot.camera.intrinsics

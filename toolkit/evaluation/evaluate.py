@@ -89,10 +89,8 @@ def evaluate_captures(
     """
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
     clean = [one.capture.source for one in findings.predictions if one.capture.corruption is None]
-    wanted, asked = (
-        workspace.eval_dir / (config.run or name_run(classifier, clean)),
-        describe_asked(captures_dir, workspace, config),
-    )
+    wanted = workspace.eval_dir / (config.run or name_run(classifier, clean))
+    asked = describe_asked(captures_dir, workspace, config)
     return write_evaluation(wanted, classifier, findings, notes, config, asked=asked)
 
 

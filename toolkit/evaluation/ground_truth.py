@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from toolkit.captures.corrupted_copy import Corruption, name_source
 from toolkit.captures.read import Capture, CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file
 from toolkit.core.tables import format_test
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import find_note
@@ -38,14 +37,10 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
         source_dir = one.source_dir
         if source_dir not in logs:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
-        # files are hashed only where some photograph of that name was judged: most folders have no gates
-        judged = {key.rpartition(" ")[0] for key in logs[source_dir]}
-        if one.refused is None and one.path_in_source in judged and one.file.is_file():
-            sha256 = one.image_sha256 or sha256_file(one.file)
-            line = logs[source_dir].get(f"{one.path_in_source} {sha256}")
-            failed = [gate for gate in line.results if gate.failed] if line else []
-            words = [f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed]
-            one = replace(one, failed_gates=tuple(words))
+        line = logs[source_dir].get(f"{one.path_in_source} {one.image_sha256}")
+        if line is not None:
+            failed = [gate for gate in line.results if gate.failed]
+            one = replace(one, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed))
         captures.append(one)
     return replace(folder, captures=tuple(captures))
 

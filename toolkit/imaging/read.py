@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
@@ -215,7 +215,7 @@ def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np
     """
     if not content:
         raise UnreadableImage(Path(name), "a texture that is empty: save it again as PNG")
-    with open_textures(name):
+    with _any_size():
         try:
             image = Image.open(io.BytesIO(content), formats=_list_readers(TEXTURE_FORMATS))
         except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
@@ -247,34 +247,15 @@ _one_at_a_time = threading.RLock()
 
 
 @contextlib.contextmanager
-def open_textures(name: str) -> Iterator[None]:
-    """Within, Pillow opens what textures are kept as and nothing else, whoever asks it, and pictures of any size.
-
-    Who decodes them keeps to `MAX_MEGAPIXELS`. A picture of another kind is left out, and a notice says so.
-
-    Args:
-        name: of what is read, for the notice.
-    """
-    from toolkit.core.console import notice
-
-    readers = _list_readers(TEXTURE_FORMATS)
+def _any_size() -> Iterator[None]:
+    """Within, Pillow opens pictures of any size: who decodes them keeps to `MAX_MEGAPIXELS`."""
     with _one_at_a_time:
-        limit, open_any = Image.MAX_IMAGE_PIXELS, Image.open
-
-        def open_texture(file: IO[bytes], mode: Any = "r", formats: Any = None) -> Image.Image:
-            if formats is not None:  # by `open_image`, in another thread
-                return open_any(file, mode, formats)
-            try:
-                return open_any(file, mode, readers)
-            except Image.UnidentifiedImageError:
-                notice(f"{name}: a texture is left out, it is none of {', '.join(readers)}: save it as PNG")
-                raise
-
-        Image.MAX_IMAGE_PIXELS, Image.open = None, open_texture  # type: ignore[assignment]
+        limit = Image.MAX_IMAGE_PIXELS
+        Image.MAX_IMAGE_PIXELS = None
         try:
             yield
         finally:
-            Image.MAX_IMAGE_PIXELS, Image.open = limit, open_any
+            Image.MAX_IMAGE_PIXELS = limit
 
 
 def explain_damage(error: Exception) -> str:

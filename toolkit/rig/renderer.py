@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -104,12 +103,7 @@ class Renderer(ABC):
 
     @cached_property
     def _mesh_in_world(self) -> Mesh:
-        if self._stand == AT_ORIGIN:
-            return self._mesh
-        vertices = self._stand.to_world(self._mesh.vertices).astype(np.float32)
-        return replace(
-            self._mesh, vertices=vertices, normals=self._mesh.normals @ self._stand.turn.T.astype(np.float32)
-        )
+        return self._mesh if self._stand == AT_ORIGIN else self._stand.put(self._mesh)
 
 
 def name_hits(hits: Hits, shape: tuple[int, int]) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """Everything in the picture but the object: light, what stands around, and the table or ground it stands on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,11 @@ class Stand:
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """(n, 3) points of the object's frame in the world."""
         return points @ self.turn.T + self.place
+
+    def put(self, mesh: Mesh) -> Mesh:
+        """The mesh in the world's frame."""
+        vertices = self.to_world(mesh.vertices).astype(np.float32)
+        return replace(mesh, vertices=vertices, normals=mesh.normals @ self.turn.T.astype(np.float32))
 
 
 AT_ORIGIN = Stand()

@@ -59,9 +59,7 @@ class Placed:
     @property
     def in_world(self) -> Mesh:
         """The mesh in the world's frame."""
-        turn = self.stand.turn.T.astype(np.float32)
-        vertices = self.stand.to_world(self.mesh.vertices).astype(np.float32)
-        return replace(self.mesh, vertices=vertices, normals=self.mesh.normals @ turn)
+        return self.stand.put(self.mesh)
 
     def with_mesh(self, mesh: Mesh) -> "Placed":
         """Another variant of the object, at its real size, in the same place: pairs share place and light."""

@@ -303,8 +303,7 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
 
 def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
     # photographs beside those of the manifest are judged too: what counts is for the evaluation to say
-    folder = read_captures(source_dir, trust_files=True)
-    captures = folder.captures
+    captures = read_captures(source_dir, trust_files=True).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)
     expecter, locate = ExpectationBuilder(workspace), locate_by_board(workspace)
@@ -321,7 +320,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
 
     # results of an earlier check are kept for the same file and set-up
     photos: list[CheckedPhoto] = []
-    unreadable = [(path.partition("/")[2], reason) for path, reason in folder.faults]
+    unreadable: list[tuple[str, str]] = []
     with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
