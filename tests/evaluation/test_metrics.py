@@ -13,6 +13,7 @@ from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.tables import format_count, format_interval, format_p, format_test
 from toolkit.evaluation.metrics import (
     compare_unpatched,
+    count_no_pairs,
     explain_unpaired,
     group_predictions,
     index_poses,
@@ -197,9 +198,11 @@ def test_a_variant_that_was_shot_by_another_plan_is_set_aside():
     reasons = dict(explain_unpaired(seen, poses))
     assert sorted(reasons) == ["sim/racer/textured/2.png", "sim/racer/unpatched/2.png"]
     assert reasons["sim/racer/textured/2.png"] == "no pair: other cameras (9° apart) than sim/racer/unpatched/2.png"
-    (line,) = list_unpaired(list(reasons.items()))
+    no_pairs = count_no_pairs(poses)
+    (line,) = list_unpaired(list(reasons.items()), no_pairs)
     assert line == "1 pair not formed, sim/textured: other cameras than the unpatched: shoot both again"
-    assert len(list_unpaired([*reasons.items(), ("sim/racer/textured/7.png", "no unpatched image of pose 7")])) == 3
+    missing = ("sim/racer/textured/7.png", "no unpatched image of pose 7")
+    assert len(list_unpaired([*reasons.items(), missing], no_pairs)) == 3
 
 
 @pytest.mark.parametrize(

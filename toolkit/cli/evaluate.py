@@ -125,7 +125,7 @@ def show_evaluation(done: "Evaluation") -> None:
     say(f"network: {done.summary['model']['description']}")
     print_tables(console, done, done.summary["model"]["name"])
     faults = list_lines("set aside", done.origin.faults if done.origin else [])
-    for line in (*faults, *list_lines("could not be read", done.failed), *list_unpaired(done.unpaired)):
+    for line in (*faults, *list_lines("could not be read", done.failed), *list_unpaired(done.unpaired, done.no_pairs)):
         warn(line)
     for note in done.notes:
         remark(note)

@@ -27,8 +27,8 @@ from toolkit.evaluation.metrics import (
     RowKey,
     compare_controls,
     compare_unpatched,
+    count_no_pairs,
     explain_pooling,
-    explain_unpaired,
     group_images,
     index_poses,
     rank_variant,
@@ -274,7 +274,7 @@ def evaluate_detector(
     training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
     notes = (*folder.notes, *notes, *describe_unseen(detector.name, training), *explain_pooling(pairs))
     notes = (*notes, *explain_run_dir(wanted_dir, run_dir))
-    origin = find_origin(folder, explain_unpaired(predictions, poses), detector)
+    origin = find_origin(folder, count_no_pairs(poses), detector)
     summary = {
         **begin_summary("detections", detector), "rests_on": origin.as_json(),
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},

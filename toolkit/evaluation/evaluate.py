@@ -112,7 +112,7 @@ def judge_captures(
     folder = replace(folder, captures=tuple(one.capture for one in predictions), set_aside=(*folder.set_aside, *found))
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
     training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
-    origin = find_origin(folder, findings.unpaired, classifier, find_other_classes(folder, classes, classifier))
+    origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
     labels = {one: classifier.labels[index] for one, index in classes.items()}
     notes = (*folder.notes, *describe_other_classes(training, labels))
     return replace(findings, training=training, origin=origin), notes

@@ -4,7 +4,6 @@ Items that are no independent draws (pictures of a place, images of a class) sha
 what intervals and tests count.
 """
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass
@@ -484,19 +483,20 @@ NO_PAIR = "no pair: "
 """Begins the reason of an image whose partner differs from it in more than the booster."""
 
 
-def count_no_pairs(unpaired: Iterable[tuple[str, str]]) -> list[tuple[str, int]]:
-    """Return each reason for which pairs were not formed, such as `sim/patched: other light`, and for how many images.
+def count_no_pairs(poses: Poses) -> list[tuple[str, int]]:
+    """Return why pairs with `unpatched` were not formed, such as `sim/patched: other light`, and how many of each.
 
-    Args:
-        unpaired: (path, reason) from `explain_unpaired`; the images with a booster are counted.
+    Counted are images of one pose that were both read and differ in more than the booster.
     """
     reasons: Counter[str] = Counter()
-    for path, reason in unpaired:
-        source, _, rest = path.partition("/")
-        variant = rest.rpartition("/")[0].rpartition("/")[2]
-        if reason.startswith(NO_PAIR) and variant != UNPATCHED:
-            why = re.split(r" \(| than ", reason.removeprefix(NO_PAIR))[0]
-            reasons[f"{source}/{variant}: {why}"] += 1
+    for (source, _), variants in poses.items():
+        bare = variants.get(UNPATCHED, {})
+        for name, own in variants.items():
+            for pose in bare.keys() & own.keys() if name != UNPATCHED else ():
+                first, second = bare[pose], own[pose]
+                if first.is_read and second.is_read and (why := first.capture.explain_no_pair(second.capture)):
+                    # the angle between two cameras is of this pair alone
+                    reasons[f"{source}/{name}: {why.partition(' (')[0]}"] += 1
     return list(reasons.items())
 
 

@@ -11,7 +11,6 @@ from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import load_json, sha256_bytes
 from toolkit.core.text import count_of
-from toolkit.evaluation.metrics import count_no_pairs
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import hash_images
 from toolkit.evaluation.run_files import SUMMARY
@@ -120,7 +119,7 @@ class Origin:
 
 def find_origin(
     folder: CaptureFolder,
-    unpaired: Iterable[tuple[str, str]],
+    no_pairs: Iterable[tuple[str, int]],
     network: Classifier | Detector,
     notes: Sequence[str] = (),
 ) -> Origin:
@@ -128,7 +127,7 @@ def find_origin(
 
     Args:
         folder: whose images were judged.
-        unpaired: (path, reason) of images without a partner.
+        no_pairs: from `toolkit.evaluation.metrics.count_no_pairs`.
         network: that judged.
         notes: contradictions that were found besides.
     """
@@ -140,7 +139,7 @@ def find_origin(
     return Origin(
         counted=len(folder.captures), images_sha256=hash_captures(folder.captures), set_aside=folder.set_aside,
         is_trusted=folder.is_trusted, sources=tuple(_describe_source(name, folder) for name in sources),
-        no_pairs=tuple(count_no_pairs(unpaired)), network=named, notes=tuple(notes),
+        no_pairs=tuple(no_pairs), network=named, notes=tuple(notes),
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from toolkit.evaluation.metrics import (
     Group,
     compare_controls,
     compare_unpatched,
+    count_no_pairs,
     explain_unpaired,
     group_predictions,
     index_poses,
@@ -166,6 +167,7 @@ class Findings:
         flips: pairs gained, and lost.
         failed: (path, reason) of what could not be read.
         unpaired: (path, reason) of images without a partner.
+        no_pairs: why pairs were not formed, and how many of each.
         sim_real: rendered sources against photographs of the same poses.
         passed: the same without the photographs that failed a gate; None where none did.
         training: of the boosters, where their records are known.
@@ -180,6 +182,7 @@ class Findings:
     flips: tuple[FlipList, FlipList]
     failed: tuple[tuple[str, str], ...]
     unpaired: tuple[tuple[str, str], ...]
+    no_pairs: tuple[tuple[str, int], ...]
     sim_real: tuple[SimReal, ...]
     passed: "Findings | None"
     training: tuple[Training, ...] = field(default=(), kw_only=True)
@@ -218,6 +221,7 @@ def compare_predictions(
         flips=list_flips(poses),
         failed=(*unread, *refused_folders),
         unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
+        no_pairs=tuple(count_no_pairs(poses)),
         sim_real=tuple(sim_real),
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )

@@ -21,7 +21,7 @@ from toolkit.core.tables import (
     format_rank,
 )
 from toolkit.core.text import count_of
-from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group, Pair, count_no_pairs
+from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group, Pair
 from toolkit.evaluation.origin import TITLE
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
@@ -191,11 +191,11 @@ def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
     return found
 
 
-def list_unpaired(items: Sequence[tuple[str, str]]) -> list[str]:
+def list_unpaired(items: Sequence[tuple[str, str]], no_pairs: Sequence[tuple[str, int]]) -> list[str]:
     """`list_lines` of images without a partner; those that differ in more than the booster in one line a reason."""
     lines = [
         f"{count_of(count, 'pair')} not formed, {reason} than the unpatched: shoot both again"
-        for reason, count in count_no_pairs(items)
+        for reason, count in no_pairs
     ]
     rest = [(path, why) for path, why in items if not why.startswith(NO_PAIR)]
     return lines + list_lines("without a partner", rest)

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
-
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import load_json
 from toolkit.core.workspace import Workspace
@@ -60,34 +58,21 @@ class Verified:
         return f"{self.run}: NOT the same result: {len(self.differing)} of {self.n} answers differ{parts}"
 
 
-class _Asked(BaseModel):
-    """What is read of a summary's `asked`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    captures: str
-    trust_files: bool = False
-    sources: tuple[str, ...] = ()
-    objects: tuple[str, ...] = ()
-    variants: tuple[str, ...] = ()
-    corruptions: tuple[tuple[str, int], ...] = ()
-
-
-def read_asked(workspace: Workspace, name: str | Path) -> tuple[Run, dict[str, Any], _Asked]:
-    """Return a run, its summary, and what it was asked.
+def read_asked(workspace: Workspace, name: str | Path) -> tuple[Run, dict[str, Any]]:
+    """Return a run, and its summary, which states what the run was asked.
 
     Raises:
         ToolkitError: there is no such run, its summary is damaged, or it does not state what was asked.
     """
     run = open_run(workspace, name)
     summary = load_json(run.folder / SUMMARY)
-    try:
-        asked = _Asked.model_validate(summary.get("asked") or {})
-    except ValueError:
+    asked = summary.get("asked")
+    if not (isinstance(asked, dict) and isinstance(asked.get("captures"), str) and asked.keys() >= set(ASKED)):
         raise ToolkitError(
             f"{run.folder / SUMMARY} does not state from which folder it was made (kind '{run.kind}', or an earlier "
             "version): only results of 'toolkit eval' with a classifier can be verified; run it again"
-        ) from None
-    return run, summary, asked
+        )
+    return run, summary
 
 
 def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -> Verified:
@@ -101,8 +86,8 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
     Raises:
         ToolkitError: as `read_asked` and `evaluate_captures`, or the network is another than the result's.
     """
-    run, summary, asked = read_asked(workspace, name)
-    model = summary["model"]
+    run, summary = read_asked(workspace, name)
+    asked, model = summary["asked"], summary["model"]
     here = begin_summary("eval", classifier)["model"]
     # weights that were saved again are the same network; older summaries know their file alone
     field = "network_id" if model.get("network_id") else "sha256"
@@ -111,8 +96,8 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
             f"{run.name}: judged by {model.get('name')} with {field} {model.get(field)}, and {classifier.name} here "
             f"has {here[field]}: name the network that judged with --model or --weights"
         )
-    captures_dir = workspace.root / asked.captures
-    config = EvalConfig(**{key: getattr(asked, key) for key in ASKED}, saliency=False)
+    captures_dir = workspace.root / asked["captures"]
+    config = EvalConfig(**{key: asked[key] for key in ASKED}, saliency=False)
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
     before = {one.capture.path: one for one in read_predictions(run, captures_dir)}
     now = {one.capture.path: one for one in findings.predictions}

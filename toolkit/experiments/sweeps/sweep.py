@@ -95,7 +95,7 @@ def run_sweep(
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
-    findings = replace(findings, origin=find_origin(captures, findings.unpaired, classifier))
+    findings = replace(findings, origin=find_origin(captures, findings.no_pairs, classifier))
     evaluation = write_evaluation(
         folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False), kind="sweep"
     )
