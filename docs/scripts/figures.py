@@ -13,7 +13,7 @@ from pathlib import Path
 from drawn import draw_city, draw_everyday, draw_parts, draw_skies
 from PIL import Image, ImageDraw, ImageFont
 
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.render import render
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.evaluation.metrics import TEXTURED

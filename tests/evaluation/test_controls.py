@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import binomtest
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.evaluation import metrics
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import rank_variant

@@ -6,7 +6,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text

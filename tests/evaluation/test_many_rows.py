@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.evaluation.predict import Prediction

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import binomtest
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.tables import format_count, format_interval, format_p, format_test

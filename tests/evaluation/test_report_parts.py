@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.evaluation.contact_sheet import (
     MAX_BYTES,
     chart_poses,

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 from scipy.stats import binomtest, spearmanr
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
 from toolkit.evaluation.evaluate import MAX_CARDS, SIDE, evaluate_captures, place_prob, view_sim_real
 from toolkit.evaluation.predict import Prediction

@@ -12,7 +12,7 @@ from hostile_inputs import OTHER_KINDS, damaged, names, numbers, put_in_place
 from hypothesis import given
 from hypothesis import strategies as st
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.evaluation.compare import compare_runs

@@ -7,7 +7,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from toolkit.captures.read import Capture, CaptureFolder, read_crop
+from toolkit.captures.capture import Capture
+from toolkit.captures.read import CaptureFolder, read_crop
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from toolkit import __version__
+from toolkit.captures.capture import Capture
 from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import real_path, write_json
 from toolkit.core.workspace import Workspace

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from toolkit.captures.read import POOLED, Capture
+from toolkit.captures.capture import Capture
+from toolkit.captures.read import POOLED
 from toolkit.core.child import without_collector
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, load_json

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from PIL import Image
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.child import count_cores
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from toolkit.captures.read import POOLED, Capture, read_captures
+from toolkit.captures.capture import Capture
+from toolkit.captures.read import POOLED, read_captures
 from toolkit.captures.truth import ObjectMask, outline_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError

@@ -7,8 +7,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import Corruption, name_source
-from toolkit.captures.read import Capture, CaptureFolder, read_captures
+from toolkit.captures.read import CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.tables import format_test
 from toolkit.core.workspace import Workspace

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit import __version__
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core import tables
 from toolkit.core.files import write_text
 from toolkit.core.statistics import wilson_interval

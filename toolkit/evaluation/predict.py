@@ -15,8 +15,9 @@ import numpy as np
 from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field
 
+from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import SEED, Corruption
-from toolkit.captures.read import Capture, read_crop
+from toolkit.captures.read import read_crop
 from toolkit.core.child import count_cores
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError

@@ -11,8 +11,8 @@ from pathlib import Path
 from sys import intern
 from typing import TYPE_CHECKING, Any, Protocol
 
+from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import name_source
-from toolkit.captures.read import Capture
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, Capture
+from toolkit.captures.capture import Capture
+from toolkit.captures.read import POOLED
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json

@@ -7,7 +7,8 @@ from functools import cached_property
 from pathlib import PurePosixPath
 from typing import Any
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes, wilson_interval
 from toolkit.core.tables import (
     format_count,

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from rich.table import Table
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import explain_validation, load_json, walk_folders
 from toolkit.core.statistics import Interval

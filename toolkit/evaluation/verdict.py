@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes
 from toolkit.core.tables import format_count, format_test
 from toolkit.core.text import count_of

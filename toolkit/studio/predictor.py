@@ -6,7 +6,7 @@ from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Any, Literal
 
-from toolkit.captures.read import Capture
+from toolkit.captures.capture import Capture
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.ground_truth import class_of_spec

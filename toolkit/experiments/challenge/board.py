@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import adjust_holm, sign_flip_p

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from rich.table import Table
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, UNPATCHED, Capture, read_captures
+from toolkit.captures.capture import UNPATCHED, Capture
+from toolkit.captures.read import POOLED, read_captures
 from toolkit.captures.shoot import ShootSettings, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError

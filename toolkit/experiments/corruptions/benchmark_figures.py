@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 from toolkit.evaluation.page import (

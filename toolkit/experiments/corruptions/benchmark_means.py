@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET, SEVERITIES

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from rich.table import Table
 
 from toolkit import __version__
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.files import read_json
 from toolkit.core.statistics import Interval
 from toolkit.core.tables import build_table, format_interval, format_percent, format_points, format_points_interval

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.apply import boost_images
 from toolkit.boosters.patch_sets import PatchSet, read_patch_set
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes

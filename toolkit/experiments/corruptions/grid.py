@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.apply import is_whole
-from toolkit.captures.read import UNPATCHED
+from toolkit.captures.capture import UNPATCHED
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError

@@ -18,8 +18,9 @@ from toolkit.boosters import texture_config
 from toolkit.boosters.detectors import DetectorNetwork, refuse_for_detectors
 from toolkit.boosters.texture import train_texture
 from toolkit.boosters.train import train_for_object
+from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.manifest import MANIFEST
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.statistics import SIGNIFICANT
 from toolkit.core.tables import (
     NONE,

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.core.statistics import Interval, PairedOutcomes, percentile_interval, wilson_interval
 from toolkit.evaluation.metrics import ClusterBootstrap, describe_change
 from toolkit.evaluation.summaries import begin_summary

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from toolkit.captures.capture import Capture
 from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.read import Capture, read_captures
+from toolkit.captures.read import read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import delete_file, sha256_file, write_text
