@@ -74,7 +74,7 @@ RENDERERS: dict[str, RendererKind] = {
     ),
     "mitsuba": RendererKind(
         _make_mitsuba, draws_worlds=True, version=1, need="Mitsuba", working="scalar_rgb, denoised by OIDN",
-        find_trouble=_find_mitsuba_trouble, fix="pip install 'toolkit-boost[mitsuba]'",
+        find_trouble=_find_mitsuba_trouble, fix='pip install ".[mitsuba]"',
     ),
 }  # fmt: skip
 RAYCAST = "raycast"
