@@ -15,7 +15,7 @@ from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.captures.reconcile import SetAside, SourceManifest, find_missing, reconcile
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import real_path, sha256_file
-from toolkit.core.text import is_folder_name
+from toolkit.core.text import is_folder_name, list_some
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import FoundFiles, find_files, read_image, show_path
 
@@ -24,6 +24,7 @@ LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.
 # ImageNet's folders are called by WordNet ids: n and eight digits
 WNID = re.compile(r"^n\d{8}$")
 MAX_POSE_DIGITS = 5
+MOST_LISTED = 5
 
 
 @dataclass(frozen=True)
@@ -290,9 +291,9 @@ def _select(captures: list[Capture], selection: Selection) -> list[Capture]:
 def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
     notes = []
     if found.others:
-        notes.append(f"not images, not counted: {_some(found.others)}")
+        notes.append(f"not images, not counted: {list_some(found.others, MOST_LISTED)}")
     if stray:
-        notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {_some(stray)}")
+        notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {list_some(stray, MOST_LISTED)}")
     return notes
 
 
@@ -317,8 +318,9 @@ def _note_doubles(captures: list[Capture]) -> list[str]:
         several = [(pose_id, group) for pose_id, group in poses.items() if len(group) > 1]
         if several and len(variants[key[:2]]) > 1:  # with one variant nothing is paired
             (pose_id, first), more = several[0], f" and {len(several) - 1} more poses" if len(several) > 1 else ""
+            listed = list_some([one.path for one in first], MOST_LISTED)
             notes.append(
-                f"several images of pose {pose_id}{more} in {'/'.join(key)}: {_some([one.path for one in first])}; "
+                f"several images of pose {pose_id}{more} in {'/'.join(key)}: {listed}; "
                 "all count in the table, the first is paired"
             )
     return notes
@@ -330,12 +332,7 @@ def _note_aside(aside: Sequence[SetAside]) -> list[str]:
     for one in aside:
         if not one.is_fault:
             kinds.setdefault(one.kind, []).append(one)
-    return [f"{_some([one.path for one in group])}: {group[0].reason}" for group in kinds.values()]
-
-
-def _some(paths: Sequence[str], limit: int = 5) -> str:
-    listed = ", ".join(paths[:limit])
-    return listed if len(paths) <= limit else f"{listed} and {len(paths) - limit} more"
+    return [f"{list_some([one.path for one in group], MOST_LISTED)}: {group[0].reason}" for group in kinds.values()]
 
 
 def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:

@@ -9,7 +9,7 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.files import load_json
-from toolkit.core.text import count_of, kept_before
+from toolkit.core.text import count_of, kept_before, list_some
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
 from toolkit.engine import EngineConfig
@@ -292,8 +292,7 @@ def show_benchmark(done: "BenchmarkRun") -> None:
 
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():
-        more = f" and {len(labels) - SHOWN_NAMES} more" if len(labels) > SHOWN_NAMES else ""
-        line = f"skipped {len(labels)} patches of {name}: no images of {', '.join(labels[:SHOWN_NAMES])}{more}"
+        line = f"skipped {len(labels)} patches of {name}: no images of {list_some(labels, SHOWN_NAMES)}"
         warn(f"{line}; --class names those that are meant")
     summary = read_summary(done.files.summary)
     for note in summary.notes:

@@ -13,7 +13,7 @@ from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.core.errors import FieldError
-from toolkit.core.text import count_of, quote
+from toolkit.core.text import count_of, list_some, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
 from toolkit.photos import ImportSettings, RetextureConfig
@@ -100,8 +100,7 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
     for name, reason in result.refused:
         causes.setdefault(reason, []).append(name)
     for reason, names in causes.items():
-        more = f" and {len(names) - SHOWN_AGAIN} more" if len(names) > SHOWN_AGAIN else ""
-        warn(f"not imported: {', '.join(names[:SHOWN_AGAIN])}{more}: {reason}")
+        warn(f"not imported: {list_some(names, SHOWN_AGAIN)}: {reason}")
     for note in result.notes:
         remark(note)
     before = f", {len(result.before)} imported before" if result.before else ""

@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import unicodedata
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -92,6 +93,12 @@ def _is_shown(sign: str) -> bool:
 def count_of(count: int, noun: str) -> str:
     """`1 pair`, `2 pairs`: a number with its noun, which takes an s."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def list_some(names: Sequence[str], most: int) -> str:
+    """`a, b and 3 more`: the first names, at most so many, and how many are left."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def kept_before(count: int) -> str:

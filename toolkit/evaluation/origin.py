@@ -10,7 +10,7 @@ from toolkit.captures.capture import Capture
 from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import load_json, sha256_bytes
-from toolkit.core.text import count_of
+from toolkit.core.text import count_of, list_some
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.predictions_csv import hash_images
 from toolkit.evaluation.run_files import SUMMARY
@@ -112,8 +112,7 @@ class Origin:
         rows += [(one.source, one.describe()) for one in self.sources]
         worn = dict.fromkeys((name, sha) for one in self.sources for _, name, sha in one.boosters)
         named = [f"{name} {sha}".strip() for name, sha in worn]
-        more = f" and {len(named) - MOST_BOOSTERS} more" if len(named) > MOST_BOOSTERS else ""
-        rows += [("boosters", ", ".join(named[:MOST_BOOSTERS]) + more)] if named else []
+        rows += [("boosters", list_some(named, MOST_BOOSTERS))] if named else []
         return [*rows, ("network", self.network), *(("note", note) for note in self.notes)]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
+from toolkit.core.text import list_some
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.imaging.read import read_texture
 from toolkit.objects.limits import check_corners
@@ -126,8 +127,7 @@ def say_left_out(path: Path, features: list[str]) -> None:
     """One note on stderr, once in a process, with the features of a file that are not used; none if there are none."""
     features = list(dict.fromkeys(features))
     if features:
-        more = f" and {len(features) - MOST_NOTES} more" if len(features) > MOST_NOTES else ""
-        notice_once(f"note: {path}: left out: {', '.join(features[:MOST_NOTES])}{more}")
+        notice_once(f"note: {path}: left out: {list_some(features, MOST_NOTES)}")
 
 
 def _plain_faces(text: str) -> str:

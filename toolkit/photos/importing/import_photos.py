@@ -14,7 +14,7 @@ from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import delete_file, inside, real_path
 from toolkit.core.records import hold_folder
-from toolkit.core.text import is_folder_name
+from toolkit.core.text import is_folder_name, list_some
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos import ImportSettings
@@ -388,8 +388,7 @@ def _finish(
         if candidate.photo.sha256 not in new and (where := describe_imported(index, candidate.photo))
     ]
     if gathered.others:
-        more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
-        notes.append(f"not photographs, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
+        notes.append(f"not photographs, left alone: {list_some(gathered.others, SHOWN_OTHERS)}")
     # read anew: what was replaced and stored meanwhile is in the files, not in the old index
     after = index_source(index.source_dir)
     whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from datetime import datetime
 
 from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.core.text import list_some
 from toolkit.imaging.read import show_path
 from toolkit.photos import ImportSettings
 from toolkit.photos.importing.evidence import Evidence
@@ -100,15 +101,10 @@ def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], a
             if answer:
                 reason = f"{key}: {labels[int(answer) - 1]} was chosen"
             else:
-                others = _list_some([other for other in labels if other != label])
+                others = list_some([other for other in labels if other != label], MOST_LISTED)
                 reason = f"{key} is shown as well by {others}: take one away, or let the latest count (replace)"
             refused.append((label, reason))
     return [(item, decision) for item, decision in resolved if kept.get(decision.key) is item]
-
-
-def _list_some(labels: Sequence[str]) -> str:
-    more = f" and {len(labels) - MOST_LISTED} more" if len(labels) > MOST_LISTED else ""
-    return ", ".join(labels[:MOST_LISTED]) + more
 
 
 def resolve_occupied(
