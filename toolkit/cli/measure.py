@@ -14,7 +14,6 @@ from toolkit.core.text import is_file_name, quote
 from toolkit.core.workspace import Workspace, open_workspace
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace as Space
     from toolkit.photos.calibrate import CalibrationRun, LensResult
     from toolkit.photos.prints.profile_photos import ProfileRun
 
@@ -122,7 +121,7 @@ def _say_none_found(run: "CalibrationRun", described: str) -> str:
     )
 
 
-def _find_board(photos: Path, space: "Space", square_mm: float | None, as_json: bool) -> None:
+def _find_board(photos: Path, space: Workspace, square_mm: float | None, as_json: bool) -> None:
     """Tell which board photographs show, ask for its one length, and write it."""
     from toolkit.photos.unknown_board import identify_board
     from toolkit.rig.board_file import boards_dir, write_spec
