@@ -7,7 +7,8 @@ from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.kernel.frame import NOTHING, SUBPIXELS, Samples
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer, _view
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.renderer import view_from
 from toolkit.rig.scene import Stand
 from toolkit.rig.studio import make_studio
 from toolkit.rig.trace import CENTRE, FACES_PER_SAMPLE, LitBody, _rays_of
@@ -37,7 +38,7 @@ def make_body(mesh: Mesh, stand: Stand) -> LitBody:
 @pytest.mark.parametrize("offsets", [CENTRE, SUBPIXELS], ids=["centres", "samples"])
 def test_what_is_drawn_is_what_rays_meet(size, eye, offsets):
     body = make_body(make_soup(900, size), Stand((5.0, -3.0, 2.0), 40.0))
-    view = _view(CAMERA, look_at(np.array(eye, float), np.array([10.0, 5, 1]), 25))
+    view = view_from(CAMERA, look_at(np.array(eye, float), np.array([10.0, 5, 1]), 25))
     pixels = np.flatnonzero(RNG.random(50 * 60) < 0.7).astype(np.int32)
     samples = Samples(20, 10, 80, 60, pixels, offsets)
     drawn, cast = body.draw(view, samples), body.cast(_rays_of(view, samples))
@@ -55,13 +56,13 @@ def test_a_closed_surface_has_no_gaps(make_box):
     body = make_body(make_box(), Stand())
     samples = Samples(0, 0, 96, 64, np.arange(96 * 64, dtype=np.int32), SUBPIXELS)
     for roll in range(0, 180, 20):
-        view = _view(CAMERA, look_at(np.array([1.0, 2, 15]), np.array([0.0, 0, 15]), roll))
+        view = view_from(CAMERA, look_at(np.array([1.0, 2, 15]), np.array([0.0, 0, 15]), roll))
         assert (body.draw(view, samples).face != NOTHING).all()
 
 
 def test_a_mesh_of_many_faces_is_seen_by_rays(monkeypatch):
     body = make_body(make_soup(500, 8), Stand())
-    view = _view(CAMERA, look_at(np.array([150.0, 0, 0]), np.zeros(3)))
+    view = view_from(CAMERA, look_at(np.array([150.0, 0, 0]), np.zeros(3)))
     ways = []
     monkeypatch.setattr(LitBody, "draw", lambda *_: ways.append("drawn"))
     monkeypatch.setattr(LitBody, "cast", lambda *_: ways.append("rays"))
