@@ -27,10 +27,10 @@ def make_grid(folder: Path, count: int, corruptions):
     import numpy as np
 
     from toolkit.core.workspace import make_workspace
-    from toolkit.experiments.corruptions import CorruptEvalConfig
-    from toolkit.experiments.corruptions.cells import open_variants
-    from toolkit.experiments.corruptions.grid import Grid
     from toolkit.objects.records import write_patch
+    from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig
+    from toolkit.rooms.benchmarks.corruptions.cells import open_variants
+    from toolkit.rooms.benchmarks.corruptions.grid import Grid
     from toolkit.training.images import open_images
 
     classifier, workspace = make_classifier(folder), make_workspace(folder / "space")
@@ -53,7 +53,7 @@ def measure_speed(folder: Path) -> dict[str, float]:
 
     from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.catalogue import COMMON
-    from toolkit.experiments.corruptions.grid import run_grid
+    from toolkit.rooms.benchmarks.corruptions.grid import run_grid
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)
     grid = make_grid(folder, IMAGES, corruptions)
@@ -95,7 +95,7 @@ def measure_memory(folder: Path, count: int) -> float:
 
 
 def _report_peak(folder: Path, count: int) -> None:
-    from toolkit.experiments.corruptions.grid import run_grid
+    from toolkit.rooms.benchmarks.corruptions.grid import run_grid
 
     run_grid(make_grid(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl")
     print(json.dumps(peak_mb()))

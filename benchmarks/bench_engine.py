@@ -14,12 +14,12 @@ from benchmarks.bench_world_eval import WEATHERS, make_classifier
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Unit
-from toolkit.experiments.corruptions.cells import ShardImages
-from toolkit.experiments.corruptions.grid import rank_cells
-from toolkit.experiments.corruptions.recognisers import recognise_by_network
-from toolkit.experiments.worlds import WorldEvalConfig
-from toolkit.experiments.worlds.world_run import Rendered, Setup, answer_unit, plan_run
 from toolkit.rig.bake_cache import light_surroundings
+from toolkit.rooms.benchmarks.corruptions.cells import ShardImages
+from toolkit.rooms.benchmarks.corruptions.grid import rank_cells
+from toolkit.rooms.benchmarks.corruptions.recognisers import recognise_by_network
+from toolkit.rooms.worlds.evaluation import WorldEvalConfig
+from toolkit.rooms.worlds.evaluation.world_run import Rendered, Setup, answer_unit, plan_run
 
 IMAGES = 16
 CELLS = [(name, 3) for name in ("fog", "gaussian_noise", "motion_blur", "jpeg_compression")] * 2

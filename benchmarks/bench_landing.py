@@ -32,12 +32,12 @@ def run() -> dict[str, float | str]:
 
 def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
-    from toolkit.landing import CollectConfig
-    from toolkit.landing.collect import Collector
-    from toolkit.landing.dataset import EncodedSample, encode_sample, write_shard
-    from toolkit.landing.site import draw_pad, find_world
     from toolkit.rig.raycast import map_frames
     from toolkit.rig.shading import tone_map
+    from toolkit.rooms.landing import CollectConfig
+    from toolkit.rooms.landing.collect import Collector
+    from toolkit.rooms.landing.dataset import EncodedSample, encode_sample, write_shard
+    from toolkit.rooms.landing.site import draw_pad, find_world
 
     config = CollectConfig(places=PLACES, frames=FRAMES)
     collector = Collector(config, find_world(config.world), draw_pad("plain"), 0)
@@ -66,10 +66,10 @@ def _collect() -> dict[str, float | str]:
 
 def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
-    from toolkit.landing import CameraConfig, FlyConfig
-    from toolkit.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
-    from toolkit.landing.site import Sites, draw_pad, find_world, plan_places
-    from toolkit.worlds.conditions import CLEAR
+    from toolkit.rooms.landing import CameraConfig, FlyConfig
+    from toolkit.rooms.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
+    from toolkit.rooms.landing.site import Sites, draw_pad, find_world, plan_places
+    from toolkit.rooms.worlds.conditions import CLEAR
 
     world, pad = find_world("grass"), draw_pad("plain")
     config = FlyConfig(regressors=("random",), places=PLACES)
@@ -99,7 +99,7 @@ def _fly() -> dict[str, float | str]:
 
 def _make_regressor(image_px: int, fov_deg: float):
     """With random weights and a last layer of zeros: the drone goes straight down."""
-    from toolkit.landing.regressor import Regressor, RegressorRecord, build_module, freeze
+    from toolkit.rooms.landing.regressor import Regressor, RegressorRecord, build_module, freeze
 
     module = build_module("resnet18", 2, "grid", image_px)
     for values in module.fc.parameters():
@@ -114,8 +114,8 @@ def _make_regressor(image_px: int, fov_deg: float):
 
 def _advance_ours() -> float:
     """Drone-steps a second of 64 in lockstep, control included."""
-    from toolkit.landing.dynamics import SIMPLE_FLIGHT, MultirotorState, VelocityControl, advance
-    from toolkit.landing.episodes import STEP_S
+    from toolkit.rooms.landing.dynamics import SIMPLE_FLIGHT, MultirotorState, VelocityControl, advance
+    from toolkit.rooms.landing.episodes import STEP_S
 
     zeros = np.zeros((3, DRONES))
     state, control = MultirotorState.at(zeros, np.zeros(DRONES), SIMPLE_FLIGHT.hover_signal), VelocityControl(DRONES)

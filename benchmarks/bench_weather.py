@@ -14,7 +14,7 @@ SIDE_PX, ROUNDS = 224, 7
 def make_frame():
     """A level view down a street: ground, a wall at 25 m, sky."""
     from toolkit.rig.camera import Camera, look_at
-    from toolkit.worlds.particles import DepthView
+    from toolkit.rooms.worlds.particles import DepthView
 
     pose = look_at(np.array([30.0, 5.0, 8.0]), np.array([0.0, 0.0, 2.0]))
     camera = Camera.from_fov(SIDE_PX, SIDE_PX, 60)
@@ -31,8 +31,8 @@ def run() -> dict[str, float]:
     import torch
     import torchvision
 
-    from toolkit.worlds.conditions import parse_weathers
-    from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
+    from toolkit.rooms.worlds.conditions import parse_weathers
+    from toolkit.rooms.worlds.depth_weather import add_weather, make_weather, weather_rng
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

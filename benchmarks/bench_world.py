@@ -26,10 +26,10 @@ T_gltf_world = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
 @lru_cache(maxsize=1)
 def _scene(blocks: tuple[int, int]):
     """World, sky, camera and poses: half of them from the street, half from the height of roofs."""
-    from toolkit.content.city import build_city
     from toolkit.rig.camera import Camera, look_at, orbit_direction
-    from toolkit.worlds.sky import make_sky
-    from toolkit.worlds.viewpoints import LEVELS, find_places
+    from toolkit.rooms.worlds.content.city import build_city
+    from toolkit.rooms.worlds.sky import make_sky
+    from toolkit.rooms.worlds.viewpoints import LEVELS, find_places
 
     world, poses = build_city(0, blocks), []
     rng = np.random.default_rng(0)
@@ -47,7 +47,7 @@ def _sun_direction(sky):
 
 def rig(_: Path):
     from toolkit.rig.shading import tone_map
-    from toolkit.worlds.picture import leave_empty, make_renderer
+    from toolkit.rooms.worlds.picture import leave_empty, make_renderer
 
     world, sky, camera, poses = _scene(SMALL)
     renderer = make_renderer(leave_empty(world, sky))
@@ -121,7 +121,7 @@ def measure(name: str, glb: Path, picture: str | None = None) -> dict[str, float
 
 def measure_growth() -> dict[str, float]:
     """Processor time of a frame in the large city against one in the small, each from the same kinds of places."""
-    from toolkit.worlds.picture import leave_empty, make_renderer
+    from toolkit.rooms.worlds.picture import leave_empty, make_renderer
 
     spent, triangles = {}, {}
     for blocks in (SMALL, LARGE):

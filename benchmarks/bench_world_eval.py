@@ -33,10 +33,10 @@ def run() -> dict[str, float]:
 
     from toolkit.core.workspace import Workspace
     from toolkit.evaluation.predict import classify_stream
-    from toolkit.experiments.worlds import WorldEvalConfig
-    from toolkit.experiments.worlds.frames import render_frame
-    from toolkit.experiments.worlds.world_run import plan_run
-    from toolkit.worlds.picture import make_renderer
+    from toolkit.rooms.worlds.evaluation import WorldEvalConfig
+    from toolkit.rooms.worlds.evaluation.frames import render_frame
+    from toolkit.rooms.worlds.evaluation.world_run import plan_run
+    from toolkit.rooms.worlds.picture import make_renderer
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

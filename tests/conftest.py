@@ -72,8 +72,8 @@ def real_weights() -> Path:
 @pytest.fixture(scope="session")
 def make_box():
     """A function (size_mm, paint) -> a light box on the table, 12 triangles, one material."""
-    from toolkit.content.modelling import assemble, box
     from toolkit.objects.mesh import place_on_table
+    from toolkit.rooms.worlds.content.modelling import assemble, box
 
     def make(size_mm=(100.0, 60.0, 40.0), paint=(150, 150, 150), roughness=0.8):
         return place_on_table(assemble(box(size_mm, paint=paint), {"paint": (roughness, 0.0)}, 128))

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.content.everyday import MAKERS
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import PACKAGE_DATA, Workspace, make_workspace, open_workspace
 from toolkit.models.load import bundled_file, read_bundled
 from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
 from toolkit.rig import PAIR
+from toolkit.rooms.worlds.content.everyday import MAKERS
 
 ROOT = Path(__file__).parents[1]
 SETS = (None, "rig18")

@@ -35,13 +35,13 @@ from toolkit.objects.wrap import write_wrap as write_wrap
 from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
-from toolkit.photos.retexture import retexture as retexture
-from toolkit.photos import RetextureConfig as RetextureConfig
+from toolkit.rooms.photos.retexture import retexture as retexture
+from toolkit.rooms.photos import RetextureConfig as RetextureConfig
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
 from toolkit.evaluation import EvalConfig as EvalConfig
-from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark as evaluate_benchmark
-from toolkit.experiments.corruptions import CorruptEvalConfig as CorruptEvalConfig
+from toolkit.rooms.benchmarks.corruptions.benchmark_run import evaluate_benchmark as evaluate_benchmark
+from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig as CorruptEvalConfig
 from toolkit.evaluation.predictions_csv import predictions_table as predictions_table
 from toolkit.evaluation.ground_truth import load_captures as load_captures
 from toolkit.core.statistics import wilson_interval as wilson_interval

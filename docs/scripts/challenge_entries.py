@@ -17,11 +17,11 @@ from toolkit.boosters.baselines.make import make_baseline
 from toolkit.core.draws import Draws
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.experiments.challenge import CLOSED_OBJECTS, EntryConfig
-from toolkit.experiments.challenge.entry import ENTRY, EntryRecord, init_entry
 from toolkit.models.load import load_classifier
 from toolkit.objects.load import load_object
 from toolkit.objects.records import write_patch
+from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS, EntryConfig
+from toolkit.rooms.benchmarks.challenge.entry import ENTRY, EntryRecord, init_entry
 
 ROOT = DOCS.parent
 N_PX = 100

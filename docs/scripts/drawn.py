@@ -9,16 +9,16 @@ from toolkit.boosters.transforms.camera import CameraBlur, JpegFile, SensorNoise
 from toolkit.boosters.transforms.placement import AffineRanges, PoseRanges
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, TapeGlare
 from toolkit.boosters.transforms.show import Appearance, show_patch
-from toolkit.content.everyday import MAKERS, make_everyday
 from toolkit.core.draws import Draws
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import THUMBNAIL_STUDIO, WIDE_VIEWS, ViewSettings, render_pictures
-from toolkit.worlds.conditions import CLEAR, TIMES
-from toolkit.worlds.own import build_world
-from toolkit.worlds.picture import leave_empty, make_renderer, see_through
-from toolkit.worlds.sky import make_sky
-from toolkit.worlds.viewpoints import FOV_DEG, choose_viewpoints
+from toolkit.rooms.worlds.conditions import CLEAR, TIMES
+from toolkit.rooms.worlds.content.everyday import MAKERS, make_everyday
+from toolkit.rooms.worlds.own import build_world
+from toolkit.rooms.worlds.picture import leave_empty, make_renderer, see_through
+from toolkit.rooms.worlds.sky import make_sky
+from toolkit.rooms.worlds.viewpoints import FOV_DEG, choose_viewpoints
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)

@@ -20,11 +20,11 @@ from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
 from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.own import build_world
-from toolkit.worlds.picture import leave_empty, make_renderer
-from toolkit.worlds.sky import make_sky
-from toolkit.worlds.viewpoints import clearance
-from toolkit.worlds.world import World
+from toolkit.rooms.worlds.own import build_world
+from toolkit.rooms.worlds.picture import leave_empty, make_renderer
+from toolkit.rooms.worlds.sky import make_sky
+from toolkit.rooms.worlds.viewpoints import clearance
+from toolkit.rooms.worlds.world import World
 
 HEIGHTS_M, PITCHES_DEG, ROOM_M, FOV_DEG = (1.5, 30.0), (-15.0, 5.0), 1.0, 60.0
 BATCH = 20

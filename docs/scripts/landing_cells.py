@@ -12,7 +12,7 @@ from typing import Any
 from tables import write_table
 
 from toolkit.core.files import sha256_file
-from toolkit.landing.fly import FlightCell
+from toolkit.rooms.landing.fly import FlightCell
 
 
 def read_cells(run: Path) -> list[dict[str, Any]]:

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from toolkit.core.workspace import open_workspace
-from toolkit.landing import CameraConfig
-from toolkit.landing.episodes import place_cameras
-from toolkit.landing.site import Pad, PadSite, SiteView, find_pad, find_sky, find_world, plan_places
+from toolkit.rooms.landing import CameraConfig
+from toolkit.rooms.landing.episodes import place_cameras
+from toolkit.rooms.landing.site import Pad, PadSite, SiteView, find_pad, find_sky, find_world, plan_places
 
 SIDE_PX, SEED = 192, 7
 SHOWN = {

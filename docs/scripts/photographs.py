@@ -24,8 +24,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.read import decode_image, encode_image, read_image
-from toolkit.photos.board_pose import find_board
-from toolkit.photos.gates.framing import (
+from toolkit.rig.board import CharucoBoard, MarkerGrid
+from toolkit.rooms.photos.board_pose import find_board
+from toolkit.rooms.photos.gates.framing import (
     NETWORK_SIDE_PX,
     check_blur,
     check_over_exposure,
@@ -33,13 +34,12 @@ from toolkit.photos.gates.framing import (
     measure_edge_blur,
     middle_of,
 )
-from toolkit.photos.lens_fit import calibrate_lens
-from toolkit.photos.prints.align import cell_centres
-from toolkit.photos.prints.find import find_patch, search_photo, shrink_image
-from toolkit.photos.prints.fitted_photo import KnownPatch, fit_photo, read_known
-from toolkit.photos.prints.look import light_terms
-from toolkit.photos.retexture import encode_like, make_controls, predict_texels, redraw
-from toolkit.rig.board import CharucoBoard, MarkerGrid
+from toolkit.rooms.photos.lens_fit import calibrate_lens
+from toolkit.rooms.photos.prints.align import cell_centres
+from toolkit.rooms.photos.prints.find import find_patch, search_photo, shrink_image
+from toolkit.rooms.photos.prints.fitted_photo import KnownPatch, fit_photo, read_known
+from toolkit.rooms.photos.prints.look import light_terms
+from toolkit.rooms.photos.retexture import encode_like, make_controls, predict_texels, redraw
 
 RECORDS = Path(__file__).parents[1] / "records" / "photographs"
 SHARED = Path(__file__).resolve().parents[3] / "shared"

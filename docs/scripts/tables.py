@@ -9,14 +9,14 @@ from typing import Any
 from toolkit.core.files import read_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
-from toolkit.experiments.challenge.score import Score, describe_rank
-from toolkit.experiments.corruptions import CLEAN
-from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
-from toolkit.experiments.sweeps.axes import AXES
-from toolkit.experiments.transfer.leave_one_out import BOOSTED
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
 from toolkit.rig.applied.wrap import WRAP
+from toolkit.rooms.benchmarks.challenge.score import Score, describe_rank
+from toolkit.rooms.benchmarks.corruptions import CLEAN
+from toolkit.rooms.benchmarks.corruptions.benchmark_summary import Summary, read_summary
+from toolkit.rooms.benchmarks.sweeps.axes import AXES
+from toolkit.rooms.benchmarks.transfer.leave_one_out import BOOSTED
 
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"

@@ -18,7 +18,7 @@ from tables import BOOSTERS, Row, list_changes, read_others, read_summaries, wri
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON, SEVERITIES
-from toolkit.experiments.transfer.leave_one_out import JudgedRow
+from toolkit.rooms.benchmarks.transfer.leave_one_out import JudgedRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, style_panel
-from toolkit.experiments.worlds.world_report import draw_line
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
-from toolkit.worlds.fog import CONTRAST_LOG
+from toolkit.rooms.worlds.evaluation.world_report import draw_line
+from toolkit.rooms.worlds.fog import CONTRAST_LOG
 
 MOST_DRAWN = 5
 COLUMNS = (

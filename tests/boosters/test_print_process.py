@@ -13,9 +13,9 @@ from scipy.ndimage import gaussian_filter1d
 from toolkit.boosters.transforms.printing import LUMA, PrintProcess, gain_dots, mix_solids, spread_ink
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.printer import PAPER, SOLIDS
-from toolkit.photos.prints.align import sample_image
-from toolkit.photos.prints.colours import measure_error
-from toolkit.photos.prints.find import find_patch
+from toolkit.rooms.photos.prints.align import sample_image
+from toolkit.rooms.photos.prints.colours import measure_error
+from toolkit.rooms.photos.prints.find import find_patch
 
 NOMINAL = PrintProcess(
     white=(1, 1), tint=0, density=(1, 1), chroma=(1, 1), dot_gain=(0, 0), bleed_mm=(0.001, 0.001), probability=1

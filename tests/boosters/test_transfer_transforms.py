@@ -18,8 +18,8 @@ from toolkit.boosters.texture_config import TextureConfig
 from toolkit.boosters.transforms.transfer import BlockShuffle, Cutout, FeatureMixup, divide
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
-from toolkit.experiments.transfer import TransferConfig
-from toolkit.experiments.transfer.leave_one_out import leave_one_out
+from toolkit.rooms.benchmarks.transfer import TransferConfig
+from toolkit.rooms.benchmarks.transfer.leave_one_out import leave_one_out
 from toolkit.training.processes import Processes
 
 DRAWS = Draws(5, 7)

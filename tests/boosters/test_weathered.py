@@ -11,7 +11,7 @@ from toolkit.boosters.transforms.weather import Weathered, read_words
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.particles import DepthView
+from toolkit.rooms.worlds.particles import DepthView
 
 SIDE = 24
 METRES_PER_MM = 16 / 270  # the warplane's

@@ -18,13 +18,13 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.imaging.printer import SOLIDS
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.framing import BLUR, NETWORK_SIDE_PX
 from toolkit.rig.applied.patch import PatchBooster
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import apply_booster, find_booster
+from toolkit.rooms.photos.gates.framing import BLUR, NETWORK_SIDE_PX
 
 PLAIN = ShootSettings(backdrop="white")
 REHEARSED = ShootSettings(backdrop="white", rehearsal=Rehearsal())

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 from walled_field import make_field
 
 from toolkit.cli import app
-from toolkit.content.city import build_city
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.worlds import own
-from toolkit.worlds.world import World
+from toolkit.rooms.worlds import own
+from toolkit.rooms.worlds.content.city import build_city
+from toolkit.rooms.worlds.world import World
 
 QUICK = ("--resolution", "64", "64", "--film-s", "0")
 

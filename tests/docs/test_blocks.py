@@ -119,7 +119,7 @@ def test_settings_are_valid(page: str) -> None:
     from toolkit.models.labels import LabelsFile
     from toolkit.objects.spec import ObjectSpec
     from toolkit.rig.board_file import BoardSpec
-    from toolkit.worlds.own import KitLayout
+    from toolkit.rooms.worlds.own import KitLayout
 
     if sys.version_info >= (3, 11):
         import tomllib

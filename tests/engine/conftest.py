@@ -36,9 +36,9 @@ def ask(tmp_path):
     from hue_network import make_hue_classifier, write_photos, write_set
 
     from toolkit.core.workspace import make_workspace
-    from toolkit.experiments.corruptions import CorruptEvalConfig
-    from toolkit.experiments.corruptions.cells import open_variants, share_classes
-    from toolkit.experiments.corruptions.grid import Grid, run_grid
+    from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig
+    from toolkit.rooms.benchmarks.corruptions.cells import open_variants, share_classes
+    from toolkit.rooms.benchmarks.corruptions.grid import Grid, run_grid
     from toolkit.training.images import open_images
 
     space = make_workspace(tmp_path / "space")
@@ -88,8 +88,8 @@ def look(make_crate_space, tmp_path_factory):
     from walled_field import make_config, make_onlooker, stand_in
 
     from toolkit.core import child
-    from toolkit.experiments.worlds import world_run
-    from toolkit.experiments.worlds.world_run import evaluate_world
+    from toolkit.rooms.worlds.evaluation import world_run
+    from toolkit.rooms.worlds.evaluation.world_run import evaluate_world
 
     folder = tmp_path_factory.mktemp("fields")
 

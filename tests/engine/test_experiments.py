@@ -12,7 +12,7 @@ import pytest
 from toolkit.captures import shoot as shooting
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.local import InProcess, LocalPool
-from toolkit.experiments.corruptions import grid
+from toolkit.rooms.benchmarks.corruptions import grid
 
 
 @pytest.mark.slow

@@ -8,12 +8,12 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import make_workspace
 from toolkit.engine import EngineConfig
-from toolkit.landing import CameraConfig, CollectConfig, FlyConfig
-from toolkit.landing import collect as collecting
-from toolkit.landing import fly as flying
-from toolkit.landing.collect import Collector, collect
-from toolkit.landing.flight_report import place_results, write_summary
-from toolkit.landing.fly import fly_all
+from toolkit.rooms.landing import CameraConfig, CollectConfig, FlyConfig
+from toolkit.rooms.landing import collect as collecting
+from toolkit.rooms.landing import fly as flying
+from toolkit.rooms.landing.collect import Collector, collect
+from toolkit.rooms.landing.flight_report import place_results, write_summary
+from toolkit.rooms.landing.fly import fly_all
 
 FRAMES = CollectConfig(
     frames=12, places=2, times=("overcast",), shard_frames=4, optics=CameraConfig(image_px=48),

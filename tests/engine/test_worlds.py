@@ -11,8 +11,8 @@ from forked import Forked
 
 from toolkit.core.errors import ToolkitError
 from toolkit.engine import EngineConfig
-from toolkit.experiments.worlds import world_run
 from toolkit.rig import bake_cache
+from toolkit.rooms.worlds.evaluation import world_run
 
 
 @pytest.mark.slow
@@ -99,8 +99,8 @@ from walled_field import make_config, make_field, make_onlooker
 from toolkit.core import child
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.experiments.worlds import world_run
-from toolkit.worlds.sky import make_sky
+from toolkit.rooms.worlds.evaluation import world_run
+from toolkit.rooms.worlds.sky import make_sky
 
 child._Context = parent
 world_run.open_world = lambda *given: make_field()

@@ -12,8 +12,8 @@ from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predictions_csv import predictions_table
 from toolkit.evaluation.tables import print_tables
 from toolkit.evaluation.verdict import judge_change
-from toolkit.photos.gates import Gate
-from toolkit.photos.gates.check_captures import CheckLine, open_gates_log
+from toolkit.rooms.photos.gates import Gate
+from toolkit.rooms.photos.gates.check_captures import CheckLine, open_gates_log
 
 CLIPPED = Gate("over-exposure", 5.0, "% of the object clipped", "take it darker")
 

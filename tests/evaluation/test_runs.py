@@ -13,7 +13,7 @@ from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predictions_csv import DETECTION_COLUMNS
 from toolkit.evaluation.summaries import CLEAR, MEAN, find_runs, open_run, parse_where, pick_rows
-from toolkit.experiments.corruptions.benchmark_means import summarise
+from toolkit.rooms.benchmarks.corruptions.benchmark_means import summarise
 
 
 @pytest.fixture

@@ -14,18 +14,18 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from toolkit.content.modelling import assemble, box
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, place_on_table
-from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene, Table
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
+from toolkit.rooms.photos.lens import FULL_FRAME_DIAGONAL_MM
+from toolkit.rooms.worlds.content.modelling import assemble, box
 
 QUICK = BakeDetail(key_rays=8, room_rays=32, surface_spacing=0.04, table_spacing=0.04)
 INK, PAPER = 28, 236

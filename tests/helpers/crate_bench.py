@@ -8,10 +8,10 @@ import numpy as np
 
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.objects.mesh import Mesh
-from toolkit.photos.gates.check_photo import ExpectationBuilder
 from toolkit.rig.board import CharucoBoard
 from toolkit.rig.board_file import write_board
 from toolkit.rig.camera import Camera
+from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
 
 BOARD, CAMERA = CharucoBoard(9, 9, 25.0, 18.75), Camera.from_fov(640, 480, 40.0)
 

@@ -66,13 +66,13 @@ def furnish(space: Workspace) -> None:
     from toolkit.captures.shoot import shoot_plan
     from toolkit.core.files import sha256_bytes
     from toolkit.corruptions.folder import corrupt_folder
-    from toolkit.photos.gates import GateResult
-    from toolkit.photos.gates.check_captures import append_check
-    from toolkit.photos.gates.check_photo import PhotoCheck
     from toolkit.rig.board import DEFAULT_BOARD
     from toolkit.rig.board_file import BoardSpec, boards_dir, write_board, write_spec
     from toolkit.rig.plan import read_plan
     from toolkit.rig.shot_order import list_shots, order_shots, write_shots
+    from toolkit.rooms.photos.gates import GateResult
+    from toolkit.rooms.photos.gates.check_captures import append_check
+    from toolkit.rooms.photos.gates.check_photo import PhotoCheck
 
     plan = read_plan(space.plan_file)
     # the renderer is compiled once on each machine: not within the time that an input has
@@ -190,7 +190,7 @@ def _read_captures(root: Path) -> None:
 
 def _read_photo(file: str) -> Callable[[Path], object]:
     def read(root: Path) -> None:
-        from toolkit.photos.photo import load_pixels, read_photo
+        from toolkit.rooms.photos.photo import load_pixels, read_photo
 
         load_pixels(read_photo(root / file))
 
@@ -198,7 +198,7 @@ def _read_photo(file: str) -> Callable[[Path], object]:
 
 
 def _read_index(root: Path) -> None:
-    from toolkit.photos.importing.gather import index_source
+    from toolkit.rooms.photos.importing.gather import index_source
 
     index_source(root / "captures/real")
 
@@ -236,7 +236,7 @@ def _list_plan(root: Path) -> None:
 
 
 def _read_checks(root: Path) -> None:
-    from toolkit.photos.gates.check_captures import read_checks
+    from toolkit.rooms.photos.gates.check_captures import read_checks
 
     read_checks(root / "captures/real", "setup")
 

@@ -10,13 +10,13 @@ from PIL import Image
 
 from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
-from toolkit.photos import ImportSettings
-from toolkit.photos.importing.import_photos import import_photos
-from toolkit.photos.importing.match import RenderMatcher
-from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
+from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.importing.import_photos import import_photos
+from toolkit.rooms.photos.importing.match import RenderMatcher
+from toolkit.rooms.photos.posed_camera import PosedCamera
 
 register_heif()
 START = datetime(2024, 5, 1, 10)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.experiments.corruptions import CLEAN
-from toolkit.experiments.corruptions.grid import Benchmark, CellRanks
-from toolkit.experiments.corruptions.recognisers import NETWORK, READER
+from toolkit.rooms.benchmarks.corruptions import CLEAN
+from toolkit.rooms.benchmarks.corruptions.grid import Benchmark, CellRanks
+from toolkit.rooms.benchmarks.corruptions.recognisers import NETWORK, READER
 
 VARIANTS = {
     "unpatched": 0.0, "patches-100": 2.6, "patches-60": 1.4, "best-image-100": 0.9, "random-image-100": 0.2,

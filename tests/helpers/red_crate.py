@@ -3,9 +3,9 @@
 import numpy as np
 
 from toolkit.captures.shoot import ShootSettings
-from toolkit.experiments.sweeps.axes import ShootSetup
 from toolkit.objects.records import write_patch
 from toolkit.rig.plan import read_plan
+from toolkit.rooms.benchmarks.sweeps.axes import ShootSetup
 
 RED = (220, 10, 10)
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from toolkit.experiments.worlds import WorldEvalConfig
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.worlds.world import SceneClass, Spot, World
+from toolkit.rooms.worlds.evaluation import WorldEvalConfig
+from toolkit.rooms.worlds.world import SceneClass, Spot, World
 
 LABELS = ["crate", "jet", "pot", "cup", "car", "cat", "dog"]
 WALL = np.array([(6.0, -8.0, 0.0, 7.0, 8.0, 5.0)])
@@ -84,8 +84,8 @@ def make_config(**changes: object) -> WorldEvalConfig:
 
 def stand_in(monkeypatch, is_drawn: bool = True) -> None:
     """Evaluate in the field, below a small sky; figures, which take most of the time of so little, only if wanted."""
-    from toolkit.experiments.worlds import world_report, world_run
-    from toolkit.worlds.sky import make_sky
+    from toolkit.rooms.worlds.evaluation import world_report, world_run
+    from toolkit.rooms.worlds.sky import make_sky
 
     monkeypatch.setattr(world_run, "open_world", lambda *given: make_field())
     monkeypatch.setattr(world_run, "make_sky", lambda time, seed: make_sky(time, seed, 32))

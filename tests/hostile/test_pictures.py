@@ -17,9 +17,9 @@ from toolkit.corruptions.folder import corrupt_file
 from toolkit.imaging.read import decode_frame, decode_image, read_image
 from toolkit.objects.load import read_mesh
 from toolkit.objects.records import decode_png
-from toolkit.photos.lens import turns_upright
-from toolkit.photos.photo import read_photo
-from toolkit.worlds.sky import load_sky
+from toolkit.rooms.photos.lens import turns_upright
+from toolkit.rooms.photos.photo import read_photo
+from toolkit.rooms.worlds.sky import load_sky
 
 EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 64 32\n%%EndComments\nshowpage\n%%EOF\n"
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_commands import can_be_typed
 
-from toolkit.experiments.challenge import CLOSED_OBJECTS
-from toolkit.experiments.challenge.entry import read_entry
-from toolkit.experiments.challenge.score import CONDITIONS, Judge, JudgedPicture, write_score
+from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS
+from toolkit.rooms.benchmarks.challenge.entry import read_entry
+from toolkit.rooms.benchmarks.challenge.score import CONDITIONS, Judge, JudgedPicture, write_score
 
 FEWER = settings(max_examples=settings.default.max_examples // 2)
 READING = (

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.landing.dataset import DATASET, Sample, Truth, encode_sample, read_split
-from toolkit.landing.regressor import pick_samples
+from toolkit.rooms.landing.dataset import DATASET, Sample, Truth, encode_sample, read_split
+from toolkit.rooms.landing.regressor import pick_samples
 
 SIDE = 32
 TRUTH = Truth(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 msgpack = pytest.importorskip("msgpack")
 
 from toolkit.core.errors import ToolkitError  # noqa: E402
-from toolkit.worlds.airsim import (  # noqa: E402
+from toolkit.rooms.worlds.airsim import (  # noqa: E402
     Connection,
     _Image,
     unpack_pose,

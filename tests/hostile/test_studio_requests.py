@@ -15,10 +15,10 @@ pytest.importorskip("fastapi", reason="needs the extra 'studio' (FastAPI)")
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import open_workspace
-from toolkit.studio.app import make_app
-from toolkit.studio.predictor import Predictor
-from toolkit.studio.serve import Access
-from toolkit.studio.session import open_session
+from toolkit.rooms.photos.studio.app import make_app
+from toolkit.rooms.photos.studio.predictor import Predictor
+from toolkit.rooms.photos.studio.serve import Access
+from toolkit.rooms.photos.studio.session import open_session
 
 HOST = "127.0.0.1:8765"
 TOKEN = "a-token"

@@ -10,7 +10,7 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage, decode_frame, decode_image, read_image
 from toolkit.objects.records import decode_png
-from toolkit.photos.photo import read_photo
+from toolkit.rooms.photos.photo import read_photo
 
 
 def claim_png(width, height):

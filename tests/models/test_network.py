@@ -216,7 +216,8 @@ def test_torchs_compiler_is_loaded_where_it_is_asked_for(files):
     """It takes 160 MB, and no evaluation needs it, nor whatever else of the kit needs torchvision."""
     code = (
         "import sys; from pathlib import Path; from toolkit.models.load import load_classifier; "
-        "import toolkit.landing.fly, toolkit.models.load_detector, toolkit.models.programs, toolkit.training.refine; "
+        "import toolkit.rooms.landing.fly, toolkit.models.load_detector, "
+        "toolkit.models.programs, toolkit.training.refine; "
         f"load_classifier('resnet18', Path({str(files / 'imagenet.pth')!r}), 'cpu'); before = 'sympy' in sys.modules; "
         "import torchvision.ops.roi_align; roi = sys.modules['torchvision.ops.roi_align']; "
         "print(before, getattr(roi, 'is_compile_supported', lambda _: True)('cpu'))"

@@ -16,12 +16,12 @@ from toolkit.cli.rig import plan
 from toolkit.core.errors import FieldError
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
-from toolkit.photos.gates.check_captures import printed_sides
-from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.print_patches import choose_wearer
 from toolkit.rig.variants import find_booster
+from toolkit.rooms.photos.gates.check_captures import printed_sides
+from toolkit.rooms.photos.gates.check_set import CheckedPhoto, PatchLines
 
 
 def call(command, *arguments):

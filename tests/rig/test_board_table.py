@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from toolkit.objects.load import load_object
-from toolkit.photos.board_pose import find_board, solve_pose
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
+from toolkit.rooms.photos.board_pose import find_board, solve_pose
 
 
 @pytest.mark.slow

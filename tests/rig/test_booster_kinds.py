@@ -5,8 +5,8 @@ import sys
 from typing import get_args
 
 from toolkit.cli import options
-from toolkit.experiments.challenge import VARIANT
 from toolkit.rig.variants import CONTROLS_OF, KIND_OF, NOUNS, ON_PAPER, VARIANTS
+from toolkit.rooms.benchmarks.challenge import VARIANT
 
 BAND = '''
 """A coloured band all round an object, at half of its height."""

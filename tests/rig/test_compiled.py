@@ -215,7 +215,7 @@ import test_frames as frames
 from numba.core.dispatcher import Dispatcher
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.mesh import place_on_table
-from toolkit.content.modelling import assemble, box
+from toolkit.rooms.worlds.content.modelling import assemble, box
 from toolkit.rig import raycast
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.kernel import compiled

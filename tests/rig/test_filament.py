@@ -110,7 +110,7 @@ def test_exposure_and_the_rooms_light_are_the_scenes(needs_graphics, make_box, l
 
 AFTERWARDS = """
 from toolkit.objects.mesh import place_on_table
-from toolkit.content.modelling import assemble, box
+from toolkit.rooms.worlds.content.modelling import assemble, box
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.filament import FilamentRenderer
 from toolkit.rig.studio import make_studio

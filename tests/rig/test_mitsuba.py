@@ -14,8 +14,8 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderers import make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.studio import make_studio
-from toolkit.worlds.place import find_spot, place_object
-from toolkit.worlds.sky import make_sky
+from toolkit.rooms.worlds.place import find_spot, place_object
+from toolkit.rooms.worlds.sky import make_sky
 
 CAMERA = Camera.from_fov(96, 72, 40)
 ASIDE = replace(CAMERA, cx=CAMERA.cx + 20, cy=CAMERA.cy - 12)

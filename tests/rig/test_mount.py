@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from toolkit.content.modelling import assemble, box, revolve
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import merge_meshes, place_on_table
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import BACK_MATERIAL, PAPER_MATERIAL, attach, mount_patch, print_on_paper
+from toolkit.rooms.worlds.content.modelling import assemble, box, revolve
 
 QUADRANTS = np.array([[[220, 20, 20], [20, 200, 20]], [[20, 20, 220], [210, 200, 10]]], np.uint8)
 """Upper left red, upper right green, lower left blue, lower right yellow."""

@@ -8,7 +8,6 @@ from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import ShootSettings, shoot_plan
-from toolkit.content.modelling import assemble, box
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.export_mesh import to_glb
@@ -20,6 +19,7 @@ from toolkit.rig.applied.texture import find_texture, fit_texture
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.variants import CONTROLS_OF, apply_booster, find_booster
+from toolkit.rooms.worlds.content.modelling import assemble, box
 
 SETTINGS = ShootSettings(backdrop="white", image_format="png")
 PAINTED = ("textured", *CONTROLS_OF["textured"])

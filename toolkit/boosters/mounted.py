@@ -33,8 +33,8 @@ from toolkit.rig.views import (
     ViewSettings,
     render_block,
 )
-from toolkit.worlds.particles import DepthView
-from toolkit.worlds.place import scale_to_world
+from toolkit.rooms.worlds.particles import DepthView
+from toolkit.rooms.worlds.place import scale_to_world
 
 EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 """Drawn for each training image: factor on the light, each channel's deviation from it, sensor noise (sRGB)."""

@@ -65,8 +65,8 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm, read_patch, write_patch
 from toolkit.rig.views import ViewRanges
+from toolkit.rooms.worlds.views import open_setting
 from toolkit.training.loop import History
-from toolkit.worlds.views import open_setting
 
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""

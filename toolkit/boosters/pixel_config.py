@@ -16,7 +16,7 @@ from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corru
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.text import is_file_name
-from toolkit.worlds.conditions import Times
+from toolkit.rooms.worlds.conditions import Times
 
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig

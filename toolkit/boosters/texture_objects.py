@@ -22,8 +22,8 @@ from toolkit.objects.mesh import hash_paint
 from toolkit.objects.records import read_texture
 from toolkit.rig.applied.texture import check_fit
 from toolkit.rig.views import PaintableObject
-from toolkit.worlds.place import scale_to_world
-from toolkit.worlds.views import WorldSetting, open_setting
+from toolkit.rooms.worlds.place import scale_to_world
+from toolkit.rooms.worlds.views import WorldSetting, open_setting
 
 MAX_BACKGROUNDS = 256
 

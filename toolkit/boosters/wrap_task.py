@@ -41,7 +41,7 @@ from toolkit.rig import Misfit
 from toolkit.rig.views import PaintableObject, RenderedView
 from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
-from toolkit.worlds.place import scale_to_world
+from toolkit.rooms.worlds.place import scale_to_world
 
 BATCH = 12
 """Views that are shown together when pieces are ranked."""

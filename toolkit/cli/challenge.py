@@ -11,7 +11,7 @@ from toolkit.cli.output import say, show_json, show_table, warn
 from toolkit.core.text import quote
 from toolkit.core.workspace import open_workspace
 from toolkit.engine import EngineConfig
-from toolkit.experiments.challenge import JUDGES, EntryConfig
+from toolkit.rooms.benchmarks.challenge import JUDGES, EntryConfig
 
 EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of the entry.")]
 
@@ -22,7 +22,7 @@ def init(
     workspace: options.Workspace = None, as_json: options.Json = False,
 ) -> None:  # fmt: skip
     """Make an entry from this workspace's boosters: their files, and an entry.json for you to complete."""
-    from toolkit.experiments.challenge.entry import ENTRY, init_entry
+    from toolkit.rooms.benchmarks.challenge.entry import ENTRY, init_entry
 
     made = init_entry(open_workspace(workspace).with_patches(patches), entry, config)
     if as_json:
@@ -38,8 +38,8 @@ def check(
     as_json: options.Json = False,
 ) -> None:
     """Check an entry against every rule, one line for each fault; nothing is changed."""
-    from toolkit.experiments.challenge.entry import check_entry
-    from toolkit.experiments.challenge.score import check_score, rescore
+    from toolkit.rooms.benchmarks.challenge.entry import check_entry
+    from toolkit.rooms.benchmarks.challenge.score import check_score, rescore
 
     # an entry that cannot be read is a single fault
     faults = list(dict.fromkeys(check_entry(entry) + (rescore if again else check_score)(entry)))
@@ -71,10 +71,10 @@ def run(
     """Render an entry and score it: score/score.json, outcomes.csv and a page in its folder."""
     from toolkit.core.console import console
     from toolkit.core.tables import format_points, format_points_interval
-    from toolkit.experiments.challenge.board import write_board
-    from toolkit.experiments.challenge.entry import read_entry
-    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry
     from toolkit.models.load import load_classifier
+    from toolkit.rooms.benchmarks.challenge.board import write_board
+    from toolkit.rooms.benchmarks.challenge.entry import read_entry
+    from toolkit.rooms.benchmarks.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry
 
     space = open_workspace(workspace)
     read = read_entry(entry)
@@ -107,7 +107,7 @@ def board(
     """Rank entries: index.html, board.csv and a JSON file for each, of scores that agree with their own files."""
     from toolkit.core.console import list_skipped
     from toolkit.core.tables import format_p, format_points, format_points_interval
-    from toolkit.experiments.challenge.board import write_board
+    from toolkit.rooms.benchmarks.challenge.board import write_board
 
     places, refused = write_board(entries, out)
     list_skipped(refused)

@@ -48,7 +48,7 @@ def _list_objects(space: Workspace) -> list[str]:
 
 
 def _list_worlds(space: Workspace) -> list[str]:
-    from toolkit.worlds.own import WORLDS, list_own_worlds
+    from toolkit.rooms.worlds.own import WORLDS, list_own_worlds
 
     return sorted({*WORLDS, *list_own_worlds(space)})
 

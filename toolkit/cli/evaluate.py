@@ -14,16 +14,16 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import EvalConfig
-from toolkit.experiments.corruptions import CorruptEvalConfig
-from toolkit.experiments.sweeps import SweepConfig
-from toolkit.experiments.transfer import TransferConfig
-from toolkit.experiments.worlds import WorldEvalConfig
+from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig
+from toolkit.rooms.benchmarks.sweeps import SweepConfig
+from toolkit.rooms.benchmarks.transfer import TransferConfig
+from toolkit.rooms.worlds.evaluation import WorldEvalConfig
 
 if TYPE_CHECKING:
     from toolkit.evaluation.evaluate import Evaluation
-    from toolkit.experiments.corruptions.benchmark_run import BenchmarkRun
-    from toolkit.experiments.sweeps.sweep import SweepResult
-    from toolkit.experiments.worlds.world_run import WorldRun
+    from toolkit.rooms.benchmarks.corruptions.benchmark_run import BenchmarkRun
+    from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult
+    from toolkit.rooms.worlds.evaluation.world_run import WorldRun
 
 SHOWN_FAILURES = 20
 SHOWN_NAMES = 5
@@ -145,8 +145,8 @@ def sweep(
     as_json: options.Json = False,
 ) -> None:
     """Vary one thing and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
-    from toolkit.experiments.sweeps.sweep import run_sweep
     from toolkit.models.load import load_classifier
+    from toolkit.rooms.benchmarks.sweeps.sweep import run_sweep
 
     space = open_workspace(workspace).with_patches(patches)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
@@ -163,7 +163,7 @@ def show_sweep(result: "SweepResult") -> None:
     """Print the table, what could not be shot or read, and where the files are."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines
-    from toolkit.experiments.sweeps.sweep_rows import build_sweep_table
+    from toolkit.rooms.benchmarks.sweeps.sweep_rows import build_sweep_table
 
     console.print(build_sweep_table(result.sweep))
     console.print()
@@ -264,9 +264,9 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
+    from toolkit.rooms.benchmarks.corruptions.benchmark_run import evaluate_benchmark
     from toolkit.training.images import open_images
 
     space = open_workspace(workspace)
@@ -288,7 +288,11 @@ def corrupt_eval(
 def show_benchmark(done: "BenchmarkRun") -> None:
     """Print what could not be used, the table, the result in words, and where the report is."""
     from toolkit.core.console import console, list_skipped
-    from toolkit.experiments.corruptions.benchmark_summary import build_summary_table, judge_benchmark, read_summary
+    from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
+        build_summary_table,
+        judge_benchmark,
+        read_summary,
+    )
 
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():
@@ -316,7 +320,7 @@ def transfer(
 ) -> None:
     """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
     from toolkit.boosters.detectors import load_networks
-    from toolkit.experiments.transfer.leave_one_out import HEADS, leave_one_out, tabulate
+    from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
     networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
@@ -348,8 +352,8 @@ def world_eval(
     Results go to eval/RUN. An answer is computed once, whatever run asks for it.
     """
     from toolkit.core.console import list_skipped
-    from toolkit.experiments.worlds.world_run import evaluate_world
     from toolkit.models.load import load_classifier
+    from toolkit.rooms.worlds.evaluation.world_run import evaluate_world
 
     space = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
@@ -366,8 +370,8 @@ def world_eval(
 def show_world(done: "WorldRun") -> None:
     """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
     from toolkit.core.console import console
-    from toolkit.experiments.worlds.world_results import build_world_table, judge_world
-    from toolkit.worlds.depth_weather import describe_weathers
+    from toolkit.rooms.worlds.depth_weather import describe_weathers
+    from toolkit.rooms.worlds.evaluation.world_results import build_world_table, judge_world
 
     summary = load_json(done.files.summary)
     for line in describe_weathers(done.results.weathers):

@@ -13,13 +13,13 @@ from toolkit.core.errors import one_of
 from toolkit.core.places import is_workspace
 from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.engine import EngineConfig
-from toolkit.landing import RECIPES as TRAINING
-from toolkit.landing import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
+from toolkit.rooms.landing import RECIPES as TRAINING
+from toolkit.rooms.landing import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
-    from toolkit.landing.collect import Collected
-    from toolkit.landing.flight_report import CellResult, PairResult
-    from toolkit.landing.regressor import ErrorRow
+    from toolkit.rooms.landing.collect import Collected
+    from toolkit.rooms.landing.flight_report import CellResult, PairResult
+    from toolkit.rooms.landing.regressor import ErrorRow
 
 
 @from_config(config=CollectConfig, engine=EngineConfig)
@@ -33,8 +33,8 @@ def collect(
 ) -> None:
     """Shoot what a drone sees of a pad into captures/landing/NAME; an interrupted run goes on where it stopped."""
     from toolkit.core.console import list_skipped
-    from toolkit.landing.collect import collect as run
-    from toolkit.landing.collect import describe_collected
+    from toolkit.rooms.landing.collect import collect as run
+    from toolkit.rooms.landing.collect import describe_collected
 
     collected = run(open_workspace(workspace), config, seed, restart, engine)
     list_skipped(collected.failed)
@@ -84,8 +84,8 @@ def train(
     as_json: options.Json = False,
 ) -> None:
     """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
-    from toolkit.landing.regressor import write_saliency
-    from toolkit.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
+    from toolkit.rooms.landing.regressor import write_saliency
+    from toolkit.rooms.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
 
     if recipe not in TRAINING:
         raise one_of("recipe", recipe, list(TRAINING))
@@ -96,7 +96,7 @@ def train(
     # errors on held-out images, beside the baselines'
     rows = {trained.regressor.name: trained.regressor.record.held_out}
     if baselines:
-        from toolkit.landing.baselines import measure_baselines
+        from toolkit.rooms.landing.baselines import measure_baselines
 
         for folder in folders:
             of_set = "" if len(folders) == 1 else f" on {folder.name}"
@@ -156,10 +156,16 @@ def fly(
 ) -> None:
     """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
-    from toolkit.landing.flight_report import describe_success, film_episode, place_results, write_report, write_summary
-    from toolkit.landing.fly import fly_all
     from toolkit.models.network import choose_device
-    from toolkit.worlds.depth_weather import describe_weathers
+    from toolkit.rooms.landing.flight_report import (
+        describe_success,
+        film_episode,
+        place_results,
+        write_report,
+        write_summary,
+    )
+    from toolkit.rooms.landing.fly import fly_all
+    from toolkit.rooms.worlds.depth_weather import describe_weathers
 
     space = open_workspace(workspace)
     flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart, engine=engine)
@@ -196,7 +202,7 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     """Print success rates, and what changed episode by episode."""
     from toolkit.core.console import console
     from toolkit.core.tables import build_table, format_interval, format_p, format_percent
-    from toolkit.landing.episodes import OUTCOMES
+    from toolkit.rooms.landing.episodes import OUTCOMES
 
     ends = [name for name in OUTCOMES[1:] if any(result.count(name) for result in results)]
     rows = []
@@ -230,8 +236,8 @@ def boost(
 ) -> None:
     """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
     from toolkit.core.tables import build_table, format_percent
-    from toolkit.landing.boost import boost_pad, describe_boosted
     from toolkit.models.network import choose_device
+    from toolkit.rooms.landing.boost import boost_pad, describe_boosted
 
     space = open_workspace(workspace)
     made = boost_pad(space, regressor, config, printing, seed=seed, device=choose_device(device), restart=restart)
@@ -261,8 +267,8 @@ def demo(
     device: options.Device = "auto",
 ) -> None:
     """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
-    from toolkit.landing.demo import run_demo
     from toolkit.models.network import choose_device
+    from toolkit.rooms.landing.demo import run_demo
 
     space = open_workspace(folder) if is_workspace(folder) else make_workspace(folder)
     made = run_demo(space, config, seed, choose_device(device))

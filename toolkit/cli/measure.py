@@ -14,8 +14,8 @@ from toolkit.core.text import is_file_name, quote
 from toolkit.core.workspace import Workspace, open_workspace
 
 if TYPE_CHECKING:
-    from toolkit.photos.calibrate import CalibrationRun, LensResult
-    from toolkit.photos.prints.profile_photos import ProfileRun
+    from toolkit.rooms.photos.calibrate import CalibrationRun, LensResult
+    from toolkit.rooms.photos.prints.profile_photos import ProfileRun
 
 SHOWN_VIEWS = 3
 
@@ -41,9 +41,9 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.photos.calibrate import write_pictures
-    from toolkit.photos.lens import write_lenses
     from toolkit.rig.board_file import with_board
+    from toolkit.rooms.photos.calibrate import write_pictures
+    from toolkit.rooms.photos.lens import write_lenses
 
     space = open_workspace(workspace)
     if find_board:
@@ -82,8 +82,8 @@ def _calibrate(photos: Path, space: Workspace) -> "CalibrationRun":
     Raises:
         ToolkitError: no photograph shows either.
     """
-    from toolkit.photos.calibrate import calibrate_folder
     from toolkit.rig.board_file import board_file, read_board, swap_sides
+    from toolkit.rooms.photos.calibrate import calibrate_folder
 
     printed = read_board(space)
     run = calibrate_folder(photos, printed)
@@ -123,8 +123,8 @@ def _say_none_found(run: "CalibrationRun", described: str) -> str:
 
 def _find_board(photos: Path, space: Workspace, square_mm: float | None, as_json: bool) -> None:
     """Tell which board photographs show, ask for its one length, and write it."""
-    from toolkit.photos.unknown_board import identify_board
     from toolkit.rig.board_file import boards_dir, write_spec
+    from toolkit.rooms.photos.unknown_board import identify_board
 
     found = identify_board(photos)
     if square_mm is None and not as_json and sys.stdin.isatty():
@@ -240,9 +240,9 @@ def print_profile(
     """Measure how a printer changes a patch's colours and size, from photos of its page, for 'train-patch'."""
     from toolkit.core.console import list_skipped
     from toolkit.imaging.printer import write_print_profile
-    from toolkit.photos.prints.fitted_photo import read_known
-    from toolkit.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos
     from toolkit.printing.page import parse_paper
+    from toolkit.rooms.photos.prints.fitted_photo import read_known
+    from toolkit.rooms.photos.prints.profile_photos import choose_printed, profile_patches, profile_photos
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})

@@ -16,14 +16,14 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, list_some, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
-from toolkit.photos import ImportSettings, RetextureConfig
+from toolkit.rooms.photos import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
     from toolkit.models.network import Classifier
-    from toolkit.photos.gates.check_captures import CheckReport
-    from toolkit.photos.importing.import_photos import ImportResult
-    from toolkit.studio.serve import Listener
-    from toolkit.studio.session import Session
+    from toolkit.rooms.photos.gates.check_captures import CheckReport
+    from toolkit.rooms.photos.importing.import_photos import ImportResult
+    from toolkit.rooms.photos.studio.serve import Listener
+    from toolkit.rooms.photos.studio.session import Session
 
 
 SHOWN_POSES = 6
@@ -52,9 +52,9 @@ def import_(
 
     Object and variant come from the options, from folders OBJECT/VARIANT, or from the shot list that was followed.
     """
-    from toolkit.photos.gates.check_captures import check_captures, make_check
-    from toolkit.photos.importing.import_photos import import_photos
     from toolkit.rig.board_file import with_board
+    from toolkit.rooms.photos.gates.check_captures import check_captures, make_check
+    from toolkit.rooms.photos.importing.import_photos import import_photos
 
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
@@ -128,8 +128,8 @@ def check(
 
     Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
     """
-    from toolkit.photos.gates.check_captures import check_captures
     from toolkit.rig.board_file import with_board
+    from toolkit.rooms.photos.gates.check_captures import check_captures
 
     space = with_board(open_workspace(workspace).with_patches(patches), board)
     report = check_captures(space, source)
@@ -144,7 +144,7 @@ def check(
 
 def _report_check(report: "CheckReport", folder: Path) -> None:
     """What the gates found: what to take again and why, and what could not be checked."""
-    from toolkit.photos.gates.check_captures import RETAKE_FILE
+    from toolkit.rooms.photos.gates.check_captures import RETAKE_FILE
 
     for path, reason in report.unreadable:
         warn(f"skipped {path}: {reason}")
@@ -183,7 +183,7 @@ def retexture(
     and networks are asked whether they answer alike.
     """
     from toolkit.core.console import list_skipped
-    from toolkit.photos.retexture import retexture as run_retexture
+    from toolkit.rooms.photos.retexture import retexture as run_retexture
 
     space = open_workspace(workspace).with_patches(patches)
     if check:
@@ -223,7 +223,7 @@ def _check_retexture(
     """Run and show `retexture --check`."""
     from toolkit.core.console import list_skipped
     from toolkit.models.load import load_classifiers
-    from toolkit.photos.retexture import check_retexture, summarise
+    from toolkit.rooms.photos.retexture import check_retexture, summarise
 
     model, weights, device = networks
     classifiers = load_classifiers(model, weights, device, space.classifiers_dir)
@@ -281,16 +281,16 @@ def studio(
     Each photograph that you keep goes into captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.rig.board_file import with_board
-    from toolkit.studio import require_extra
+    from toolkit.rooms.photos.studio import require_extra
 
     # imports below need the extra, whose absence is explained first
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
-    from toolkit.studio.app import make_app
-    from toolkit.studio.predictor import Predictor
-    from toolkit.studio.serve import end_on_signal, listen, make_server
-    from toolkit.studio.session import open_session
+    from toolkit.rooms.photos.studio.app import make_app
+    from toolkit.rooms.photos.studio.predictor import Predictor
+    from toolkit.rooms.photos.studio.serve import end_on_signal, listen, make_server
+    from toolkit.rooms.photos.studio.session import open_session
 
     space = with_board(open_workspace(workspace, is_needed=True).with_patches(patches), board)
     session = open_session(space, source)
@@ -318,7 +318,7 @@ def studio(
 
 def show_door(door: "Listener", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
-    from toolkit.studio.serve import show_code
+    from toolkit.rooms.photos.studio.serve import show_code
 
     if code:
         show_code(door.url, say)
@@ -330,7 +330,7 @@ def show_door(door: "Listener", code: bool) -> None:
 
 def warm_up(session: "Session") -> None:
     """Get ready for the shot that comes next, while the page is being opened."""
-    from toolkit.studio.describe import find_next
+    from toolkit.rooms.photos.studio.describe import find_next
 
     number = find_next(session.list_shots())
     if number is not None:

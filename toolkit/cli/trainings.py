@@ -124,7 +124,7 @@ def _view_photos(
     """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
     from toolkit.core.console import list_skipped
     from toolkit.objects.records import printed_size_mm
-    from toolkit.photos.prints.fitted_photo import view_photos
+    from toolkit.rooms.photos.prints.fitted_photo import view_photos
 
     if asked.data.rig_source is not None:
         raise FieldError(
@@ -322,7 +322,7 @@ def train_classifier(
     as_json: options.Json = False,
 ) -> None:
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
-    from toolkit.experiments.corruptions.training_boost import read_training_boost
+    from toolkit.rooms.benchmarks.corruptions.training_boost import read_training_boost
     from toolkit.training.classifier import train_classifier as run
 
     space = open_workspace(workspace)

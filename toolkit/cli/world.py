@@ -11,10 +11,10 @@ from toolkit.cli.output import say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import open_workspace
-from toolkit.worlds.conditions import ObjectInWorld, PreviewRequest
+from toolkit.rooms.worlds.conditions import ObjectInWorld, PreviewRequest
 
 if TYPE_CHECKING:
-    from toolkit.worlds.world import World
+    from toolkit.rooms.worlds.world import World
 
 WorldName = Annotated[
     str,
@@ -30,7 +30,7 @@ def list_worlds(
 ) -> None:
     """List the worlds, built in and your own in rig/worlds: size, triangles, places, pads, classes."""
     from toolkit.core.console import list_skipped, progress
-    from toolkit.worlds.own import WORLDS, list_own_worlds, open_world
+    from toolkit.rooms.worlds.own import WORLDS, list_own_worlds, open_world
 
     space = open_workspace(workspace)
     own = list_own_worlds(space)
@@ -63,7 +63,7 @@ def describe_world(world: "World", file: Path | None) -> dict[str, Any]:
     """What `list` says of a world; its size is that of the part that is made to be looked at from within."""
     import numpy as np
 
-    from toolkit.worlds.world import SceneClass
+    from toolkit.rooms.worlds.world import SceneClass
 
     across = np.ptp(world.core, axis=0)
     return {
@@ -104,7 +104,7 @@ def preview(
 
     The map shows where objects may stand and where the cameras are. What is there already is not made again.
     """  # fmt: skip
-    from toolkit.worlds.preview import preview_request
+    from toolkit.rooms.worlds.preview import preview_request
 
     space = open_workspace(workspace, is_needed=out is None)
     name, result = preview_request(space, world, request, item, scale=scale, out=out, seed=seed)
@@ -138,9 +138,9 @@ def export(
     from toolkit.core.files import write_bytes
     from toolkit.objects.export_mesh import to_glb
     from toolkit.objects.mesh import merge_meshes
-    from toolkit.worlds.own import open_world
-    from toolkit.worlds.place import stand_object
-    from toolkit.worlds.sky import make_sky
+    from toolkit.rooms.worlds.own import open_world
+    from toolkit.rooms.worlds.place import stand_object
+    from toolkit.rooms.worlds.sky import make_sky
 
     space = open_workspace(workspace, is_needed=out is None)
     if out is not None and out.suffix.lower() != ".glb":

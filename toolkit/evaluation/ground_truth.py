@@ -30,7 +30,7 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
 
     A line counts only for the very file that was judged; of several the last.
     """
-    from toolkit.photos.gates.check_captures import CheckLine, open_gates_log
+    from toolkit.rooms.photos.gates.check_captures import CheckLine, open_gates_log
 
     logs: dict[Path, dict[str, CheckLine]] = {}
     captures: list[Capture] = []

@@ -107,7 +107,8 @@ def build_mesh(name: str) -> Mesh:
     if name not in BUILTIN:
         raise one_of("built-in mesh", name, list(BUILTIN))
     # modelling takes a second or two, and gives the same each time
-    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(import_module(f"toolkit.content.{name}").build())))
+    module = f"toolkit.rooms.worlds.content.{name}"
+    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(import_module(module).build())))
 
 
 def read_mesh(path: Path) -> Mesh:

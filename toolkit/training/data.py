@@ -145,7 +145,7 @@ def _cifar(folder: Path, download: bool) -> DataSource:
 
 
 def _everyday(counts: RenderCounts) -> DataSource:
-    from toolkit.content.everyday import MAKERS
+    from toolkit.rooms.worlds.content.everyday import MAKERS
 
     units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(MAKERS)]
     record = {"source": EVERYDAY, "classes": len(MAKERS), "objects": sum(len(train) for train, _ in units)}
@@ -181,7 +181,8 @@ def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str
 
 def _hash_code() -> str:
     """Return the hash of the modules that make and render objects, so that renders of two versions do not mix."""
-    files = [file for package in ("objects", "content", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
+    folders = ("objects", "rooms/worlds/content", "rig")
+    files = [file for folder in folders for file in sorted((PACKAGE / folder).rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
 

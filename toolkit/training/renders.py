@@ -58,8 +58,8 @@ def render_unit(unit: RenderUnit) -> np.ndarray:
 def _make_mesh(unit: RenderUnit) -> Mesh:
     if unit.source != EVERYDAY:
         return _load_mesh(unit.source)
-    from toolkit.content.everyday import make_everyday
     from toolkit.objects.mesh import check_mesh, place_on_table
+    from toolkit.rooms.worlds.content.everyday import make_everyday
 
     # a draw of its own: the views have the unit's seed itself
     seed = int(np.random.default_rng([*unit.seed, 0x0B]).integers(2**31))

@@ -10,14 +10,14 @@ from toolkit.core.config import Range, Rising
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.catalogue import find_corruption, name_corruptions, parse_corruptions
-from toolkit.worlds.conditions import read_weathers
+from toolkit.rooms.worlds.conditions import read_weathers
 
 if TYPE_CHECKING:
     import numpy as np
     import torch
 
     from toolkit.rig.shading import LinearView
-    from toolkit.worlds.particles import DepthView
+    from toolkit.rooms.worlds.particles import DepthView
 
 TINT = 0.12
 """How much bluer or yellower than grey the air's light may be drawn."""
@@ -67,7 +67,7 @@ def read_words(given: object) -> object:
 
 def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float]) -> "list[DepthView]":
     """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
-    from toolkit.worlds.particles import DepthView
+    from toolkit.rooms.worlds.particles import DepthView
 
     buffers = [view.depth for view in views]
     return [
@@ -81,9 +81,9 @@ class Weathered(Transform):
     """What is drawn for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
 
     Attributes:
-        weathers: (name, severity), at least one, of `toolkit.worlds.depth_weather`; each is as likely.
+        weathers: (name, severity), at least one, of `toolkit.rooms.worlds.depth_weather`; each is as likely.
         probability: that a view has weather.
-        airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.2 to 0.7.
+        airlight: linear light of the air, in the picture's values; skies of `toolkit.rooms.worlds.sky` have 0.2 to 0.7.
     """
 
     stage = "view"
@@ -94,7 +94,7 @@ class Weathered(Transform):
     @field_validator("weathers")
     @classmethod
     def _check_weathers(cls, weathers: Named) -> Named:
-        from toolkit.worlds.depth_weather import make_weather
+        from toolkit.rooms.worlds.depth_weather import make_weather
 
         if not weathers:
             raise ToolkitError("expected at least one weather, such as fog:3")
@@ -109,7 +109,7 @@ class Weathered(Transform):
 
     def lines(self) -> list[str]:
         """A line for each weather with the numbers behind it."""
-        from toolkit.worlds.depth_weather import describe_weathers
+        from toolkit.rooms.worlds.depth_weather import describe_weathers
 
         return describe_weathers(self.weathers)
 
@@ -126,7 +126,7 @@ class Weathered(Transform):
         import torch
 
         from toolkit.corruptions.batch import draw_corrupted
-        from toolkit.worlds.depth_weather import make_weather
+        from toolkit.rooms.worlds.depth_weather import make_weather
 
         height, width = views[0].depth_m.shape
         factor = np.ones((len(views), height, width, 3), np.float32)

@@ -1,0 +1,169 @@
+"""The leaderboard: a page that opens from disk, a CSV file, and a JSON file of each entry."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from toolkit.captures.capture import UNPATCHED
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_json, write_text
+from toolkit.core.statistics import adjust_holm, sign_flip_p
+from toolkit.core.tables import encode_csv
+from toolkit.evaluation.contact_sheet import encode_jpeg
+from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, write_page
+from toolkit.rooms.benchmarks.challenge.score import (
+    CONDITIONS,
+    FOG,
+    Judged,
+    Score,
+    describe_rank,
+    read_judged,
+    read_picture,
+    rescore,
+)
+
+PICTURE_PX = 240
+TIE = 1e-9
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A line of a leaderboard.
+
+    Attributes:
+        rank: from 1; entries of equal lower bounds share a rank. None where there is nothing to rank by.
+        judged: the entry.
+        p_next: paired, against the entry below, Holm-corrected over the board; None for the last.
+    """
+
+    rank: int | None
+    judged: Judged
+    p_next: float | None
+
+    @property
+    def score(self) -> Score:
+        """Score of the entry."""
+        return self.judged.score
+
+    def as_json(self) -> dict[str, Any]:
+        """A row of the CSV."""
+        return {"rank": self.rank, **describe_rank(self.score), "p_next": self.p_next}
+
+
+def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
+    """Entries of a class, by the lower end of the interval of their gain on networks that they never saw.
+
+    Neighbours are compared picture by picture, on the judges that neither saw: each picture, with all judges and
+    conditions, is one draw of the sign-flip test.
+    """
+    ranked = sorted(entries, key=lambda entry: (entry.score.rank_ci95 is None, -(entry.score.rank_ci95 or (0, 0))[0]))
+    pairs = [_compare(first, other) for first, other in pairwise(ranked)]
+    adjusted = iter(adjust_holm([p for p in pairs if p is not None]))
+    p_next = [None if p is None else next(adjusted) for p in pairs]
+    places: list[Standing] = []
+    for number, entry in enumerate(ranked, 1):
+        low = entry.score.rank_ci95[0] if entry.score.rank_ci95 else None
+        above = places[-1] if places else None
+        is_tied = above is not None and low is not None and above.score.rank_ci95 is not None and (
+            abs(above.score.rank_ci95[0] - low) < TIE
+        )  # fmt: skip
+        rank = None if low is None else above.rank if above is not None and is_tied else number
+        places.append(Standing(rank, entry, p_next[number - 1] if number <= len(p_next) else None))
+    return places
+
+
+def _compare(first: Judged, other: Judged) -> float | None:
+    """Sign-flip p on the judges that neither saw; None where there is none, or they share no picture."""
+    judges = {judge.sha256 for judge in first.score.judges if not judge.seen}
+    judges &= {judge.sha256 for judge in other.score.judges if not judge.seen}
+    tables = [
+        {
+            (line.object, line.pose, line.judge_sha256, line.condition): line.correct
+            for line in judged.outcomes
+            if line.judge_sha256 in judges and line.variant == judged.entry.record.variant
+        }
+        for judged in (first, other)
+    ]
+    changes: dict[tuple[str, int], list[int]] = {}
+    for key in tables[0].keys() & tables[1].keys():
+        changes.setdefault(key[:2], []).append(int(tables[0][key]) - int(tables[1][key]))
+    return sign_flip_p([float(np.mean(own)) for _, own in sorted(changes.items())]) if changes else None
+
+
+def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], list[tuple[str, str]]]:
+    """Write `index.html`, `board.csv` and `NAME.json` of each entry that its own files bear out.
+
+    Returns:
+        The places, class by class, and (entry, reason) of each that is left out.
+
+    Raises:
+        ToolkitError: no entry is left, or the folder cannot be written.
+    """
+    # every score is computed again from its outcomes: what an entry claims is not believed
+    entries, refused = [], []
+    for folder in folders:
+        faults = rescore(folder)
+        if faults:
+            refused.append((str(folder), faults[0]))
+        else:
+            entries.append(read_judged(folder))
+    # the files below are called by name, on some disks whatever the case
+    names = [entry.score.entry.name.lower() for entry in entries]
+    for name in {name for name in names if names.count(name) > 1}:
+        raise ToolkitError(f"two entries are called '{name}': give one another name in its entry.json")
+    if not entries:
+        raise ToolkitError(f"no entry to rank{f': {refused[0][0]}: {refused[0][1]}' if refused else ''}")
+    # only entries of the same division, budget and judges are ranked together
+    classes: dict[tuple[object, ...], list[Judged]] = {}
+    for entry in entries:
+        classes.setdefault(entry.score.class_of, []).append(entry)
+    boards = [rank_entries(own) for own in classes.values()]
+    places = [place for board in boards for place in board]
+    rows = [place.as_json() for place in places]
+    # for programs: a JSON file of each entry, and the table
+    for place in places:
+        write_json(out / f"{place.score.entry.name}.json", place.score.model_dump(mode="json"), out)
+    write_text(out / "board.csv", encode_csv(list(rows[0]), (row.values() for row in rows)), out)
+    # for people: the page
+    context = {
+        "title": "Challenge", "boards": [(_name_class(board[0].score), board[0].score, board) for board in boards],
+        "pictures": {entry.score.entry.name: _embed_pictures(entry) for entry in entries},
+        "curves": {entry.score.entry.name: _count_curve(entry) for entry in entries},
+        "conditions": CONDITIONS, "colour": COLOURS[0], "bare_colour": UNPATCHED_COLOUR,
+    }  # fmt: skip
+    write_page(out / "index.html", "toolkit.rooms.benchmarks.challenge", "board.html.j2", context)
+    return places, refused
+
+
+def _name_class(score: Score) -> str:
+    judges = (
+        "the division's judges" if score.is_official else "judges " + ", ".join(judge.name for judge in score.judges)
+    )
+    return f"{score.entry.division} division, {score.entry.budget}, version {score.challenge_version}, {judges}"
+
+
+def _embed_pictures(judged: Judged) -> list[tuple[str, list[str]]]:
+    """(object, data URIs) of each object with its booster on it, and of the booster."""
+    found = []
+    for name in judged.entry.objects:
+        shown = read_picture(judged, name), judged.entry.read_booster(name).pixels
+        found.append((name, [encode_jpeg(Image.fromarray(pixels), PICTURE_PX) for pixels in shown]))
+    return found
+
+
+def _count_curve(judged: Judged) -> list[tuple[int, float, float]]:
+    """(severity, share right bare, with the booster): clear air is 0; by judges that never saw the entry."""
+    judges = {judge.sha256 for judge in judged.score.judges if not judge.seen}
+    right: dict[int, dict[str, list[bool]]] = {}
+    for outcome in judged.outcomes:
+        if outcome.condition != FOG and outcome.judge_sha256 in judges:
+            right.setdefault(outcome.severity, {}).setdefault(outcome.variant, []).append(outcome.correct)
+    bare, boosted = UNPATCHED, judged.entry.record.variant
+    return [
+        (severity, float(np.mean(own[bare])), float(np.mean(own[boosted]))) for severity, own in sorted(right.items())
+    ]

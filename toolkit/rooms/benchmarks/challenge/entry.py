@@ -1,0 +1,407 @@
+"""An entry: a folder with `entry.json` and a booster for each object; its rules, and the workspace it is judged in."""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import inside, read_bytes, read_json, real_path, write_bytes, write_json
+from toolkit.core.text import FileName, is_file_name
+from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.objects.add import find_named_files
+from toolkit.objects.load import load_object
+from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, keep_name, read_patch, read_texture, uv_name
+from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
+from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, Wrap, check_wrap, hash_wrap, piece_name, read_wrap
+from toolkit.rig import Pattern
+from toolkit.rig.applied.texture import check_fit
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import CapturePlan, make_plan, write_plan
+from toolkit.rig.variants import find_booster
+from toolkit.rooms.benchmarks.challenge import (
+    CLOSED_OBJECTS,
+    DRAWN_SEED,
+    LARGEST_PATCH,
+    POSES,
+    VARIANT,
+    VERSION,
+    Budget,
+    Division,
+    EntryConfig,
+)
+
+ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
+SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
+MOST_LISTED = 20
+"""Largest number of misplaced files that are listed, each on its own line."""
+MOST_LETTERS = 2000
+MOST_FILE_BYTES = 64 << 20
+
+
+def _check_text(text: str) -> str:
+    if not text.strip() or not all(character.isprintable() or character == "\n" for character in text):
+        raise ValueError("expected words: some printable characters")
+    return text
+
+
+def _check_link(link: str) -> str:
+    if link and not re.fullmatch(r"https?://[^\s<>\"']+", link):
+        raise ValueError("expected an address that begins with https:// or http://, or nothing")
+    return link
+
+
+Line = Annotated[str, Field(max_length=100), AfterValidator(_check_text)]
+Text = Annotated[str, Field(max_length=MOST_LETTERS), AfterValidator(_check_text)]
+
+
+class EntryRecord(BaseModel):
+    """`entry.json`: what its authors say of it.
+
+    Attributes:
+        name: of the entry, also its folder's in results.
+        authors: of whom it is.
+        method: how it was made, in some sentences.
+        link: to a paper or to code; may be empty.
+        division, budget: where it takes part: objects and poses of the kit or one's own, patches or whole surfaces.
+        networks: on which it was trained, each with the SHA-256 of its weights. Such a network is no judge of it.
+        seed: seed of its training; None without training.
+        recipe: the settings, or the command line.
+        training_hours: what all of it took; None: not known.
+        boosters: SHA-256 of each object's picture.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    schema_version: Literal[1] = 1
+    challenge_version: int = VERSION
+    name: FileName
+    authors: tuple[Line, ...] = Field(min_length=1, max_length=50)
+    method: Text
+    link: Annotated[str, Field(max_length=300), AfterValidator(_check_link)] = ""
+    division: Division = "closed"
+    budget: Budget = "patch"
+    networks: tuple[NetworkRecord, ...] = Field((), max_length=100)
+    seed: int | None = None
+    recipe: Annotated[str, Field(max_length=MOST_LETTERS)] = ""
+    training_hours: float | None = Field(None, ge=0)
+    boosters: dict[FileName, Annotated[str, Field(pattern=SHA256)]] = Field(min_length=1, max_length=100)
+
+    @property
+    def variant(self) -> str:
+        """Variant of the entry's pictures."""
+        return VARIANT[self.budget]
+
+
+@dataclass(frozen=True)
+class ChallengeEntry:
+    """A folder that was read.
+
+    Attributes:
+        folder: where it is.
+        record: what its authors say.
+    """
+
+    folder: Path
+    record: EntryRecord
+
+    @cached_property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the judged objects, sorted."""
+        return CLOSED_OBJECTS if self.record.division == "closed" else tuple(sorted(self.record.boosters))
+
+    def file_name(self, name: str) -> str:
+        """Return the path of an object's booster: the picture of a patch or texture, or the folder of a wrap."""
+        return f"{BOOSTERS}/{name}" if self.record.budget == "wrap" else f"{BOOSTERS}/{name}.png"
+
+    def read_booster(self, name: str) -> "EnteredBooster":
+        """The booster of an object, see `read_booster`."""
+        return read_booster(inside(self.folder, self.file_name(name)), self.record.budget)
+
+
+@dataclass(frozen=True)
+class EnteredBooster:
+    """A booster of any kind, as an entry needs it.
+
+    Attributes:
+        made: the patch, wrap or texture.
+        sha256: of its picture; of a wrap of the hashes of all its pictures.
+        label, index: of the class that it was trained for.
+        networks: that it was trained on.
+        files: its files, each with its name without the object's.
+    """
+
+    made: Patch | Wrap | Texture
+    sha256: str
+    label: str | None
+    index: int | None
+    networks: Sequence[NetworkRecord]
+    files: tuple[tuple[str, Path], ...]
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(n, n, 3) uint8 sRGB."""
+        assert self.made.pixels is not None  # `read_wrap` reads them
+        return self.made.pixels
+
+
+def read_booster(path: Path, budget: Budget) -> EnteredBooster:
+    """A booster, checked against its own record.
+
+    Raises:
+        ToolkitError: as `read_patch`, `read_wrap` and `read_texture`, or a wrap with nothing trained on it.
+    """
+    if budget == "wrap":
+        wrap = read_wrap(path)
+        training = wrap.record.booster
+        if training is None:
+            raise ToolkitError(f"{path}: is a plan with nothing trained on it: expected a trained wrap")
+        names = (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in wrap.record.pieces))
+        files = tuple((f"/{name}", path / name) for name in names)
+        return EnteredBooster(
+            wrap, hash_wrap(wrap.record), wrap.record.class_name, training.class_index, training.networks, files
+        )
+    made = read_patch(path) if budget == "patch" else read_texture(path)
+    record = made.record
+    return EnteredBooster(
+        made, record.png_sha256, record.class_name, record.class_index, record.networks, tuple(_list_files(path, made))
+    )
+
+
+def read_entry(folder: Path) -> ChallengeEntry:
+    """Read `entry.json`.
+
+    Raises:
+        ToolkitError: there is none, or a field is wrong; the message names it.
+    """
+    folder = Path(folder)
+    if not (folder / ENTRY).is_file():
+        raise ToolkitError(
+            f"{folder} is not an entry: expected {ENTRY} in it; 'toolkit challenge init {folder}' makes one"
+        )
+    return ChallengeEntry(real_path(folder), read_json(folder / ENTRY, EntryRecord))
+
+
+def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> ChallengeEntry:
+    """Make an entry of a workspace's own boosters; the words about it are to be filled in.
+
+    Raises:
+        ToolkitError: the folder holds something, or an object has no booster.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ToolkitError(f"{folder} is there already: name a new folder")
+    is_closed = config.division == "closed"
+    if is_closed and config.objects:
+        expected = "the closed division has its own objects: leave it out, or enter the open one"
+        raise FieldError(expected, {"objects": config.objects})
+    names = CLOSED_OBJECTS if is_closed else config.objects
+    if not names:
+        raise FieldError("the open division judges objects of your own: name them", {"objects": ()})
+    places = {"patch": workspace.patches, "wrap": workspace.wraps, "texture": workspace.textures}
+    # copy each booster, and note the networks that trained it: as judges they count as seen
+    trained: dict[str, NetworkRecord] = {}
+    hashes = {}
+    for name in names:
+        worn = find_booster(workspace, load_object(workspace.object_spec(name)), VARIANT[config.budget])
+        assert worn is not None  # only of `unpatched` there is none
+        own = read_booster(places[config.budget]()[worn.name], config.budget)
+        trained |= {network.sha256: network for network in own.networks}
+        hashes[name] = own.sha256
+        for suffix, file in own.files:
+            write_bytes(folder / BOOSTERS / f"{name}{suffix}", file.read_bytes(), folder)
+        if not is_closed:
+            _copy_object(workspace.object_spec(name).parent, name, folder / OBJECTS)
+    # the record is a draft: authors and method are for the entrant to fill in
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-_")
+    record = EntryRecord(
+        name=stem if is_file_name(stem) else "entry", authors=("Your name",), method="How it was made.",
+        division=config.division, budget=config.budget, networks=tuple(trained.values()), boosters=hashes,
+    )  # fmt: skip
+    write_json(folder / ENTRY, record.model_dump(mode="json"))
+    return read_entry(folder)
+
+
+def _list_files(png: Path, made: Patch | Texture) -> Iterator[tuple[str, Path]]:
+    """(what follows the picture's name, file) of a booster: picture, record, and of a texture coordinates and masks."""
+    names = [".png", ".json"]
+    for item in made.record.objects if isinstance(made, Texture) else ():
+        names += [uv_name("", item.name)] * (item.uv_sha256 is not None)
+        names += [keep_name("", item.name)] * (item.keep_image_sha256 is not None)
+    for name in names:
+        yield name, png.with_name(png.stem + name)
+
+
+def _list_object_files(folder: Path, name: str) -> list[str]:
+    """The spec of an object, its mesh, and what that names, by their paths in the folder; of the kit's mesh the spec.
+
+    Raises:
+        ToolkitError: the spec or the mesh cannot be read, or names a file outside of its folder.
+    """
+    spec = f"{name}.toml"
+    mesh = read_spec(inside(folder, spec)).mesh
+    if mesh.startswith(BUILTIN_PREFIX):
+        return [spec]
+    named = find_named_files(inside(folder, mesh))
+    root = real_path(folder)
+    return [spec, PurePosixPath(mesh).as_posix(), *(file.relative_to(root).as_posix() for file in named)]
+
+
+def _copy_object(folder: Path, name: str, target: Path) -> None:
+    """Copy the files of an object to another folder of specs; raises as `_list_object_files`."""
+    for path in _list_object_files(folder, name):
+        write_bytes(target / path, read_bytes(inside(folder, path), MOST_FILE_BYTES), target)
+
+
+def check_entry(folder: Path) -> list[str]:
+    """Every fault of an entry, a line each; none where it may be judged. The entry stays as it is."""
+    try:
+        entry = read_entry(folder)
+    except ToolkitError as error:
+        return [str(error)]
+    return list(_list_faults(entry))
+
+
+def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
+    record = entry.record
+    # what the record says
+    if record.challenge_version != VERSION:
+        yield f"{ENTRY}: challenge_version {record.challenge_version}: expected {VERSION}, which this toolkit judges"
+    for name in sorted(set(entry.objects) ^ set(record.boosters)):
+        yield f"{ENTRY}: boosters: {name}: " + ("missing" if name in entry.objects else "is no object of the division")
+    # which files the folder has; without all of them nothing can be opened
+    yield from _list_stray(entry)
+    missing = list(_list_missing(entry))
+    yield from missing
+    if missing:
+        return
+    # whether each booster can be read, and fits its object
+    with TemporaryDirectory(prefix="toolkit-entry-") as scratch:
+        try:
+            space = open_space(entry, Path(scratch))
+        except ToolkitError as error:
+            yield str(error)
+            return
+        for name in entry.objects:
+            if name in record.boosters:
+                try:
+                    yield from _list_booster_faults(entry, name, space)
+                except ToolkitError as error:
+                    yield str(error)
+
+
+def _list_missing(entry: ChallengeEntry) -> Iterator[str]:
+    for name in entry.objects:
+        if not (entry.folder / entry.file_name(name)).exists():
+            yield f"{entry.file_name(name)} is missing: expected the booster of {name}"
+        spec = f"{OBJECTS}/{name}.toml"
+        if entry.record.division == "open" and not (entry.folder / spec).is_file():
+            yield f"{spec} is missing: the open division judges objects of your own, which go into the entry"
+
+
+def _list_known(entry: ChallengeEntry) -> Iterator[str]:
+    """The files that may be in an entry, by their paths below its folder."""
+    yield from (ENTRY, "README", "README.md", "README.txt")
+    pictures = (f"{PICTURES}/{name}.png" for name in entry.objects)
+    page = (f"page/{name}" for name in ("index.html", "board.csv", f"{entry.record.name}.json"))
+    yield from (f"{SCORE}/{name}" for name in (SCORE_FILE, OUTCOMES, *pictures, *page))
+    for name in entry.objects:
+        own, objects = [entry.file_name(name), f"{BOOSTERS}/{name}.json"], [f"{OBJECTS}/{name}.toml"]
+        with suppress(ToolkitError):  # which is a fault of its own
+            own = [f"{BOOSTERS}/{name}{suffix}" for suffix, _ in entry.read_booster(name).files]
+        yield from own
+        if entry.record.division == "open":
+            with suppress(ToolkitError):
+                objects = [f"{OBJECTS}/{path}" for path in _list_object_files(inside(entry.folder, OBJECTS), name)]
+            yield from objects
+
+
+def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
+    """What has no place in an entry: links, what is too large, and what no rule knows; of very much the first lines."""
+    known = set(_list_known(entry))
+    folders = {up.as_posix() for name in known for up in PurePosixPath(name).parents}
+    faults: list[str] = []
+    waiting = ["."]
+    while waiting:
+        # a folder without a place is not looked into, however much or deep it holds
+        for path in sorted((entry.folder / waiting.pop()).iterdir()):
+            name = path.relative_to(entry.folder).as_posix()
+            if path.is_symlink():
+                faults.append(f"{name}: a link: expected the file itself")
+            elif name in folders and path.is_dir():
+                waiting.append(name)
+            elif name not in known and not (name.startswith(f"{SCORE}/") and name.endswith(".partial")):
+                faults.append(f"{name}: has no place in an entry of the {entry.record.division} division: take it out")
+            elif not path.is_file():
+                faults.append(f"{name}: is no file: expected a plain one")
+            elif path.stat().st_size > MOST_FILE_BYTES:
+                faults.append(f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}")
+    yield from faults[:MOST_LISTED]
+    if len(faults) > MOST_LISTED:
+        yield f"{entry.folder}: {len(faults) - MOST_LISTED} more files that have no place in it: take them out"
+
+
+def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace) -> Iterator[str]:
+    item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), entry.file_name(name)
+    if booster.sha256 != entry.record.boosters[name]:
+        yield f"{where}: is not what {ENTRY} names: {booster.sha256[:12]} is its hash"
+    # trained for the object's own class
+    wanted = item.spec.class_name
+    if wanted not in (booster.label, booster.index):
+        yield f"{where}: was trained for '{booster.label}': expected '{wanted}'"
+    # the entry names every network of the training, so that none counts as unseen
+    said = {network.sha256 for network in entry.record.networks}
+    for network in booster.networks:
+        if network.sha256 not in said:
+            which = f"{network.arch} ({network.sha256[:12]})"
+            yield f"{where}: its record names {which}, {ENTRY} does not: add it to networks"
+    # the size of a patch is bounded; a wrap or a texture must be of this mesh
+    if isinstance(booster.made, Patch):
+        side, most = sum(item.spec.sizes_mm(booster.made.size_mm)), LARGEST_PATCH * float(item.mesh.size_mm.max())
+        if side > most + 0.05:
+            yield f"{where}: {side:.1f} mm on {name}: expected at most {most:.1f}, a third of its length"
+    elif isinstance(booster.made, Wrap):
+        check_wrap(booster.made, item)
+    else:
+        check_fit(item, booster.made)
+
+
+def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
+    """A new workspace in which an entry is judged: its boosters, the kit's objects or its own, and the poses.
+
+    Raises:
+        ToolkitError: a file is missing or leads out of the entry, or an object cannot be read.
+    """
+    space = make_workspace(folder)
+    target = {"patch": space.patches_dir, "wrap": space.wraps_dir, "texture": space.textures_dir}[entry.record.budget]
+    for fault in _list_missing(entry):
+        raise ToolkitError(fault)
+    for name in entry.objects:
+        if entry.record.division == "open":
+            _copy_object(inside(entry.folder, OBJECTS), name, space.objects_dir)
+        for suffix, file in entry.read_booster(name).files:
+            source = inside(entry.folder, file.relative_to(entry.folder).as_posix())
+            write_bytes(target / f"{name}{suffix}", read_bytes(source, MOST_FILE_BYTES))
+    write_plan(space.plan_file, plan_poses(space, entry.objects))
+    return space
+
+
+def plan_poses(space: Workspace, names: Sequence[str]) -> CapturePlan:
+    """The plan's 18 poses of each object, and 18 more that the version draws: anywhere above the table."""
+    from toolkit.rig.patch_places import draw_poses
+
+    items = [load_object(space.object_spec(name)) for name in names]
+    camera = Camera.from_fov()
+    plan = make_plan(items, camera, Pattern(count=POSES))
+    drawn = {item.name: draw_poses(item, camera, POSES, DRAWN_SEED) for item in items}
+    objects = {
+        name: [*poses, *(pose.model_copy(update={"id": POSES + pose.id}) for pose in drawn[name])]
+        for name, poses in plan.objects.items()
+    }
+    return plan.model_copy(update={"objects": objects})

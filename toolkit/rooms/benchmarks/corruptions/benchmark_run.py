@@ -1,0 +1,313 @@
+"""The corruption benchmark, from a data set to a results folder and its report: choose, compute, summarise, write."""
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.tables import encode_csv
+from toolkit.core.workspace import Workspace
+from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.engine import EngineConfig
+from toolkit.evaluation import check_run_name
+from toolkit.evaluation.page import RIGHT, WRONG, write_page
+from toolkit.evaluation.run_files import (
+    CELLS,
+    INPUTS,
+    SUMMARY,
+    explain_run_dir,
+    find_run_dir,
+    lacks_other_inputs,
+    write_run,
+)
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.models.load import load_classifier
+from toolkit.models.network import Classifier
+from toolkit.rooms.benchmarks.corruptions import CLEAN, NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.rooms.benchmarks.corruptions.benchmark_figures import draw_overview, draw_variant
+from toolkit.rooms.benchmarks.corruptions.benchmark_means import summarise
+from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
+    BenchmarkCell,
+    Summary,
+    VariantMean,
+    judge_benchmark,
+    label_row,
+    name_corruption,
+    read_summary,
+)
+from toolkit.rooms.benchmarks.corruptions.cells import (
+    Shard,
+    Variant,
+    apply_variant,
+    corrupt_images,
+    load_shard,
+    open_variants,
+    share_classes,
+)
+from toolkit.rooms.benchmarks.corruptions.grid import Benchmark, Grid, run_grid
+from toolkit.rooms.benchmarks.corruptions.recognisers import READER
+from toolkit.training.images import ImageSet, choose_classes, open_images
+
+MAX_FAILED = 200
+TITLES = {
+    "name": "Run", "data": "Data", "model": "Network", "image_px": "Side of the image, px", "seed": "Seed",
+    "parameters": "Corruption parameters", "placement": "Placement of the patches", "is_imagenet": "Labels of ImageNet",
+    "preprocessing": "Preprocessing", "toolkit_version": "Made by toolkit", "sha256": "SHA-256",
+}  # fmt: skip
+COLUMNS = 6
+TILE_IN, HEAD_IN = 1.55, 0.5
+LETTER_IN = 0.085
+
+
+def write_report(
+    path: Path, summary: Summary, overview: bytes, figures: Mapping[tuple[str, str], bytes], examples: bytes | None
+) -> Path:
+    """Write the report with its figures in it.
+
+    Args:
+        path: of the file.
+        summary: what is reported.
+        overview: PNG.
+        figures: PNG of a variant and answerer; of all, or of none where nothing was corrupted.
+        examples: PNG of an image in every variant.
+    """
+    about = dict(summary.about)
+    about_variants = about.pop("variants", [])
+    about.pop("toolkit_version", None)
+    context = {
+        "summary": summary, "title": str(summary.about.get("name", "corruptions")), "clean": NOT_CORRUPTED,
+        "verdicts": judge_benchmark(summary), "max_failed": MAX_FAILED,
+        "networks": [row for row in summary.variants if row.kind != READER],
+        "readers": [row for row in summary.variants if row.kind == READER],
+        "own": {(row.variant, row.answerer): _collect(summary, row) for row in summary.variants},
+        "overview": overview, "examples": examples, "figures": figures,
+        "whole": {entry["name"]: entry.get("share_whole") for entry in about_variants},
+        "done": [(_title(key), _flatten(value)) for key, value in about.items()],
+        "about_variants": [
+            (entry["name"], _flatten({key: value for key, value in entry.items() if key != "name"}))
+            for entry in about_variants
+        ],
+    }  # fmt: skip
+    package = "toolkit.rooms.benchmarks.corruptions"
+    return write_page(path, package, "benchmark.html.j2", context, corruption=name_corruption)
+
+
+def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
+    """What the template shows of a row."""
+    return {
+        "name": label_row(summary, row),
+        "means": summary.means_of(row),
+        "cells": summary.cells_of(row),
+        "differences": summary.differences_of(row),
+    }
+
+
+def _title(key: str) -> str:
+    return TITLES.get(key, key.replace("_", " "))
+
+
+def _flatten(value: Any) -> str:
+    """Return a record of `about` as a single line."""
+    if isinstance(value, Mapping):
+        known = {key: part for key, part in value.items() if part not in (None, [], {})}
+        parts = (_flatten(part) if key == "name" else f"{_title(key)} {_flatten(part)}" for key, part in known.items())
+        return "; ".join(parts) or "no patches"
+    if isinstance(value, list | tuple):
+        return ", ".join(
+            " ".join(map(str, part)) if isinstance(part, list | tuple) else _flatten(part) for part in value
+        )
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class BenchmarkFiles:
+    """What was written; `figures` has the overview first."""
+
+    summary: Path
+    cells: Path
+    report: Path
+    figures: tuple[Path, ...]
+
+
+def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None = None) -> BenchmarkFiles:
+    """Write `summary.json`, `cells.csv`, `figures/*.png` and `report.html`, each whole or not at all.
+
+    Args:
+        folder: of the run.
+        benchmark: the finished grid.
+        examples: PNG of an image in every variant.
+
+    Raises:
+        ToolkitError: the disk is full or may not be written, or two networks have the same name.
+    """
+    wanted, inputs = Path(folder), _hash_inputs(benchmark)
+    folder = find_run_dir(wanted, lacks_other_inputs(inputs))
+    summary = summarise(replace(benchmark, notes=(*benchmark.notes, *explain_run_dir(wanted, folder))))
+    overview = draw_overview(summary)
+    figures = {
+        (row.variant, row.answerer): draw_variant(summary, row) for row in summary.variants if summary.corruptions
+    }
+    files = [write_bytes(folder / "figures" / "overview.png", overview)]
+    if examples is not None:
+        files.append(write_bytes(folder / "figures" / "examples.png", examples))
+    taken = {"overview", "examples"}
+    for (variant, answerer), png in figures.items():
+        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
+    report = write_report(folder / "report.html", summary, overview, figures, examples)
+    # last: where it is, the rest is there as well
+    write_run(folder, summary.as_json() | {INPUTS: inputs}, {CELLS: encode_cells(summary)})
+    return BenchmarkFiles(folder / SUMMARY, folder / CELLS, report, tuple(files))
+
+
+def _hash_inputs(benchmark: Benchmark) -> str:
+    """Return the hash of the data, networks, patches and conditions, without the toolkit's version."""
+    about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
+    conditions = sorted({(cell.corruption, cell.severity) for cell in benchmark.cells})
+    return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
+
+
+def encode_cells(summary: Summary) -> str:
+    """The text of `cells.csv`: a row for each cell; fields that do not apply are empty."""
+    names = [field.name for field in fields(BenchmarkCell) if field.name != "top1_ci95"]
+    at = names.index("top1") + 1
+    rows = []
+    for cell in summary.cells:
+        values = [getattr(cell, name) for name in names]
+        family = None if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family
+        rows.append([*values[:at], *cell.top1_ci95, *values[at:], family])
+    return encode_csv([*names[:at], "ci95_low", "ci95_high", *names[at:], "family"], rows)
+
+
+def _name_file(words: str, taken: set[str]) -> str:
+    """A file name of any variant's and network's name, each once."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", words).strip("-.")[:80] or "figure"
+    name, number = plain, 1
+    # some file systems do not tell `Fog` from `fog`
+    while name.lower() in taken:
+        number += 1
+        name = f"{plain}-{number}"
+    taken.add(name.lower())
+    return name
+
+
+def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
+    """Clean, and corruptions spread over those that were run, each at its middle severity."""
+    names = list(dict.fromkeys(name for name, _ in corruptions))
+    picked = [names[k] for k in np.linspace(0, len(names) - 1, min(COLUMNS - 1, len(names))).round().astype(int)]
+    chosen = [NOT_CORRUPTED]
+    for name in picked:
+        severities = sorted(severity for other, severity in corruptions if other == name)
+        chosen.append((name, severities[len(severities) // 2]))
+    return chosen
+
+
+@with_default_style
+def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
+    """PNG: a row for each variant, a column for each condition; always the image in the middle of the list.
+
+    A green frame says that the network's first guess is correct, a red frame that it is wrong.
+    """
+    chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
+    number = benchmark.ids.index(chosen)
+    image = next(image for image in grid.images.images if image.id == chosen)
+    # drawn and not recorded, so that its hash is not needed
+    shard = Shard((image,), ("",))
+    names = [_label_row(variant, grid.variants[0]) for variant in grid.variants]
+    label_in = 0.3 + LETTER_IN * max(len(line) for name in names for line in name.split("\n"))
+    figure = make_figure(label_in + TILE_IN * len(conditions), HEAD_IN + TILE_IN * len(grid.variants), layout=None)
+    panels = figure.subplots(len(grid.variants), len(conditions), squeeze=False)
+    left = label_in / figure.get_figwidth()
+    top = 1 - 0.84 * HEAD_IN / figure.get_figheight()
+    figure.subplots_adjust(left, bottom=0.01, right=0.995, top=top, wspace=0.06, hspace=0.06)
+    ranks = {(cell.variant, cell.recogniser, (cell.corruption, cell.severity)): cell.ranks for cell in benchmark.cells}
+    for row, variant, name in zip(panels, grid.variants, names, strict=True):
+        # each variant is shown as its own network sees it
+        pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
+        images = apply_variant(pixels, shard, usable, variant, grid.config)
+        for panel, condition in zip(row, conditions, strict=True):
+            shown = corrupt_images(images, slice(None), condition)[0].permute(1, 2, 0).numpy()
+            panel.imshow(shown, interpolation="antialiased")
+            rank = ranks[variant.name, variant.classifier.name, condition][number]
+            for spine in panel.spines.values():
+                spine.set(color=RIGHT if rank == 1 else WRONG, linewidth=3)
+            panel.set(xticks=[], yticks=[])
+        row[0].set_ylabel(name, rotation=0, ha="right", va="center", fontsize=9, labelpad=8)
+    for panel, (corruption, severity) in zip(panels[0], conditions, strict=True):
+        level = f"\nseverity {severity}" if severity else ""
+        panel.set_title(corruption.replace("_", " ") + level, fontsize=9)
+    return encode_figure(figure)
+
+
+def _label_row(variant: Variant, first: Variant) -> str:
+    """The variant, and below it the network if it differs."""
+    other = variant.classifier is not first.classifier
+    return f"{variant.name},\n{variant.classifier.name}" if other else variant.name
+
+
+@dataclass(frozen=True)
+class BenchmarkRun:
+    """What a run found, and where it is.
+
+    Attributes:
+        benchmark: the finished grid.
+        files: what was written.
+        without_images: by patch set, labels of its classes that have no images; empty where classes were named.
+    """
+
+    benchmark: Benchmark
+    files: BenchmarkFiles
+    without_images: dict[str, list[str]]
+
+    @property
+    def headlines(self) -> list[str]:
+        """The result in words, a sentence for each patch set and who answers."""
+        return [verdict.sentence for verdict in judge_benchmark(read_summary(self.files.summary))]
+
+
+def evaluate_benchmark(
+    workspace: Workspace, data: ImageSet | Path | str, classifier: Classifier, config: CorruptEvalConfig,
+    load: Callable[[str], Classifier] = load_classifier, engine: EngineConfig | None = None,
+) -> BenchmarkRun:  # fmt: skip
+    """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
+
+    Results go to `eval/corruptions/RUN`. A cell is computed once, whatever run asks for it.
+
+    Args:
+        workspace: whose patches are meant, and whose `eval/` is written to.
+        data: from `open_images`, or a folder with a folder of images for each class.
+        classifier: who is asked where `config.patches` names no other.
+        config: patches, corruptions, classes.
+        load: the classifier of a name; by default of the bundled and the published ones.
+        engine: where cells are computed; by default in this process.
+
+    Raises:
+        ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
+            finite, or a disk that is full or read-only.
+    """
+    found = data if isinstance(data, ImageSet) else open_images(str(data), classifier)
+    images = choose_classes(found, list(config.classes), classifier)
+    if config.per_class is not None:
+        images = images.draw(config.per_class, config.seed)
+    variants, notes = open_variants(workspace, config.patches, classifier, load)
+    # only classes of which every set has a picture: all variants see the same images
+    grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
+    folder = workspace.eval_dir / "corruptions"
+    run_dir = folder / check_run_name(grid.name)
+    with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
+        doubts = dict.fromkeys(note for variant in variants for note in variant.classifier.notes)
+        benchmark = run_grid(grid, folder / "cells.jsonl", (*doubts, *notes), workers)
+    files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
+    patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
+    without_images = {
+        name: [classifier.labels[index] for index in own if index not in images.classes]
+        for name, own in patches.items()
+        if not config.classes
+    }
+    return BenchmarkRun(benchmark, files, {name: labels for name, labels in without_images.items() if labels})

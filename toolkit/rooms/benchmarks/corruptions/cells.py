@@ -1,0 +1,327 @@
+"""Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.boosters.apply import boost_images
+from toolkit.boosters.patch_sets import PatchSet, read_patch_set
+from toolkit.captures.capture import UNPATCHED
+from toolkit.core.draws import image_seed
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import sha256_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.corruptions.batch import corrupt, run_each
+from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
+from toolkit.evaluation.predict import CPU_PART
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
+from toolkit.models.network import BadAnswer, Classifier
+from toolkit.rooms.benchmarks.corruptions import NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.rooms.benchmarks.corruptions.recognisers import (
+    Reader,
+    Recogniser,
+    find_readers,
+    recognise_by_network,
+    recognise_by_reader,
+)
+from toolkit.training.images import ImageSet, LabelledImage
+
+METHOD_VERSION = 1
+"""Raised when the same inputs give other ranks, as after a change to a corruption."""
+FAILED = -1
+"""The rank of an image that could not be used."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way of showing the images.
+
+    Attributes:
+        name: `unpatched`, or that of the patch set.
+        patches: None for `unpatched`.
+        classifier: whose preprocessing the images get, and who is asked.
+        readers: are asked as well, where the patches are codes.
+    """
+
+    name: str
+    patches: PatchSet | None
+    classifier: Classifier
+    readers: tuple[Reader, ...] = ()
+
+    @property
+    def recognisers(self) -> tuple[Recogniser, ...]:
+        """The network, then the readers."""
+        return (recognise_by_network(self.classifier), *map(recognise_by_reader, self.readers))
+
+
+def open_variants(
+    workspace: Workspace, words: Sequence[str], classifier: Classifier, load: Callable[[str], Classifier]
+) -> tuple[list[Variant], list[str]]:
+    """`unpatched`, once for each network, and the variants that `SET` or `SET@MODEL` name.
+
+    Args:
+        workspace: whose `print/patches` holds the sets.
+        words: `SET` or `SET@MODEL`.
+        classifier: who is asked where no other is named.
+        load: the classifier of a name.
+
+    Returns:
+        The variants, and notes on readers that are not installed.
+
+    Raises:
+        ToolkitError: an unknown set or model, a set of other classes, a patch that is larger than the network's image,
+            or networks that do not share their labels.
+    """
+    # by the word after `@`: each network is loaded once, however many sets it answers
+    networks: dict[str, Classifier] = {"": classifier}
+    boosted: list[Variant] = []
+    notes: list[str] = []
+    # each patch set, with the network that is named after its `@`
+    for word in dict.fromkeys(words):
+        name, _, model = word.partition("@")
+        network = networks[model] = networks.get(model) or load(model)
+        if network.labels != classifier.labels:
+            raise FieldError(
+                f"{network.name} answers with other classes than {classifier.name}: evaluate it in a run of its own, "
+                f"with {{model}} {model}",
+                {"patches": word},
+            )
+        patches = read_patch_set(workspace, name, network.labels)
+        crop_px = network.preprocessing.crop_px
+        if patches.n_px > crop_px:
+            raise FieldError(
+                f"its patches of {patches.n_px} px are larger than the {crop_px} px that {network.name} sees: make "
+                "smaller ones",
+                {"patches": name},
+            )
+        # codes are decoded beside the network's answers, if a decoder is installed
+        readers, missing = _find_readers(patches)
+        notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
+        boosted.append(Variant(name, patches, network, tuple(readers)))
+    distinct = {(network.name, network.weights.sha256): network for network in networks.values()}
+    names = [name for name, _ in distinct]
+    for name in names:
+        # results are kept by the network's name
+        if names.count(name) > 1:
+            raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
+    # every network needs its own baseline without patches, and needs it once
+    variants = [Variant(UNPATCHED, None, classifier)]
+    for variant in boosted:
+        if all(known.classifier.name != variant.classifier.name for known in variants):
+            variants.append(Variant(UNPATCHED, None, variant.classifier))
+        variants.append(variant)
+    return variants, list(dict.fromkeys(notes))
+
+
+def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
+    if patches.code_kind is None:
+        return [], []
+    # all codes of a set have the same kind, so the first decides
+    code = next(iter(patches.patches.values())).record.settings["code"]
+    return find_readers(code["kind"], code.get("dictionary", ""))
+
+
+def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list[int]:
+    """Classes that have images and a picture in every set: all variants are shown the same images.
+
+    Raises:
+        ToolkitError: there is none.
+    """
+    shared = set(available)
+    for variant in variants:
+        if variant.patches is not None:
+            shared &= set(variant.patches.patches)
+            if not shared:
+                raise ToolkitError(
+                    f"set '{variant.name}' has no picture for any class that has images and is in the other sets: make "
+                    "one for them, or evaluate the sets in runs of their own"
+                )
+    return sorted(shared)
+
+
+class CellLine(BaseModel):
+    """Line of `cells.jsonl`: the ranks of a shard's images in a cell."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    key: str = Field(pattern=r"^[0-9a-f]{64}$")
+    ranks: list[int]
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Images that are in memory together.
+
+    Attributes:
+        images: in order.
+        hashes: of their files.
+    """
+
+    images: tuple[LabelledImage, ...]
+    hashes: tuple[str, ...]
+
+
+def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
+    """The images in parts of `size`; files are read once for their hashes."""
+    for start in range(0, len(images.images), size):
+        part = images.images[start : start + size]
+        yield Shard(part, tuple(images.hash_image(image.id) for image in part))
+
+
+def make_key(
+    shard: Shard, variant: Variant, recogniser: Recogniser, condition: Condition, config: CorruptEvalConfig
+) -> str:
+    """Hash of everything that the ranks of a shard's images in a cell depend on."""
+    how = variant.classifier.preprocessing
+    patches = variant.patches
+    # by the pictures' hashes: a set that is trained anew has other cells
+    pictures = (
+        None if patches is None else [patches.patches[image.class_index].record.png_sha256 for image in shard.images]
+    )
+    given = None
+    if condition != NOT_CORRUPTED:
+        corruption, severity = condition
+        chosen = choose_parameters(how.crop_px, how.crop_px)
+        # the numbers themselves, not only the severity: other parameters are another cell
+        given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
+    # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
+    inputs = [
+        METHOD_VERSION, [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(),
+        pictures, None if patches is None else config.placement.model_dump(),
+        None if patches is given is None else config.seed, given,
+        recogniser.identity,
+    ]  # fmt: skip
+    return sha256_bytes(json.dumps(inputs).encode())
+
+
+CUDA_PART = 128
+"""Number of images in a computation; on a CPU `CPU_PART`, in a single thread."""
+
+
+@dataclass(frozen=True)
+class ShardImages:
+    """The images of a shard that can be used, in a variant.
+
+    Attributes:
+        pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
+        classes: (k,) int64.
+        seeds: of each image's random draws.
+        ids: of the images.
+        texts: what readers of codes must say; empty without codes.
+        usable: (n,) bool, which of the shard's images these are.
+    """
+
+    pixels: torch.Tensor
+    classes: np.ndarray
+    seeds: list[int]
+    ids: list[str]
+    texts: list[str]
+    usable: np.ndarray
+
+
+def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a shard on several threads.
+
+    Returns:
+        (k, m, m, 3) uint8 sRGB of the images that can be used, and (n,) bool, which these are.
+    """
+
+    def load(image: LabelledImage) -> np.ndarray | None:
+        try:
+            return images.load(image, how)
+        except UnreadableImage:
+            return None
+
+    with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
+        loaded = list(pool.map(load, shard.images))
+    usable = np.array([pixels is not None for pixels in loaded])
+    empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
+    return (np.stack([pixels for pixels in loaded if pixels is not None]) if usable.any() else empty), usable
+
+
+def apply_variant(
+    pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, config: CorruptEvalConfig
+) -> ShardImages:
+    """Put each image's patch on it; rounded to 8 bits, as a file of it would be.
+
+    Args:
+        pixels, usable: from `load_shard`.
+        shard: of which they are.
+        variant: whose patches are put on.
+        config: placement and seed.
+    """
+    used = [image for image, is_usable in zip(shard.images, usable, strict=True) if is_usable]
+    ids = [image.id for image in used]
+    # by the seed and the image's name alone, so that all variants lie alike on an image
+    seeds = [image_seed(config.seed, id) for id in ids]
+    classes = np.array([image.class_index for image in used], np.int64)
+    bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
+    patches = variant.patches
+    if patches is None:
+        return ShardImages(bare, classes, seeds, ids, [], usable)
+    boosted = torch.empty_like(bare)
+    parts = _cut(len(used), CPU_PART)
+
+    def place(index: int) -> None:
+        part = parts[index]
+        pictures = torch.from_numpy(patches.stack(classes[part]))
+        with torch.inference_mode():
+            images = bare[part].float().div_(255)
+            # rounded, as a file of the picture would be: the corruption begins from 8 bits
+            boosted[part] = _round(boost_images(images, pictures, config.placement, seeds[part])).byte()
+
+    run_each(place, len(parts))
+    texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
+    return ShardImages(boosted, classes, seeds, ids, texts, usable)
+
+
+def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> torch.Tensor:
+    """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
+    batch = images.pixels[part].to(device).float().div_(255)
+    if condition == NOT_CORRUPTED:
+        return batch
+    return _round(corrupt(batch, *condition, images.seeds[part])).div_(255)
+
+
+def rank_images(
+    images: ShardImages, condition: Condition, recognisers: Sequence[Recogniser], device: str
+) -> list[np.ndarray]:
+    """The ranks of all images by each recogniser, (k,) int32, see `Recogniser`.
+
+    Raises:
+        ToolkitError: a network's output is not finite.
+    """
+    ranks = [np.zeros(len(images.classes), np.int32) for _ in recognisers]
+    parts = _cut(len(images.classes), CPU_PART if device == "cpu" else CUDA_PART)
+
+    def work(index: int) -> None:
+        part = parts[index]
+        with torch.inference_mode():
+            batch = corrupt_images(images, part, condition, device)
+            for recogniser, row in zip(recognisers, ranks, strict=True):
+                try:
+                    row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
+                except BadAnswer as error:
+                    raise error.at(images.ids[part]) from None
+
+    # on a CPU parts share the cores; a GPU takes them in turn
+    if device == "cpu":
+        run_each(work, len(parts))
+    else:
+        for index in range(len(parts)):
+            work(index)
+    return ranks
+
+
+def _round(images: torch.Tensor) -> torch.Tensor:
+    """Values in [0, 1] to whole levels 0 … 255, still float."""
+    return images.mul(255).round_()
+
+
+def _cut(count: int, size: int) -> list[slice]:
+    return [slice(start, start + size) for start in range(0, count, size)]

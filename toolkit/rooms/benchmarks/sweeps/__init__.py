@@ -1,0 +1,73 @@
+"""How far a patch carries: a quantity is varied, the rest kept.
+
+The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
+"""
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from toolkit.core.config import Config, Flag, Later
+from toolkit.core.errors import FieldError
+from toolkit.evaluation import RunName
+from toolkit.rig import PAIR
+from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer
+
+if TYPE_CHECKING:
+    from toolkit.rooms.benchmarks.sweeps.axes import Axis, Value
+
+
+class SweepConfig(Config):
+    """One sweep; see `run_sweep`."""
+
+    axis: Annotated[str, Flag(metavar="AXIS", positional=True)] = Field(
+        description="light, backdrop, distance, resolution, size, coverage or seed."
+    )
+    values: Annotated[tuple[str | int | float, ...], Flag(metavar="VALUES", typed=tuple[str, ...])] = Field(
+        (),
+        description="Values to try; repeat, or separate by commas. Names of lights or backdrops, factors of the plan's "
+        "distance, widths of the picture in px, sides of the printed patch in mm, per cent "
+        "of what cameras see that the best pieces of a wrap cover, or seeds.",
+    )
+    objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
+        (), description="Object to shoot; repeat for more. Default: all in the plan."
+    )
+    variants: Annotated[tuple[str, ...], Flag("--variant", metavar="NAME")] = Field(
+        PAIR, description="As in capture-sim; repeat for more."
+    )
+    run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
+        None, description="Name in the results' file names; default: the network's, and that of the set of patches."
+    )
+    trained: Annotated[bool, Flag("--trained")] = Field(
+        False,
+        description="Of the axis size: at each size the set of patches trained for it, print/patches/60mm for 60 mm "
+        "('train-patch --size-mm 60 --out print/patches/60mm').",
+    )
+    renderer: Annotated[str, AfterValidator(check_renderer), Later(), Flag(metavar="|".join(RENDERERS))] = Field(
+        RAYCAST, description="What draws the images."
+    )
+    seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
+
+    @model_validator(mode="after")
+    def _check_values(self) -> "SweepConfig":
+        # parsed here, so that a value that cannot be is refused before anything is shot
+        axis, _ = self.parse()
+        if self.trained and axis.name != "size":
+            raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
+        return self
+
+    def shown(self) -> tuple[str, ...]:
+        """Each variant once; where the wrap is varied, it takes the patch's place unless others are asked for."""
+        varied = ("unpatched", "wrapped") if self.axis == "coverage" and self.variants == PAIR else self.variants
+        return tuple(dict.fromkeys(varied))
+
+    def parse(self) -> "tuple[Axis, list[Value]]":
+        """The axis, and its values in order.
+
+        Raises:
+            ToolkitError: there is no such axis, or it cannot have such a value.
+        """
+        from toolkit.rooms.benchmarks.sweeps.axes import find_axis, parse_values
+
+        axis = find_axis(self.axis)
+        return axis, parse_values(axis, self.values)

@@ -1,0 +1,334 @@
+"""Train boosters on all networks but one, shoot the plan, and test the left-out network; then the next.
+
+Every step is kept and taken up again: training by its checkpoints, captures by their manifest, answers by the hash of
+what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict
+
+from toolkit.boosters import texture_config
+from toolkit.boosters.detectors import DetectorNetwork, refuse_for_detectors
+from toolkit.boosters.texture import train_texture
+from toolkit.boosters.train import train_for_object
+from toolkit.captures.capture import UNPATCHED
+from toolkit.captures.manifest import MANIFEST
+from toolkit.captures.read import POOLED
+from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
+from toolkit.core.console import notice
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.records import list_version
+from toolkit.core.statistics import wilson_interval
+from toolkit.core.tables import format_interval, format_p
+from toolkit.core.workspace import Workspace, copy_objects
+from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.detect import DetectionRun, evaluate_detector
+from toolkit.evaluation.evaluate import Evaluation, evaluate_captures
+from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.summaries import SCHEMA_VERSION
+from toolkit.models.network import Classifier
+from toolkit.objects.load import load_object
+from toolkit.objects.spec import names_with_mesh
+from toolkit.rig.plan import CapturePlan, hash_pose, open_plan, write_plan
+from toolkit.rig.variants import NOUNS
+from toolkit.rooms.benchmarks.transfer import FOR_CLASSIFIERS, Kind, TransferConfig
+
+BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
+SOURCE = "sim"
+JUDGING_VERSION = 1
+"""Raised when the same pictures and networks give other rows, so that networks are asked again."""
+Judge = Classifier | DetectorNetwork
+
+
+class JudgedRow(BaseModel):
+    """Answers of a network to an object with a booster, pooled rows among them.
+
+    Attributes:
+        left_out: the network that the boosters were not trained on, or `classifiers` or `detectors`.
+        trained_on: the others.
+        judge, judge_sha256: which network spoke, and the hash of its weights.
+        seen: whether the boosters were trained on it.
+        source: `sim`, or `sim-fog-3` and the like for corrupted captures.
+        object: or `all`.
+        kind: patch or texture.
+        n, bare, boosted: poses seen both ways, and how many of them are right bare and in the booster; of a detector
+            those in which it finds the object: a box of its class that overlaps by half.
+        gained, lost, mcnemar_p: of the pairs.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    left_out: str
+    trained_on: list[str]
+    judge: str
+    judge_sha256: str
+    seen: bool
+    source: str
+    object: str
+    kind: str
+    n: int
+    bare: int
+    boosted: int
+    gained: int
+    lost: int
+    mcnemar_p: float
+
+
+class JudgedCell(BaseModel):
+    """Answers of a network to the boosters that were trained without a network.
+
+    Attributes:
+        key: hash of all that it depends on.
+        settings_sha256: hash of the settings, poses, objects and networks of the run that asked; empty in older files.
+        rows: by source, object and kind.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    key: str
+    settings_sha256: str = ""
+    rows: list[JudgedRow]
+
+
+def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Sequence[str]) -> list[JudgedRow]:
+    """The pairs against `unpatched` of an evaluation."""
+    judge, sha256 = done.summary["model"]["name"], done.summary["model"]["sha256"]
+    rows = []
+    for pair in done.pairs:
+        if pair.first != UNPATCHED or pair.second not in BOOSTED:
+            continue
+        found = pair.outcomes
+        rows.append(JudgedRow(
+            left_out=left_out, trained_on=list(trained_on), judge=judge, judge_sha256=sha256, seen=judge in trained_on,
+            source=pair.source, object=pair.object, kind=BOOSTED[pair.second], n=found.n, bare=found.n_first,
+            boosted=found.n_second, **describe_change(found),
+        ))  # fmt: skip
+    return rows
+
+
+def write_matrix(folder: Path, rows: Sequence[JudgedRow], about: dict[str, Any]) -> tuple[Path, Path]:
+    """Write `matrix.json` and `matrix.md`."""
+    head = {"schema_version": SCHEMA_VERSION, "kind": "transfer", **about}
+    content = head | {"rows": [row.model_dump() for row in rows]}
+    text = "\n\n".join(["\n".join(_as_markdown(rows, seen)) for seen in (False, True)]) + "\n"
+    return write_json(folder / "matrix.json", content), write_text(folder / "matrix.md", text)
+
+
+def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
+    """Cells of a table: on networks that were left out, each object; on those that were not, the pooled rows."""
+    cells: list[tuple[str, ...]] = []
+    several = len({row.object for row in rows} - {POOLED}) > 1
+    for row in rows:
+        if (
+            row.seen is not seen
+            or (row.object == POOLED and not several)
+            or (seen and several != (row.object == POOLED))
+        ):
+            continue
+        low_high = format_interval(wilson_interval(row.boosted, row.n))
+        cells.append((
+            row.left_out, row.judge, row.kind, row.source, row.object, f"{row.bare} of {row.n}",
+            f"{row.boosted} of {row.n} ({low_high})", str(row.gained), str(row.lost), format_p(row.mcnemar_p),
+        ))  # fmt: skip
+    return cells
+
+
+HEADS = ("left out", "judged by", "booster", "source", "object", "bare", "boosted (95 %)", "gained", "lost", "p")
+
+
+def _as_markdown(rows: Sequence[JudgedRow], seen: bool) -> list[str]:
+    title = "Judged by the networks that it was trained on" if seen else "Judged by the network that was left out"
+    table = [HEADS, ("---",) * len(HEADS), *tabulate(rows, seen)]
+    lines = [" | ".join(cells) for cells in table]
+    return [f"{title}:", "", *(f"| {line} |" for line in lines)]
+
+
+@dataclass(frozen=True)
+class TransferResult:
+    """What an experiment made.
+
+    Attributes:
+        rows: of every network that was left out in this run or an earlier run of the same settings.
+        json_file, markdown_file: where they are.
+    """
+
+    rows: tuple[JudgedRow, ...]
+    json_file: Path
+    markdown_file: Path
+
+
+def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequence[Judge]) -> TransferResult:
+    """Train without each network in turn, and let all of them judge.
+
+    What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
+    in `eval/transfer/RUN/matrix.json` and `.md`. Nothing is trained on classifiers and detectors at once: where there
+    are both, all detectors are left out, then all classifiers, and each kind judges what was trained on the other.
+
+    Args:
+        workspace: whose objects and plan are meant, and whose `eval/` is written to.
+        config: what is trained and judged.
+        networks: at least two, of different names.
+
+    Raises:
+        ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
+            training, shooting and judging raise.
+    """
+    by_name = {network.name: network for network in networks}
+    # two networks of the same name would share a folder
+    if len(by_name) < max(2, len(networks)):
+        raise FieldError("expected at least two networks, each once", {"model": [network.name for network in networks]})
+    groups = group_networks(networks)
+    if any(isinstance(network, DetectorNetwork) for network in networks):
+        refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
+    for name in config.left_out:
+        if name not in groups:
+            raise one_of("network", name, list(groups))
+    objects = list(config.objects) or names_with_mesh(workspace)
+    plan = open_plan(workspace, objects)
+    shown = _describe_objects(workspace, plan, objects)
+    folder = workspace.eval_dir / "transfer" / config.run
+    for left_out in config.left_out or groups:
+        notice(f"without {left_out}")
+        others = [network for name, network in by_name.items() if name not in groups[left_out]]
+        # a workspace of its own: its boosters are called as those that were trained without another network
+        space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
+        for name in objects:
+            for kind in config.kinds:
+                _train(space, kind, name, others, config)
+        _shoot(space, plan, objects, config, folder)
+        for judge in networks:
+            _judge(space, judge, left_out, others, config, _hash_settings(config, judge, others, shown))
+    # also of networks that an earlier run left out
+    rows: list[JudgedRow] = []
+    for left_out in groups:
+        others = [network for name, network in by_name.items() if name not in groups[left_out]]
+        rows += _read_rows(folder, left_out, {
+            judge.name: _hash_settings(config, judge, others, shown) for judge in networks
+        })  # fmt: skip
+    about = {"run": config.run, "settings": config.record(), "networks": {
+        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+        | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
+        for name, network in by_name.items()
+    }}  # fmt: skip
+    return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
+
+
+def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
+    """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
+    kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
+    for network in networks:
+        kinds["detectors" if isinstance(network, DetectorNetwork) else "classifiers"].append(network.name)
+    return kinds if all(kinds.values()) else {network.name: [network.name] for network in networks}
+
+
+def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
+    """A workspace with the objects and the plan of another."""
+    space = copy_objects(workspace, folder)
+    write_plan(space.plan_file, plan)
+    return space
+
+
+def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
+    """Take training up, or pass over what is finished."""
+    if kind == "texture":
+        settings = texture_config.make_config("default", {**config.overrides(kind), "objects": (name,)})
+        train_texture(settings, networks, space)
+        return
+    train_for_object(space, name, networks, config.overrides(kind), config.seed)
+
+
+def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: TransferConfig, folder: Path) -> None:
+    """The plan, once; the bare objects that were shot without another network are copied."""
+    stored: dict[str, StoredImage] = {}
+    for other in sorted(folder.glob(f"without-*/captures/{SOURCE}")):
+        stored |= index_images(other)
+    variants = ("unpatched", *(variant for variant, kind in BOOSTED.items() if kind in config.kinds))
+    shoot_plan(space, plan, objects, variants, ShootSettings(config.seed), SOURCE, stored=stored)
+
+
+def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence[str]) -> list[Any]:
+    """Each object's name, spec, mesh and poses, as JSON has them."""
+    items = [load_object(workspace.object_spec(name)) for name in objects]
+    return [
+        [item.name, item.spec.model_dump(mode="json"), item.mesh_sha256]
+        + [hash_pose(plan.camera, pose) for pose in plan.objects[item.name]]
+        for item in items
+    ]
+
+
+def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
+    """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
+    networks = [
+        (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
+    ]
+    return sha256_json([settings, networks, shown])
+
+
+def _judge(
+    space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig,
+    settings_sha256: str,
+) -> None:  # fmt: skip
+    """Ask a network, unless it was asked of the same captures before."""
+    captures = space.captures_dir / SOURCE
+    seen = [network.name for network in others]
+    # the manifest's hash stands for all images: it holds theirs
+    parts = (
+        sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
+        config.objects, config.corruptions, *list_version(JUDGING_VERSION),
+    )  # fmt: skip
+    key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    file = _cell_file(space.root, judge.name)
+    try:
+        earlier = read_json(file, JudgedCell)
+        if earlier.key == key:
+            # the same pictures, as this run's settings make them
+            write_json(file, earlier.model_copy(update={"settings_sha256": settings_sha256}).model_dump())
+            return
+    except ToolkitError:
+        pass  # none yet, or of another version
+    settings = EvalConfig(
+        run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
+        corruptions=config.corruptions,
+    )  # fmt: skip
+    if isinstance(judge, DetectorNetwork):
+        rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
+    else:
+        rows = collect_rows(evaluate_captures(captures, space, judge, settings), left_out, seen)
+    write_json(file, JudgedCell(key=key, settings_sha256=settings_sha256, rows=rows).model_dump())
+
+
+def name_folder(network: str) -> str:
+    """A network's name as a folder may be called: `timm-tf_efficientnet_lite0`."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
+
+
+def _cell_file(root: Path, judge: str) -> Path:
+    return root / f"judged-by-{name_folder(judge)}.json"
+
+
+def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
+    """Rows of a left-out network; `settings` is the hash that each judge's rows must rest on to count."""
+    rows: list[JudgedRow] = []
+    others = []
+    for judge, sha256 in settings.items():
+        file = _cell_file(folder / f"without-{name_folder(left_out)}", judge)
+        if not file.is_file():
+            continue
+        cell = read_json(file, JudgedCell)
+        if cell.settings_sha256 == sha256:
+            rows += cell.rows
+        else:
+            others.append(judge)
+    if others:
+        notice(
+            f"without {left_out}: the answers of {', '.join(others)} are of an earlier run with other settings, and "
+            "the matrix leaves them out: leave this network out again to make them new"
+        )
+    return rows

@@ -1,0 +1,364 @@
+"""The gates over a capture folder: photograph by photograph, then over the whole set; what to retake."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from toolkit.captures.capture import Capture
+from toolkit.captures.manifest import CaptureRecord, read_manifest
+from toolkit.captures.read import read_captures
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import delete_file, sha256_file, write_text
+from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.objects.wrap import RECORD_FILE
+from toolkit.rig import PAIR
+from toolkit.rig.board_file import board_file
+from toolkit.rig.plan import read_plan
+from toolkit.rig.shot_order import ShotStep, read_shots
+from toolkit.rig.variants import find_booster
+from toolkit.rooms.photos.gates import Check, Gate, GateResult
+from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
+from toolkit.rooms.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
+from toolkit.rooms.photos.locate import locate_by_board
+from toolkit.rooms.photos.photo import Photo, load_pixels, read_photo
+
+GATES_FILE = "gates.jsonl"
+VERSION = 4
+"""Version of the measures; photographs that another version judged are judged again."""
+
+
+def hash_setup(workspace: Workspace) -> str:
+    """Hash of all but the image that a photograph's results follow from: the rig, patches, objects, measures."""
+    digest = hashlib.sha256(f"gates {VERSION}".encode())
+    for file in (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file):
+        digest.update(file.read_bytes() if file.is_file() else b"none")
+    wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
+    for name, file in sorted({**workspace.patches(), **wraps}.items()):
+        digest.update(f"{name} {sha256_file(file)}".encode())
+    # meshes may be large: their size and time tell a change
+    for file in sorted(workspace.objects_dir.glob("*")):
+        found = file.stat()
+        digest.update(f"{file.name} {found.st_size} {found.st_mtime_ns}".encode())
+    return digest.hexdigest()
+
+
+class CheckLine(BaseModel):
+    """One line of `gates.jsonl`: what the gates said of an image.
+
+    Attributes:
+        setup: from `hash_setup`.
+        path: of the image below captures/SOURCE.
+        image_sha256: of the image that was judged.
+        results: of its gates.
+        lines: where its patch was seen; None where it was not.
+    """
+
+    model_config = ConfigDict(frozen=True)
+    setup: str
+    path: str
+    image_sha256: str
+    results: tuple[GateResult, ...]
+    lines: LinesRecord | None
+
+
+def open_gates_log(source_dir: Path) -> RecordLog[CheckLine]:
+    """The log of what was judged; a photograph whose line is broken is judged again."""
+    return RecordLog(Path(source_dir) / GATES_FILE, CheckLine, required=False)
+
+
+def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
+    """Append one photograph's results, see `CheckLine`; raises as `RecordLog.append`."""
+    lines = LinesRecord.from_lines(check.lines) if check.lines is not None else None
+    line = CheckLine(setup=setup, path=path, image_sha256=image_sha256, results=check.results, lines=lines)
+    open_gates_log(source_dir).append(line)
+
+
+def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoCheck]:
+    """Results by (path, image's hash), the last of each, of those that were judged with the same setup."""
+    return {
+        (line.path, line.image_sha256): PhotoCheck(line.results, line.lines.to_lines() if line.lines else None)
+        for line in open_gates_log(source_dir).read()
+        if line.setup == setup
+    }
+
+
+RETAKE_FILE = "retake.txt"
+MISSING = Gate("missing", 0.0, "photograph", "take it")
+
+
+@dataclass(frozen=True)
+class Retake:
+    """A photograph to take, or to take again.
+
+    Attributes:
+        object, variant, pose_id: what it should show.
+        why: the gates that it failed, with their numbers.
+        advice: what to do, one line per gate.
+        path: of the photograph that is there, relative to its source; empty where there is none.
+    """
+
+    object: str
+    variant: str
+    pose_id: int | None
+    why: tuple[str, ...]
+    advice: tuple[str, ...]
+    path: str = ""
+
+    @property
+    def label(self) -> str:
+        """What to take, in words."""
+        pose = f"pose {self.pose_id}" if self.pose_id is not None else self.path or "all"
+        return f"{self.object}/{self.variant} {pose}"
+
+    def describe(self) -> str:
+        """One line for a person: what to take, why, and what to do better."""
+        return f"{self.label}: {'; '.join(self.why)} -> {'; '.join(self.advice)}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts."""
+        return asdict(self)
+
+
+def retake_list(
+    photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto] | None = None, walk: Sequence[ShotStep] = ()
+) -> list[Retake]:
+    """Everything that failed a gate or is missing, one row per photograph, in the order of the walk.
+
+    Of a variant that has no photograph yet nothing is missing but the partners of others.
+
+    Args:
+        photos: with the results of their own gates.
+        findings: from `check_set` of the same photographs; made here where they are not given.
+        walk: every shot that there should be, see `read_walk`; what is not in it comes last, by object, variant and
+            pose.
+    """
+    findings = check_set(photos) if findings is None else findings
+    failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
+    for checked in (*photos, *findings):
+        if bad := [result for result in checked.results if result.failed]:
+            failed.setdefault((checked.object, checked.variant, checked.pose_id, checked.path), []).extend(bad)
+    begun = {(photo.object, photo.variant) for photo in photos}
+    # a pose that failed a gate is not missing besides
+    known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
+    places: dict[tuple[str, str, int | None], int] = {
+        (step.object, step.variant, step.pose_id): step.number for step in walk
+    }
+    for shot in places:
+        if shot[:2] in begun and shot not in known:
+            failed[shot[0], shot[1], shot[2], ""] = [MISSING.judge(1)]
+    last = len(places) + 1
+    ordered = sorted(
+        failed.items(), key=lambda item: (places.get(item[0][:3], last), *item[0][:2], item[0][2] or 0, item[0][3])
+    )
+    return [
+        Retake(
+            name, variant, pose_id, tuple(_measured(result, variant) for result in bad),
+            tuple(result.advice for result in bad), path=path,
+        )
+        for (name, variant, pose_id, path), bad in ordered
+    ]  # fmt: skip
+
+
+def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[CheckedPhoto]) -> dict[tuple[str, str], int]:
+    """How often each gate could not be checked, by (gate, reason), the most frequent first."""
+    counts: dict[tuple[str, str], int] = {}
+    for result in (result for checked in (*photos, *findings) for result in checked.results):
+        if result.status == "not checked":
+            key = (result.name, result.advice.removeprefix("not checked: "))
+            counts[key] = counts.get(key, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
+    """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
+    file = Path(source_dir) / RETAKE_FILE
+    if not rows:
+        delete_file(file)
+        return None
+    return write_text(file, "".join(f"{row.describe()}\n" for row in rows))
+
+
+def _measured(result: GateResult, variant: str) -> str:
+    if result.name == PARTNER.name:
+        return f"{variant} photo missing"
+    value = "" if result.value is None else f" {result.value:.3g}"
+    return f"{result.name}{value} {result.unit}".rstrip()
+
+
+def read_walk(workspace: Workspace) -> list[ShotStep]:
+    """Return the shots of `rig/shots.json` in order; without a list that fits the plan, both shots of each pair."""
+    with suppress(ToolkitError):
+        plan = read_plan(workspace.plan_file)
+        with suppress(ToolkitError):
+            return read_shots(workspace.root / "rig" / "shots.json", plan).steps
+        shots = [
+            (name, variant, pose.id)
+            for name in sorted(plan.objects)
+            for variant in sorted(PAIR)
+            for pose in plan.objects[name]
+        ]
+        return [ShotStep(number, *shot) for number, shot in enumerate(shots, 1)]
+    return []
+
+
+def list_recorded(workspace: Workspace, source_dir: Path, records: Sequence[CaptureRecord]) -> "CheckReport":
+    """Write `retake.txt` from what is known of imported photographs already, without reading the photographs again."""
+    known = read_checks(source_dir, hash_setup(workspace))
+    photos = []
+    for record in records:
+        found = known.get((record.path, record.image_sha256 or "")) or PhotoCheck(_read_recorded(record), None)
+        photos.append(
+            CheckedPhoto(record.object, record.variant, record.pose_id, found.results, found.lines, path=record.path)
+        )
+    return summarise(source_dir, photos, (), printed_sides(workspace, photos), read_walk(workspace))
+
+
+def _read_recorded(record: CaptureRecord) -> tuple[GateResult, ...]:
+    """What a photograph failed when it was kept."""
+    advice, gates = record.made.get("retake"), record.made.get("gates")
+    values = gates if isinstance(gates, dict) else {}
+    failed = [str(line).partition(": ") for line in advice] if isinstance(advice, list) else []
+    return tuple(GateResult(name, values.get(name), 0.0, "", "failed", words) for name, _, words in failed)
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the gates say of a source.
+
+    Attributes:
+        photos: with their own results.
+        findings: over the whole set.
+        retakes: what should be photographed again, and why.
+        unchecked: (gate, reason, how many photographs) of what could not be checked.
+        unreadable: (path, reason) of images that do not decode.
+    """
+
+    photos: tuple[CheckedPhoto, ...]
+    findings: tuple[CheckedPhoto, ...]
+    retakes: tuple[Retake, ...]
+    unchecked: tuple[tuple[str, str, int], ...]
+    unreadable: tuple[tuple[str, str], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts; every gate of every photograph."""
+        return {
+            "photos": [
+                {
+                    "path": photo.path, "object": photo.object, "variant": photo.variant, "pose_id": photo.pose_id,
+                    "gates": [result.to_json() for result in photo.results],
+                }
+                for photo in self.photos
+            ],
+            "set": [
+                {
+                    "path": finding.path, "object": finding.object, "variant": finding.variant,
+                    "pose_id": finding.pose_id,
+                    "gate": finding.results[0].to_json(),
+                }
+                for finding in self.findings
+            ],
+            "retakes": [row.to_json() for row in self.retakes],
+            "not_checked": [{"gate": gate, "reason": why, "photos": n} for gate, why, n in self.unchecked],
+            "unreadable": [{"path": path, "reason": why} for path, why in self.unreadable],
+        }  # fmt: skip
+
+
+def make_check(workspace: Workspace, source: str = "real") -> Check:
+    """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`."""
+    expecter = ExpectationBuilder(workspace)
+    source_dir, setup = workspace.source_dir(source), hash_setup(workspace)
+
+    def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
+        found = inspect_photo(pixels, expecter.expect_record(record))
+        append_check(source_dir, record.path, record.image_sha256 or photo.sha256, found, setup)
+        return found.results
+
+    return check
+
+
+def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
+    """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
+
+    Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
+    run that is stopped goes on where it was.
+
+    Raises:
+        ToolkitError: there are no captures, or a manifest, board or lens file is broken.
+    """
+    source_dir = workspace.source_dir(source)
+    if not source_dir.is_dir():
+        raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
+    with hold_folder(source_dir):
+        return _check_captures(workspace, source_dir)
+
+
+def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
+    # photographs beside those of the manifest are judged too: what counts is for the evaluation to say
+    captures = read_captures(source_dir, trust_files=True).captures
+    setup = hash_setup(workspace)
+    records, known = read_manifest(source_dir), read_checks(source_dir, setup)
+    expecter, locate = ExpectationBuilder(workspace), locate_by_board(workspace)
+
+    def judge(capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
+        photo = read_photo(capture.file)
+        pixels = load_pixels(photo)
+        # a manifest's camera is believed only for the very image that it was written for
+        if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
+            return inspect_photo(pixels, expecter.expect_record(record))
+        found = locate(photo, pixels)
+        view, why = (None, found) if isinstance(found, str) else (found, "")
+        return inspect_photo(pixels, expecter.expect(capture.object, capture.variant, capture.pose_id, view, why))
+
+    # results of an earlier check are kept for the same file and set-up
+    photos: list[CheckedPhoto] = []
+    unreadable: list[tuple[str, str]] = []
+    with progress("checking photographs", len(captures)) as bar:
+        for capture in captures:
+            path = capture.path.partition("/")[2]
+            try:
+                if capture.refused is not None:
+                    raise UnreadableImage(capture.file, capture.refused)
+                sha256 = sha256_file(capture.file)
+                found = known.get((path, sha256))
+                if found is None:
+                    found = judge(capture, records.get(path), sha256)
+                    append_check(source_dir, path, sha256, found, setup)
+                shown = (capture.object, capture.variant, capture.pose_id)
+                photos.append(CheckedPhoto(*shown, found.results, found.lines, path=path))
+            except UnreadableImage as error:
+                unreadable.append((path, error.reason))
+            bar.advance(note=path)
+    return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos), read_walk(workspace))
+
+
+def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], tuple[float, ...]]:
+    """The side in mm that each patch should have been printed with, sheet by sheet, by object and variant."""
+    sides = {}
+    for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
+        with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with
+            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+            if booster is not None and booster.sizes_mm:
+                sides[name, variant] = booster.sizes_mm
+    return sides
+
+
+def summarise(
+    source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = (),
+    sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None, walk: Sequence[ShotStep] = (),
+) -> CheckReport:  # fmt: skip
+    """Check photographs as a set and write `captures/SOURCE/retake.txt`, see `retake_list`."""
+    findings = check_set(photos, sides_mm)
+    retakes = retake_list(photos, findings, walk)
+    write_retake_list(source_dir, retakes)
+    unchecked = tuple((gate, why, n) for (gate, why), n in count_unchecked(photos, findings).items())
+    return CheckReport(tuple(photos), tuple(findings), tuple(retakes), unchecked, tuple(unreadable))

@@ -1,0 +1,395 @@
+"""The photographs to import, each once, in the order in which they were taken; and what was imported before."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
+from toolkit.captures.read import read_pose_id
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import inside, real_path, sha256_file, write_text
+from toolkit.imaging.read import UnreadableImage, is_image_name, show_path
+from toolkit.rooms.photos.importing.copies import find_copied
+from toolkit.rooms.photos.photo import (
+    Photo,
+    SortKey,
+    check_file,
+    is_photo_name,
+    list_photos,
+    natural_key,
+    read_photo,
+    show_name,
+    split_copy,
+)
+from toolkit.rooms.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
+
+LIVE_PHOTO_S = 5.0
+"""A video no longer than this beside a photograph of the same name is what a phone records around it."""
+COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A photograph that may be imported.
+
+    Attributes:
+        photo: it.
+        label: how it is called in messages: its path below the folder that was given.
+        folders: names of the folders between that folder and the file, that folder's own first.
+    """
+
+    photo: Photo
+    label: str
+    folders: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What was found.
+
+    Attributes:
+        candidates: in the order in which they were taken.
+        by_time: whether that order is the camera's time, and not the order of names.
+        duplicates: (label, reason) of photographs that are here twice.
+        kept: label of the photograph that is kept, by the label of a duplicate.
+        unreadable: (label, reason) of photographs that cannot be used.
+        others: names of files that are no photographs.
+    """
+
+    candidates: tuple[Candidate, ...]
+    by_time: bool
+    duplicates: tuple[tuple[str, str], ...]
+    unreadable: tuple[tuple[str, str], ...]
+    others: tuple[str, ...]
+    kept: dict[str, str] = field(default_factory=dict)
+
+    def find_ties(self) -> list[tuple[str, ...]]:
+        """Labels of photographs that carry one time, so that their names order them."""
+        tied: dict[object, list[str]] = {}
+        for candidate in self.candidates:
+            taken = candidate.photo.taken
+            if self.by_time and taken is not None:
+                tied.setdefault(taken.replace(tzinfo=None), []).append(candidate.label)
+        return [tuple(labels) for labels in tied.values() if len(labels) > 1]
+
+
+def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gathered:
+    """Read what the photographs in folders and single files say of themselves; videos become frames.
+
+    Args:
+        paths: folders, photographs, videos.
+        every_s: as in `pick_frames`.
+
+    Raises:
+        ToolkitError: a path does not exist, or none of them holds a photograph.
+    """
+    listed, unreadable, others = _list_all(paths)
+    if not listed and not unreadable:
+        named = ", ".join(str(path) for path in paths)
+        raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
+    # equal bytes are the same photograph, whatever the file's name
+    found: list[Candidate] = []
+    duplicates: list[tuple[str, str]] = []
+    kept: dict[str, str] = {}
+    first: dict[str, str] = {}
+    with progress("reading photographs", len(listed)) as bar:
+        for file, label, folders in listed:
+            try:
+                photo = read_photo(file)
+                if photo.sha256 in first:
+                    duplicates.append((label, f"the same photograph as {first[photo.sha256]}"))
+                    kept[label] = first[photo.sha256]
+                else:
+                    first[photo.sha256] = label
+                    found.append(Candidate(photo, label, folders))
+            except UnreadableImage as error:
+                unreadable.append((label, error.reason))
+            bar.advance()
+    # other formats and copies of the same shot
+    rest, companions = drop_companions(found)
+    rest, copies = drop_twins(rest)
+    kept |= {label: best for label, best, _ in (*companions, *copies)}
+    duplicates += [(label, reason) for label, _, reason in (*companions, *copies)]
+    # videos become frames
+    candidates: list[Candidate] = []
+    for candidate in rest:
+        try:
+            candidates += _take_frames(candidate, every_s)
+        except UnreadableImage as error:
+            unreadable.append((candidate.label, error.reason))
+    ordered, by_time = sort_by_time(candidates)
+    return Gathered(tuple(ordered), by_time, tuple(duplicates), tuple(unreadable), tuple(others), kept)
+
+
+LeftOut = tuple[str, str, str]
+"""Label of a photograph that is left out, label of the photograph that is kept for it, and the reason."""
+
+
+def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
+    """Leave out what a camera stored beside a photograph of the same shot.
+
+    Files of one name (IMG_1.HEIC, IMG_1.JPG, IMG_1.DNG, IMG_1.MOV) in one folder are one shot when they were taken at
+    the same moment, or when a file is the short film of a live photo.
+
+    Returns:
+        The rest, and those left out.
+    """
+    groups: dict[tuple[Path, str], list[Candidate]] = {}
+    for candidate in candidates:
+        path = candidate.photo.path
+        groups.setdefault((path.parent, path.stem.lower()), []).append(candidate)
+    dropped: dict[int, LeftOut] = {}
+    for group in groups.values():
+        stills = [candidate for candidate in group if candidate.photo.kind != "video"]
+        # the lowest rank is kept; a raw file comes last, as only its preview would be taken
+        stills.sort(key=lambda candidate: COMPANION_RANK.get(candidate.photo.kind, len(COMPANION_RANK)))
+        for companion in group:
+            if not stills or companion is stills[0]:
+                continue
+            best = stills[0]
+            if companion.photo.kind == "video" and _is_live(companion.photo):
+                dropped[id(companion)] = companion.label, best.label, f"the film of the live photo {best.label}"
+            # the same name alone is not enough: counters of cameras start again at 1
+            elif companion.photo.taken is not None and companion.photo.taken == best.photo.taken:
+                dropped[id(companion)] = (
+                    companion.label,
+                    best.label,
+                    f"the same shot as {best.label}, in another format",
+                )
+    return _leave_out(candidates, dropped)
+
+
+def drop_twins(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[LeftOut]]:
+    """Leave out what was saved once more: IMG_1.png or `IMG_1 copy.jpg` with the pixels of IMG_1.jpg beside it.
+
+    Only these names are compared: from a tripod, pictures of other variants may look the same.
+    """
+    groups: dict[tuple[Path, str], list[Candidate]] = {}
+    for candidate in candidates:
+        path = candidate.photo.path
+        if candidate.photo.kind != "video":
+            groups.setdefault((path.parent, split_copy(path.stem)[0]), []).append(candidate)
+
+    def find_tail(candidate: Candidate) -> str:
+        return split_copy(candidate.photo.path.stem)[1]
+
+    dropped: dict[int, LeftOut] = {}
+    for group in groups.values():
+        group.sort(
+            key=lambda candidate: (
+                bool(find_tail(candidate)),
+                COMPANION_RANK.get(candidate.photo.kind, 9),
+                _name_key(candidate),
+            )
+        )
+        kept: list[Candidate] = []
+        for twin in group:
+            beside = [other for other in kept if find_tail(other) in ("", find_tail(twin))]
+            number = find_copied(twin.photo, [other.photo for other in beside])
+            if number is None:
+                kept.append(twin)
+            else:
+                best = beside[number].label
+                dropped[id(twin)] = twin.label, best, f"a copy of {best}: one photograph counts once"
+    return _leave_out(candidates, dropped)
+
+
+def _leave_out(candidates: Sequence[Candidate], dropped: dict[int, LeftOut]) -> tuple[list[Candidate], list[LeftOut]]:
+    rest = [candidate for candidate in candidates if id(candidate) not in dropped]
+    return rest, [dropped[id(candidate)] for candidate in candidates if id(candidate) in dropped]
+
+
+def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
+    """Candidates as they were taken, and whether the camera's times say so; by name if any has no time."""
+    times = [candidate.photo.taken for candidate in candidates]
+    # a photograph without a time could stand anywhere, so times order all or none
+    if not times or any(taken is None for taken in times):
+        return sorted(candidates, key=_name_key), False
+    zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
+
+    def moment(candidate: Candidate) -> tuple[datetime, list[SortKey]]:
+        taken = candidate.photo.taken
+        assert taken is not None
+        # a camera's wall clock orders its photographs; zones only help if all have them
+        return (taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None)), _name_key(candidate)
+
+    return sorted(candidates, key=moment), True
+
+
+def _list_all(
+    paths: Sequence[Path],
+) -> tuple[list[tuple[Path, str, tuple[str, ...]]], list[tuple[str, str]], list[str]]:
+    listed: list[tuple[Path, str, tuple[str, ...]]] = []
+    unreadable: list[tuple[str, str]] = []
+    others: list[str] = []
+    for path in map(Path, paths):
+        # a file that is named itself
+        if not path.is_dir():
+            if not path.exists():
+                raise ToolkitError(f"{path} does not exist: expected a photograph, a video, or a folder of them")
+            label = show_name(path.name)
+            if is_photo_name(path.name):
+                listed.append((path, label, ()))
+            else:
+                unreadable.append((label, "no photograph or video by its name"))
+            continue
+        # all photographs below a folder
+        found = list_photos(path)
+        unreadable += [(show_name(name), reason) for name, reason in found.refused]
+        others += map(show_name, found.others)
+        for file in found.photos:
+            parts = file.relative_to(path).parts
+            label = "/".join(show_name(part) for part in parts)
+            try:
+                check_file(file)  # a pipe or an empty file is listed, and never opened
+            except UnreadableImage as error:
+                unreadable.append((label, error.reason))
+            else:
+                listed.append((file, label, tuple(map(show_name, (real_path(path).name, *parts[:-1])))))
+    return listed, unreadable, others
+
+
+def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candidate]:
+    photo = candidate.photo
+    if photo.kind != "video":
+        return [candidate]
+    with progress(f"looking through {candidate.label}", 1) as bar:
+        frames = pick_frames(photo.path, every_s)
+        facts = read_video(photo.path)
+        bar.advance()
+    return [
+        Candidate(
+            replace(photo, frame=frame, taken=facts.taken_at(frame)), f"{candidate.label} frame {frame}",
+            candidate.folders,
+        )
+        for frame in frames
+    ]  # fmt: skip
+
+
+def _is_live(photo: Photo) -> bool:
+    if photo.path.suffix.lower() not in VIDEO_SUFFIXES:
+        return False
+    facts = read_video(photo.path)
+    return facts.n_frames / facts.fps <= LIVE_PHOTO_S
+
+
+def _name_key(candidate: Candidate) -> list[SortKey]:
+    return [natural_key(part) for part in candidate.label.split("/")]
+
+
+REPLACED = ".replaced"
+"""Folder of photographs that were replaced, below the source's; hidden, so that nothing counts them."""
+
+
+@dataclass(frozen=True)
+class CaptureKey:
+    """The place of an image in a capture folder: an object, a variant, a pose of the plan."""
+
+    object: str
+    variant: str
+    pose_id: int
+
+    def __str__(self) -> str:
+        return f"{self.object}/{self.variant} pose {self.pose_id}"
+
+
+@dataclass(frozen=True)
+class SourceIndex:
+    """Photographs of a source.
+
+    Attributes:
+        source_dir: captures/SOURCE.
+        current: what lies there now and is whole, by the identity of its original.
+        replaced: what was there before a retake, likewise.
+        records: all current records by path.
+    """
+
+    source_dir: Path
+    current: dict[tuple[str, int | None], CaptureRecord]
+    replaced: dict[tuple[str, int | None], CaptureRecord]
+    records: dict[str, CaptureRecord]
+
+
+def index_source(source_dir: Path) -> SourceIndex:
+    """Read what was imported into a source; a file that was deleted or changed since counts as not imported.
+
+    Lines of replaced images, which a run that was killed may have left, are taken out.
+
+    Raises:
+        ToolkitError: a manifest is broken.
+    """
+    records = read_manifest(source_dir)
+    kept_aside = read_manifest(source_dir / REPLACED).values()
+    replaced = {original: record for record in kept_aside if (original := find_original(record))}
+    stale = {
+        path
+        for path, record in records.items()
+        if find_original(record) in replaced and not inside(source_dir, path).is_file()
+    }
+    drop_records(source_dir, stale)
+    records = {path: record for path, record in records.items() if path not in stale}
+    current = {
+        original: record
+        for record in records.values()
+        if (original := find_original(record)) and is_whole(source_dir, record)
+    }
+    return SourceIndex(source_dir, current, replaced, records)
+
+
+def find_original(record: CaptureRecord) -> tuple[str, int | None] | None:
+    """The identity of the photograph that a record was imported from; None for images that were not imported."""
+    sha256, frame = record.made.get("original_sha256"), record.made.get("frame")
+    return (sha256, frame) if isinstance(sha256, str) and (frame is None or isinstance(frame, int)) else None
+
+
+def is_whole(source_dir: Path, record: CaptureRecord) -> bool:
+    """Whether a record's image is there, as it was written."""
+    file = inside(source_dir, record.path)
+    return file.is_file() and sha256_file(file) == record.image_sha256
+
+
+def find_images(index: SourceIndex, key: CaptureKey) -> list[Path]:
+    """Images that are there for a key, imported or put there by hand."""
+    folder = index.source_dir / key.object / key.variant
+    if not folder.is_dir():
+        return []
+    found = []
+    for file in sorted(folder.iterdir()):
+        if file.name.startswith(".") or not is_image_name(file.name) or not file.is_file():
+            continue
+        record = index.records.get(show_path((key.object, key.variant, file.name)))
+        pose_id = record.pose_id if record is not None and record.pose_id is not None else read_pose_id(file.name)
+        if pose_id == key.pose_id:
+            found.append(file)
+    return found
+
+
+def describe_imported(index: SourceIndex, photo: Photo) -> str | None:
+    """Where a photograph was imported to before; None where it was not."""
+    if record := index.current.get(photo.identity):
+        return f"imported before, as {record.path}"
+    if record := index.replaced.get(photo.identity):
+        return f"imported before, and replaced by a later one (kept as {REPLACED}/{record.path})"
+    return None
+
+
+def drop_records(source_dir: Path, paths: set[str]) -> None:
+    """Take the lines of images that are no longer there out of the manifest, which is whole at every moment."""
+    file = source_dir / MANIFEST
+    if not paths or not file.is_file():
+        return
+    # decoded with replacement: a cut last line of a killed run must not stop the others
+    lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+    kept = [line for line in lines if line.strip() and _path_in(line) not in paths]
+    if len(kept) < sum(1 for line in lines if line.strip()):
+        write_text(file, "".join(f"{line}\n" for line in kept))
+
+
+def _path_in(line: str) -> str | None:
+    try:
+        return json.loads(line).get("path")
+    except (ValueError, AttributeError):  # the cut end of a killed run
+        return None

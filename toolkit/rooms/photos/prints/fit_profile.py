@@ -1,0 +1,306 @@
+"""Fitting a print profile: from what the file says, and its colour strip, to what photographs of its print show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+
+from toolkit.imaging.colour import srgb_to_linear
+from toolkit.imaging.printer import ColourError, Exponents, raise_terms
+from toolkit.printing.marks import STRIP
+from toolkit.rooms.photos.prints.align import map_points, sample_image
+from toolkit.rooms.photos.prints.colours import PrintedColours, measure_error
+
+INSET = 0.2
+"""Share of a cell's side that is left out at each edge: camera blur mixes neighbours there."""
+SAMPLE_PX = 9
+LEAST_CELL_PX = 6.0
+CLIPPED = 253
+LARGEST_MISS_MM = 0.8
+
+
+@dataclass(frozen=True)
+class StripReading:
+    """Colours of the strip's cells as a photo shows them.
+
+    Attributes:
+        names: of the swatches.
+        file_srgb: (k, 3) uint8, as the file states them.
+        seen_linear: (k, 3) float, linear light of the photo: median over the cell's middle.
+        clipped: (k,) bool, whether the photo is over-exposed there.
+        homography: (3, 3) from millimetres on the strip, x right and y down, to pixels.
+    """
+
+    names: tuple[str, ...]
+    file_srgb: np.ndarray
+    seen_linear: np.ndarray
+    clipped: np.ndarray
+    homography: np.ndarray
+
+    @property
+    def white_linear(self) -> np.ndarray:
+        """(3,) linear light of bare paper: mean of the cells that the file leaves white."""
+        return self.seen_linear[(self.file_srgb == 255).all(axis=1)].mean(axis=0)
+
+
+def read_strip(image: np.ndarray) -> StripReading | None:
+    """Find the strip by its two markers and read every cell.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB.
+
+    Returns:
+        The colours, or None where both markers are not seen, or the cells are under 6 pixels wide.
+    """
+    H = _find_strip(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    if H is None:
+        return None
+    side = STRIP.swatches[0].side_mm
+    corners = map_points(H, STRIP.swatch_corners_mm().reshape(-1, 2)).reshape(-1, 4, 2)
+    if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min() < LEAST_CELL_PX:
+        return None
+    steps = ((np.arange(SAMPLE_PX) + 0.5) / SAMPLE_PX - 0.5) * (1 - 2 * INSET) * side
+    offsets = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    places = map_points(H, (STRIP.centres_mm[:, None] + offsets).reshape(-1, 2))
+    at = places.reshape(len(STRIP.swatches), -1, 2)
+    if (at < 0).any() or (at[..., 0] > image.shape[1]).any() or (at[..., 1] > image.shape[0]).any():
+        return None
+    seen = sample_image(image, at)
+    linear = np.median(srgb_to_linear(seen / 255.0), axis=1)
+    clipped = (np.median(seen, axis=1) >= CLIPPED).any(axis=1)
+    return StripReading(STRIP.names, STRIP.srgb, linear, clipped, H)
+
+
+def _find_strip(grey: np.ndarray) -> np.ndarray | None:
+    """(3, 3) from millimetres on the strip to pixels; None where its two markers are not both there."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, STRIP.dictionary))
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    found, ids, _ = cv2.aruco.ArucoDetector(dictionary, settings).detectMarkers(grey)
+    if ids is None:
+        return None
+    corners = {int(number): corner.reshape(4, 2) + 0.5 for number, corner in zip(ids.ravel(), found, strict=True)}
+    wanted = list(STRIP.marker_corners)
+    if not all(number in corners for number in wanted):
+        return None
+    printed = STRIP.marker_corners_mm(wanted).reshape(-1, 2)
+    pixels = np.concatenate([corners[number] for number in wanted])
+    H, _ = cv2.findHomography(printed, pixels)
+    if H is None:
+        return None
+    # a marker of something else, or a strip that is bent: its own corners must come back where they are
+    back = map_points(np.linalg.inv(H), pixels)
+    return H if np.abs(back - printed).max() < LARGEST_MISS_MM else None
+
+
+FOLDS = 5
+CELLS = 10
+"""The patch is divided into so many cells each way; whole cells are held out, as neighbouring pixels are alike."""
+MOST_PIXELS = 12_000
+POWERS = (1.0, 1.4, 1.8, 2.2, 2.6)
+BLURS_PX = (0.0, 0.5, 0.8, 1.2, 1.8)
+SIMPLER = 1.03
+"""A model with fewer terms is kept where the error of the best model is not lower by more than this factor."""
+STRIP_SHARE = 0.25
+"""Weight of a strip, all its cells together, against all of a photo's pixels."""
+DARKEST = 0.02
+TINY = 1e-6
+ROUNDS = 4
+
+
+def list_terms(degree: int, each: int) -> tuple[Exponents, ...]:
+    """Exponents of red, green, blue: none above `each`, their sum at most `degree`."""
+    terms = [term for term in product(range(each + 1), repeat=3) if sum(term) <= degree]
+    return tuple((r, g, b) for r, g, b in sorted(terms, key=lambda term: (sum(term), term)))
+
+
+MODELS: dict[str, tuple[Exponents, ...]] = {
+    "matrix": list_terms(1, 1),
+    "solids": list_terms(3, 1),
+    "quadratic": list_terms(2, 2),
+    "cubic": list_terms(3, 3),
+}
+"""From few terms to many: 3×3 and offset; the eight solids (Neugebauer); all of degree two; all of degree three."""
+
+
+@dataclass(frozen=True)
+class FittedColours:
+    """A fitted transform; see `toolkit.imaging.printer.PrintProfile` for the fields.
+
+    Attributes:
+        tried: held-out median ΔE00 of the best power of each model.
+    """
+
+    model: str
+    power: float
+    exponents: tuple[Exponents, ...]
+    coefficients: np.ndarray
+    without: ColourError
+    held_out: ColourError
+    n_samples: int
+    strip_cells: int
+    tried: dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Rows of the fit: pixels of every photo, then cells of every strip.
+
+    Attributes:
+        terms: by power, (k, terms of `MODELS["cubic"]`) what each row averages of every term.
+        meant: (k, 3) linear light that the file means.
+        seen: (k, 3) linear light as a share of paper's.
+        weight: (k, 1) of each row.
+        fold: (k,) the part of the patch that a row belongs to; -1 for the strip's, which are always fitted to.
+    """
+
+    terms: dict[float, np.ndarray]
+    meant: np.ndarray
+    seen: np.ndarray
+    weight: np.ndarray
+    fold: np.ndarray
+
+
+def fit_colours(
+    colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips: Sequence[StripReading] = ()
+) -> FittedColours:
+    """Fit the colour transform from file to print, and choose its form by parts of the patch that are held out.
+
+    A pixel averages texels in linear light; as the transform is linear in its coefficients, its terms are drawn as the
+    camera averages them and the coefficients follow by least squares, weighted to what the eye sees, with glare and
+    shadow left out by Cauchy's weights.
+
+    Args:
+        colours: of the patch in one or more photos of the same print.
+        patch_pixels: (n, n, 3) uint8 sRGB, the file.
+        strips: the colour strip in photos of the same print; its colours are shares of its own white.
+    """
+    return _fit_samples(_gather(colours, patch_pixels, strips))
+
+
+def fit_texels(patches: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> FittedColours:
+    """Fit the transform to texels of several photographs, and choose its form by whole patches that are held out.
+
+    Args:
+        patches: of each photograph: the file (n, n, 3) uint8 sRGB; (n², 3) linear light of its texels as a share of
+            paper's; (n²,) weights, 0 where a texel is hidden. Photographs of the same file are held out
+            together; if there is a single file, parts of it are.
+    """
+    kinds = [file.tobytes() for file, _, _ in patches]
+    which = [sorted(set(kinds)).index(kind) for kind in kinds]
+    files, folds = [], []
+    for (file, _, trust), number in zip(patches, which, strict=True):
+        n = file.shape[0]
+        rows, columns = np.mgrid[:n, :n] * CELLS // n
+        # a step of two columns a row: neighbouring cells never lie in one fold
+        cells = ((columns + 2 * rows) % FOLDS).ravel()
+        folds.append((cells if len(set(which)) == 1 else np.full(n * n, number))[trust > 0])
+        files.append(file.reshape(-1, 3)[trust > 0] / 255.0)
+    stated = np.concatenate(files)
+    seen = np.concatenate([part[trust > 0] for _, part, trust in patches])
+    terms = {power: raise_terms(stated, power, MODELS["cubic"]) for power in POWERS}
+    weight = np.ones((len(stated), 1))
+    return _fit_samples(_Samples(terms, srgb_to_linear(stated), seen, weight, np.concatenate(folds)))
+
+
+def _fit_samples(samples: _Samples) -> FittedColours:
+    """The form and its power that predict what is held out best, fitted to all."""
+    of_patch = samples.fold >= 0
+    answers = {
+        (name, power): _cross_validate(samples, power, exponents)
+        for name, exponents in MODELS.items()
+        for power in POWERS
+    }
+    best_power = {name: min(POWERS, key=lambda power: answers[name, power].median) for name in MODELS}
+    tried = {name: answers[name, power].median for name, power in best_power.items()}
+    # from few terms to many, so that the first that is good enough is the simplest
+    name = next(name for name in MODELS if tried[name] <= SIMPLER * min(tried.values()))
+    power, exponents = best_power[name], MODELS[name]
+    coefficients = _solve(_columns(samples, power, exponents), samples.seen, samples.weight)
+    return FittedColours(
+        name, power, exponents, coefficients, measure_error(samples.seen[of_patch], samples.meant[of_patch]),
+        held_out=answers[name, power], n_samples=len(of_patch), strip_cells=int((~of_patch).sum()), tried=tried,
+    )  # fmt: skip
+
+
+def _gather(colours: Sequence[PrintedColours], patch_pixels: np.ndarray, strips: Sequence[StripReading]) -> _Samples:
+    most = max(1, MOST_PIXELS // len(colours))
+    file = patch_pixels / 255.0
+    rows: dict[float, list[np.ndarray]] = {power: [] for power in POWERS}
+    meant, seen, weight, fold = [], [], [], []
+    for part in colours:
+        kept = np.linspace(0, len(part.seen) - 1, min(most, len(part.seen))).round().astype(int)
+        blur_px = _find_blur(part, file, kept)
+        for power in POWERS:
+            rows[power].append(part.draw(raise_terms(file, power, MODELS["cubic"]), blur_px)[kept])
+        meant.append(part.draw(srgb_to_linear(file), blur_px)[kept])
+        seen.append(part.seen[kept])
+        weight.append(np.ones(len(kept)))
+        cell = (np.clip(part.uv[kept], 0, 0.999) * CELLS).astype(int)
+        fold.append((cell[:, 0] + 2 * cell[:, 1]) % FOLDS)
+    pixels = sum(len(part) for part in seen)
+    for strip in strips:
+        good = ~strip.clipped
+        if not good.any():
+            continue
+        stated = strip.file_srgb[good] / 255.0
+        for power in POWERS:
+            rows[power].append(raise_terms(stated, power, MODELS["cubic"]))
+        meant.append(srgb_to_linear(stated))
+        seen.append(strip.seen_linear[good] / strip.white_linear)
+        # divided by cells and strips: together they weigh `STRIP_SHARE` of all pixels
+        weight.append(np.full(good.sum(), STRIP_SHARE * pixels / len(strips) / good.sum()))
+        fold.append(np.full(good.sum(), -1))
+    return _Samples(
+        {power: np.concatenate(parts) for power, parts in rows.items()}, np.concatenate(meant), np.concatenate(seen),
+        np.concatenate(weight)[:, None], np.concatenate(fold),
+    )  # fmt: skip
+
+
+def _find_blur(part: PrintedColours, file: np.ndarray, kept: np.ndarray) -> float:
+    """Return the blur of the lens, pixels, at which a matrix fits the photo best."""
+
+    def mean_square_error(blur_px: float) -> float:
+        # a matrix is enough to compare blurs with: what it misses of the inks, it misses at each blur
+        terms = np.c_[np.ones(len(kept)), part.draw(srgb_to_linear(file), blur_px)[kept]]
+        fit = np.linalg.lstsq(terms, part.seen[kept], rcond=None)[0]
+        return float(((part.seen[kept] - terms @ fit) ** 2).mean())
+
+    return min(BLURS_PX, key=mean_square_error)
+
+
+def _columns(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) -> np.ndarray:
+    known = MODELS["cubic"]
+    return samples.terms[power][:, [known.index(term) for term in exponents]]
+
+
+def _cross_validate(samples: _Samples, power: float, exponents: tuple[Exponents, ...]) -> ColourError:
+    """The error on every part of the patch by what was fitted to the others."""
+    terms = _columns(samples, power, exponents)
+    said = np.zeros_like(samples.seen)
+    for fold in np.unique(samples.fold[samples.fold >= 0]):
+        held = samples.fold == fold
+        fit = _solve(terms[~held], samples.seen[~held], samples.weight[~held])
+        said[held] = terms[held] @ fit
+    of_patch = samples.fold >= 0
+    return measure_error(samples.seen[of_patch], said[of_patch])
+
+
+def _solve(terms: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(terms, 3) coefficients by weighted least squares, glare and shadow left out."""
+    # a step in the dark looks larger than the same step in the light: lightness goes with the cube root
+    eye = weight / (np.maximum(seen, 0) + DARKEST) ** (4 / 3)
+    trust = np.ones((len(seen), 1))
+    fit = np.zeros((terms.shape[1], 3))
+    for _ in range(ROUNDS):
+        for channel in range(3):
+            both = eye[:, channel, None] * trust
+            normal = terms.T @ (terms * both)
+            # a ridge that follows the size of the system: terms that the patch does not hold stay small
+            ridge = TINY * np.trace(normal) / len(normal) * np.eye(len(normal))
+            fit[:, channel] = np.linalg.solve(normal + ridge, terms.T @ (seen[:, channel, None] * both)[:, 0])
+        miss = np.sqrt((eye / weight * (seen - terms @ fit) ** 2).sum(axis=1))
+        trust = 1 / (1 + (miss / (3 * np.median(miss) + 1e-6)) ** 2)[:, None]
+    return fit

@@ -1,0 +1,335 @@
+"""Which board do photographs show? Its kind, dictionary and layout, told from them; one length is left to measure."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.read import UnreadableImage
+from toolkit.rig.board_file import BoardSpec
+from toolkit.rig.markers import DICTIONARIES, get_dictionary
+from toolkit.rooms.photos.board_pose import SEARCH_SIDE_PX, detector_parameters, read_markers, shrink
+from toolkit.rooms.photos.corners import refine_marker
+from toolkit.rooms.photos.photo import list_photos, load_pixels, read_photo
+
+MOST_PHOTOS = 12
+"""That are looked at, spread over the folder."""
+FIRST_PHOTOS = 3
+"""In which every dictionary is tried."""
+LEAST_MARKERS = 4
+"""Smallest number of markers in a photograph with a board; any clutter yields fewer."""
+LEAST_SHARE = 0.2
+"""Share of the photographs with a board in which a marker must be found to count as the board's own."""
+NEAR_SIDES = 4.0
+"""Marker sides up to which the relative places of two markers are read from the frame of the smaller marker."""
+REFINEMENTS = 20
+LEAST_AGREE = 0.9
+"""Share of the markers whose numbers must follow from their row and column."""
+WORST_FIT = 0.2
+"""Largest distance of a marker from its row and column, as a share of the step from marker to marker."""
+CHESS_SEED = (3, 3)
+FAMILIES = tuple(
+    name for name in (
+        "DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5",
+        "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11", "DICT_ARUCO_MIP_36h12",
+    ) if name in DICTIONARIES
+)  # fmt: skip
+Markers = dict[int, np.ndarray]
+"""Corners (4, 2) by number, pixels."""
+
+
+@dataclass(frozen=True)
+class FoundBoard:
+    """A board up to its scale.
+
+    Attributes:
+        unit: the board with squares of 1 mm, that is, lengths in squares.
+        photos: how many photographs show it.
+        of: how many were looked at.
+    """
+
+    unit: BoardSpec
+    photos: int
+    of: int
+
+    @property
+    def name(self) -> str:
+        """Such as charuco-7x5."""
+        return f"{self.unit.kind}-{self.unit.columns}x{self.unit.rows}"
+
+    @property
+    def length_name(self) -> str:
+        """What is to be measured."""
+        if self.unit.kind in ("charuco", "chessboard"):
+            return "the side of a square"
+        return "the way from a marker's left edge to the next one's"
+
+    def describe(self) -> str:
+        """One line: what it is."""
+        unit = self.unit
+        what = {"charuco": "ChArUco board", "chessboard": "chessboard"}.get(unit.kind, f"{unit.kind} of markers")
+        line = f"{what}, {unit.columns} × {unit.rows}"
+        if unit.dictionary:
+            line += f", {unit.dictionary} from {unit.first_id or 0}, markers {unit.marker_mm:.3f} of a square"
+        if unit.legacy:
+            line += ", legacy pattern"
+        return f"{line}; seen in {self.photos} of {self.of} photos"
+
+    def measured(self, square_mm: float) -> BoardSpec:
+        """The board at its true size.
+
+        Raises:
+            ToolkitError: that is no length.
+        """
+        marker_mm = None if self.unit.marker_mm is None else round(self.unit.marker_mm * square_mm, 2)
+        spec = self.unit.model_copy(update={"square_mm": square_mm, "marker_mm": marker_mm})
+        spec.make()
+        return spec
+
+
+def identify_board(folder: Path) -> FoundBoard:
+    """Tell the board in a folder's photographs.
+
+    Raises:
+        ToolkitError: no photographs, no board in them, or a board whose layout is unknown.
+    """
+    listed = list_photos(folder).photos
+    if not listed:
+        raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG or DNG files of the board")
+    # photographs spread evenly over the folder
+    chosen = [listed[i] for i in np.unique(np.linspace(0, len(listed) - 1, MOST_PHOTOS).round().astype(int))]
+    pictures = []
+    with progress("reading photographs", len(chosen)) as bar:
+        for path in chosen:
+            try:
+                photo = read_photo(path)
+                if photo.kind != "video":
+                    pictures.append(shrink(cv2.cvtColor(load_pixels(photo), cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX))
+            except UnreadableImage:
+                continue
+            finally:
+                bar.advance()
+    if not pictures:
+        raise ToolkitError(f"{folder}: none of its photographs can be read")
+    found = tell_board(pictures)
+    if found is None:
+        raise ToolkitError(
+            f"{folder}: no ChArUco board, grid of markers or chessboard found in {len(pictures)} photographs: expected "
+            "one board, whole in the picture, lit evenly"
+        )
+    return found
+
+
+def tell_board(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
+    """Tell the board in (h, w) uint8 pictures; None where there is none.
+
+    Raises:
+        ToolkitError: markers are seen, but mirrored, or in no layout that the kit knows.
+    """
+    found = _tell_markers(pictures)
+    if found is None and (mirrored := _tell_markers([picture[:, ::-1].copy() for picture in pictures])):
+        raise ToolkitError(f"the photographs show a mirrored board ({mirrored.describe()}): print it unmirrored")
+    return found or _tell_chessboard(pictures)
+
+
+def _tell_markers(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
+    """The board with markers; None where fewer than `LEAST_MARKERS` are seen in any picture."""
+    # all dictionaries in a few pictures tell the family; the rest are read with that dictionary alone
+    few = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, FIRST_PHOTOS).round().astype(int))]
+    counted: Counter[str] = Counter()
+    with progress("telling the board", len(few) + len(pictures)) as bar:
+        for picture in few:
+            read = read_markers(picture, FAMILIES, _strict_parameters(picture))
+            counted.update({family: len(numbers) for family, numbers in zip(FAMILIES, read, strict=True)})
+            bar.advance()
+        # markers of a dictionary are seldom read in another: the dictionary with most markers is meant
+        family = max(FAMILIES, key=counted.__getitem__)
+        views = []
+        for picture in pictures if counted[family] >= LEAST_MARKERS else ():
+            views.append(_read(picture, family))
+            bar.advance(note=family)
+    views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
+    if not views:
+        return None
+    counts = Counter(number for seen in views for number in seen)
+    # a misreading comes once, a board's own marker in most photographs
+    own = {number for number, count in counts.items() if count >= LEAST_SHARE * len(views)}
+    views = [{number: seen[number] for number in seen if number in own} for seen in views]
+    views = [seen for seen in views if len(seen) >= LEAST_MARKERS]
+    return FoundBoard(_tell_layout(family, _place(views)), len(views), len(pictures)) if views else None
+
+
+def _strict_parameters(picture: np.ndarray) -> cv2.aruco.DetectorParameters:
+    parameters = detector_parameters(max(picture.shape))
+    parameters.errorCorrectionRate = 0.3  # a full dictionary is read into another's markers otherwise
+    return parameters
+
+
+def _read(picture: np.ndarray, family: str) -> Markers:
+    """Markers of a dictionary that are in a picture once."""
+    dictionary = get_dictionary(family)
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, _strict_parameters(picture)).detectMarkers(picture)
+    if ids is None:
+        return {}
+    counts = Counter(ids.ravel().tolist())
+    return {
+        number: refine_marker(picture, corner.reshape(4, 2), dictionary.markerSize + 2)
+        for number, corner in zip(ids.ravel().tolist(), corners, strict=True)
+        if counts[number] == 1
+    }
+
+
+UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+
+
+def _place(views: Sequence[Markers]) -> dict[int, np.ndarray]:
+    """Middle (2,) of each marker on the board, in marker sides, right and down from an arbitrary marker.
+
+    Neighbours are placed in the frame that a marker's own corners span, which gives all places roughly by least
+    squares; then each photograph's homography and the places are fitted in turn.
+    """
+    steps: dict[tuple[int, int], list[np.ndarray]] = {}
+    for seen in views:
+        frames = {
+            number: cv2.getPerspectiveTransform(c.astype(np.float32), UNIT.astype(np.float32))
+            for number, c in seen.items()
+        }
+        middles = {number: c.mean(axis=0) for number, c in seen.items()}
+        for a in seen:
+            for b in seen:
+                if a < b:
+                    there = _map(frames[a], middles[b][None])[0]
+                    back = _map(frames[b], middles[a][None])[0]
+                    if max(np.linalg.norm(there), np.linalg.norm(back)) < NEAR_SIDES:
+                        steps.setdefault((a, b), []).append((there - back) / 2)  # perspective cancels to first order
+    numbers = sorted({number for pair in steps for number in pair})
+    if not numbers:
+        raise ToolkitError("markers are seen, but no two side by side: expected a board whose markers lie side by side")
+    index = {number: i for i, number in enumerate(numbers)}
+    rows = np.zeros((len(steps) + 1, len(numbers)))
+    values = np.zeros((len(steps) + 1, 2))
+    for row, ((a, b), found) in enumerate(steps.items()):
+        step = np.median(found, axis=0)
+        # a far neighbour's place is less sure: perspective within one marker's frame grows with distance
+        weight = 1 / np.linalg.norm(step) ** 2
+        rows[row, index[b]], rows[row, index[a]] = weight, -weight
+        values[row] = weight * step
+    # one marker is fixed at the origin: differences alone leave the place of all free
+    rows[-1, 0] = 1
+    places = np.linalg.lstsq(rows, values, rcond=None)[0]
+    for _ in range(REFINEMENTS):
+        told: dict[int, list[np.ndarray]] = {}
+        sides: list[float] = []
+        for seen in views:
+            known = [number for number in seen if number in index]
+            if len(known) < 2:
+                continue
+            board = np.concatenate([places[index[number]] + UNIT for number in known])
+            to_board, _ = cv2.findHomography(np.concatenate([seen[number] for number in known]), board)
+            if to_board is not None:
+                for number in known:
+                    corners = _map(to_board, seen[number])
+                    told.setdefault(number, []).append(corners.mean(axis=0))
+                    sides.append(float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean()))
+        for number, found in told.items():
+            # the median over photographs: one bad homography moves nothing
+            places[index[number]] = np.median(found, axis=0)
+        places /= np.median(sides)  # the marker's side stays the unit
+    return {number: places[index[number]] for number in numbers}
+
+
+def _map(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return cv2.perspectiveTransform(np.asarray(points, float)[None], homography)[0]
+
+
+def _tell_layout(family: str, places: dict[int, np.ndarray]) -> BoardSpec:
+    """The grid or the ChArUco board whose markers lie so.
+
+    Raises:
+        ToolkitError: the markers lie in no such rows and columns.
+    """
+    numbers = np.array(sorted(places))
+    at = np.array([places[number] for number in numbers])
+    away = np.linalg.norm(at[:, None] - at[None], axis=2) + np.where(np.eye(len(at)), np.inf, 0)
+    near, mates = away.min(axis=1), away.argmin(axis=1)
+    slanted = np.abs(at[mates] - at).min(axis=1) > 0.3 * near  # a ChArUco board's nearest markers lie diagonally
+    is_charuco = bool(np.mean(slanted) > 0.5)
+    step = float(np.median(near)) / (np.sqrt(2) if is_charuco else 1.0)
+    # nearest neighbours give the step roughly; all markers, the farthest most, give it exactly
+    for _ in range(3):
+        cells = np.round((at - at[0]) / step)
+        # least squares through the origin: the slope of places over cells
+        step = float(((at - at[0]) * cells).sum() / (cells**2).sum())
+    cells = np.round((at - at[0]) / step)
+    shift = np.median((at - at[0]) / step - cells, axis=0)
+    off = np.abs((at - at[0]) / step - cells - shift).max(axis=1)
+    columns_at, rows_at = (cells - cells.min(axis=0)).astype(int).T
+    spec = _fit_numbers(family, numbers, columns_at, rows_at, is_charuco, marker_share=1 / step)
+    if spec is None or np.mean(off < WORST_FIT) < LEAST_AGREE:
+        raise ToolkitError(
+            f"{len(numbers)} markers of {family} are seen, but not in the rows of a ChArUco board or of a grid that "
+            "counts from its upper left: print one of those, 'toolkit print --board' makes one"
+        )
+    return spec
+
+
+def _fit_numbers(
+    family: str, numbers: np.ndarray, column: np.ndarray, row: np.ndarray, is_charuco: bool, *, marker_share: float
+) -> BoardSpec | None:
+    """The spec whose markers' numbers are those that lie at these columns and rows; None where there is none."""
+    columns, rows = int(column.max()) + 1, int(row.max()) + 1
+    best: tuple[float, BoardSpec] | None = None
+    for starts_white in (False, True) if is_charuco else (False,):
+        if is_charuco:
+            squares = [(r, c) for r in range(rows) for c in range(columns) if (r + c) % 2 == int(not starts_white)]
+        else:
+            squares = [(r, c) for r in range(rows) for c in range(columns)]
+        place = {square: i for i, square in enumerate(squares)}
+        order = [place.get((int(r), int(c))) for r, c in zip(row, column, strict=True)]
+        firsts = Counter(int(number) - i for number, i in zip(numbers, order, strict=True) if i is not None)
+        if not firsts:
+            continue
+        first, agree = firsts.most_common(1)[0]
+        # OpenCV's legacy pattern differs only where the count of rows is even
+        if first < 0 or (starts_white and rows % 2):
+            continue
+        dictionary = _smallest(family, first + len(squares))
+        kind = "charuco" if is_charuco else "apriltag-grid" if "APRILTAG" in family else "aruco-grid"
+        spec = BoardSpec(
+            kind=kind, columns=columns, rows=rows, square_mm=1.0, marker_mm=round(marker_share, 4),
+            dictionary=dictionary, first_id=first, legacy=True if starts_white else None,
+        )  # fmt: skip
+        if dictionary and agree >= LEAST_AGREE * len(numbers) and (best is None or agree > best[0]):
+            best = agree, spec
+    return best[1] if best else None
+
+
+def _smallest(family: str, count: int) -> str | None:
+    """The smallest dictionary of a family that has so many markers: OpenCV's larger ones begin with the smaller."""
+    stem = family.removesuffix("1000")
+    fit = [name for name, known in DICTIONARIES.items() if name.startswith(stem) and known >= count]
+    return min(fit, key=DICTIONARIES.__getitem__) if fit else None
+
+
+def _tell_chessboard(pictures: Sequence[np.ndarray]) -> FoundBoard | None:
+    """A board without markers, whose size most pictures agree on."""
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+    sizes: Counter[tuple[int, int]] = Counter()
+    with progress("looking for a chessboard", len(pictures)) as bar:
+        for picture in pictures:
+            found, _, meta = cv2.findChessboardCornersSBWithMeta(picture, CHESS_SEED, flags)
+            if found:
+                high, wide = meta.shape[:2]
+                sizes[(max(wide, high), min(wide, high))] += 1
+            bar.advance()
+    if not sizes:
+        return None
+    # most pictures' size: a partly hidden board is found smaller
+    (columns, rows), count = sizes.most_common(1)[0]
+    unit = BoardSpec(kind="chessboard", columns=columns + 1, rows=rows + 1, square_mm=1.0)
+    return FoundBoard(unit, count, len(pictures))

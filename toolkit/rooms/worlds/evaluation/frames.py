@@ -1,0 +1,235 @@
+"""Pictures of an object in its place from the grid's cameras: a render for all weathers, and the answers to them."""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.core.records import RecordLog
+from toolkit.engine.units import RecordCache
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import map_frames
+from toolkit.rig.renderer import Renderer
+from toolkit.rig.renderers import RAYCAST
+from toolkit.rooms.worlds.depth_weather import make_weather
+from toolkit.rooms.worlds.evaluation.cameras import GridCamera
+from toolkit.rooms.worlds.picture import develop_through, find_depths, make_renderer
+from toolkit.rooms.worlds.place import Placed
+from toolkit.rooms.worlds.sky import Sky
+from toolkit.rooms.worlds.world import World
+
+METHOD_VERSION = 1
+"""Raised when the same inputs give other answers."""
+WeatherKey = tuple[str, int]
+"""Name and severity."""
+Answer = tuple[int, float, float, int]
+"""First guess, its probability, the truth's probability, and the truth's rank from 1."""
+OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
+"""In segmentations, beside the numbers of `SceneClass`: the object, what boosts it, and the sky."""
+
+
+class FrameAnswers(BaseModel):
+    """Line of `answers.jsonl`: the answers to a frame in some weathers.
+
+    Attributes:
+        frame: hash of what the frame in clear air, its grain and the network are made of.
+        answers: by what `name_weather` calls the weather.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    frame: str = Field(pattern=r"^[0-9a-f]{64}$")
+    answers: dict[str, Answer]
+
+
+@dataclass(frozen=True)
+class ViewAnswers:
+    """Answers to every camera's picture of a variant in a weather, in the order of the cameras.
+
+    Attributes:
+        top1_index: (n,) int, first guess.
+        top1_prob, true_prob: (n,) its probability and the truth's.
+        true_rank: (n,) int, place of the truth among the guesses, from 1.
+    """
+
+    top1_index: np.ndarray
+    top1_prob: np.ndarray
+    true_prob: np.ndarray
+    true_rank: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
+        """From single answers."""
+        columns = list(zip(*rows, strict=True))
+        return cls(*(np.array(column) for column in columns))
+
+    def right(self, guesses: int) -> np.ndarray:
+        """(n,) bool: whether the truth is among so many first guesses."""
+        return self.true_rank <= guesses
+
+
+def name_weather(weather: WeatherKey) -> str:
+    """`fog 3: visibility 40 m, extinction 74.9 /km`: another ladder makes other pictures."""
+    return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
+
+
+def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -> Answer:
+    """From classes by falling probability and the probability of each; six digits are kept."""
+    first = int(order[0])
+    rank = int(np.flatnonzero(order == true_index)[0]) + 1
+    # rounded before they are kept, so that an answer is the same from the log as from the network
+    return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
+
+
+def hash_inputs(*inputs: object) -> str:
+    """Hash of a list that JSON can hold."""
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+
+
+AnswerKey = tuple[str, str]
+"""Hash of a frame, and what `name_weather` calls the weather."""
+
+
+def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
+    """The answers that are wanted and there; those of a line that is broken are computed again."""
+    log = RecordLog(file, FrameAnswers, required=False, compact=True)
+    return RecordCache(
+        log, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
+    )
+
+
+class PictureTask(NamedTuple):
+    """A frame to render.
+
+    Attributes:
+        frame: hash of its inputs.
+        place, variant: number of the place, name of the variant.
+        item: number of the camera in the whole run, of which its random draws depend.
+        camera: from where.
+        weathers: that it is wanted in.
+        is_kept: whether depth and classes are wanted too.
+    """
+
+    frame: str
+    place: int
+    variant: str
+    item: int
+    camera: GridCamera
+    weathers: tuple[WeatherKey, ...]
+    is_kept: bool
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A finished frame.
+
+    Attributes:
+        task: what was asked for.
+        pictures: (h, w, 3) uint8 sRGB for each of the task's weathers.
+        depth_m: (h, w) float32 along each ray, inf for the sky; None unless kept.
+        classes: (h, w) uint8 `SceneClass`, or a number from above; None unless kept.
+    """
+
+    task: PictureTask
+    pictures: tuple[np.ndarray, ...]
+    depth_m: np.ndarray | None = None
+    classes: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class WorldVariant:
+    """The object in a variant, at its real size.
+
+    Attributes:
+        mesh: metres, in the object's frame.
+        boosted: (m,) bool, faces that a patch, a texture or a control covers.
+    """
+
+    mesh: Mesh
+    boosted: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
+        """A variant of a bare mesh: faces with a picture that the bare mesh lacks are boosted."""
+        # by identity: a variant has the bare mesh's own textures, and new textures beside them
+        own = {id(material.texture) for material in bare.materials}
+        new = np.array([id(material.texture) not in own for material in mesh.materials])
+        return cls(mesh, new[mesh.face_material])
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What all frames of a run share; equal only to itself.
+
+    Attributes:
+        world, sky: around the object.
+        camera: of all pictures.
+        seed: of grain and weather.
+        places: the bare object in its places.
+        variants: by name.
+        renderer: what draws the pictures.
+    """
+
+    world: World
+    sky: Sky
+    camera: Camera
+    seed: int
+    places: tuple[Placed, ...]
+    variants: dict[str, WorldVariant]
+    renderer: str = RAYCAST
+
+
+class FrameSource(Protocol):
+    """Who makes the pictures of a grid; workers get a copy."""
+
+    def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
+        """The frames of tasks, in order, each in all of its weathers."""
+        ...
+
+
+def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
+    """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
+
+    Tasks of one place and variant should follow each other: their light is worked out once.
+    """
+
+    def prepare() -> Iterator[tuple[PictureTask, Renderer]]:
+        for task in tasks:
+            yield task, open_renderer(stage, task.place, task.variant)
+
+    return map_frames(lambda pair: render_frame(stage, *pair), prepare())
+
+
+@lru_cache(maxsize=1)
+def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
+    """The renderer of a variant in its place; the last one is kept."""
+    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh), stage.renderer)
+
+
+def render_frame(stage: Stage, task: PictureTask, renderer: Renderer) -> Frame:
+    """Render, and lay every weather over the linear light before it is developed."""
+    view = stage.camera, task.camera.T_world_camera
+    # a render serves all weathers, which depend on its depth alone
+    light, found = renderer.render_with_depth(*view)
+    through = find_depths(stage.world, stage.sky, view, found, task.weathers)
+    pictures = tuple(develop_through(light, through, stage.sky, task.weathers, (stage.seed, task.item)))
+    if not task.is_kept:
+        return Frame(task, pictures)
+    return Frame(task, pictures, found["depth"], classify_pixels(stage, task.variant, found))
+
+
+def classify_pixels(stage: Stage, variant: str, found: dict[str, np.ndarray]) -> np.ndarray:
+    """(h, w) uint8 what each pixel's middle shows: a `SceneClass`, `OBJECT_ID`, `BOOSTER_ID` or `SKY_ID`."""
+    classes = np.full(found["mesh"].shape, SKY_ID, np.uint8)
+    # the renderer's mesh 0 is the object, mesh 1 what stands around it
+    around, own = found["mesh"] == 1, found["mesh"] == 0
+    classes[around] = stage.world.face_class[found["face"][around]]
+    boosted = stage.variants[variant].boosted[found["face"][own]]
+    classes[own] = np.where(boosted, BOOSTER_ID, OBJECT_ID)
+    return classes
