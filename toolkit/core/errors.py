@@ -1,7 +1,8 @@
 """The errors that a user can put right."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
 from toolkit.core.text import shorten
 
@@ -67,6 +68,24 @@ def show_value(value: object) -> str:
     if isinstance(value, tuple | list):
         return " ".join(show_value(item) for item in value)
     return shorten(str(value), LONGEST_SHOWN)
+
+
+@contextmanager
+def foreign_code(explain: Callable[[Exception], Exception]) -> Iterator[None]:
+    """Within, other people's code reads what other people made: decoders, converters, unpicklers, graphs.
+
+    On damaged or hostile input, such code raises nearly every built-in exception, so all are caught. A `ToolkitError`
+    passes as it is.
+
+    Args:
+        explain: returns the error to raise for the caught one.
+    """
+    try:
+        yield
+    except ToolkitError:
+        raise
+    except Exception as error:
+        raise explain(error) from None
 
 
 def describe_failure(error: BaseException, longest: int = 200) -> str:

@@ -252,8 +252,10 @@ def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[
     if difference:
         node = ray.util.get_node_ip_address()
         return [], f"the node {node} has other libraries than there are here: {difference}: install the same", False
-    try:
-        work, inputs = pickle.loads(pickled)
-    except Exception as error:  # such as a module that the node does not have
-        return [], explain_failure(error), True
-    return *do_work(work, tuple(shared.get(at, value) for at, value in enumerate(inputs))), True
+    return *do_work(_unpack_work, (pickled, shared)), True
+
+
+def _unpack_work(pickled: bytes, shared: dict[int, InStore[Any]]) -> Iterable[Any]:
+    """Do the work; unpacking it fails as the work does, such as for a module that the node does not have."""
+    work, inputs = pickle.loads(pickled)
+    return work(*(shared.get(at, value) for at, value in enumerate(inputs)))

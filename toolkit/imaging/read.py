@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.core.files import open_plain, real_path, walk_folders
 from toolkit.imaging.colour import adobe_to_srgb
 
@@ -81,15 +81,25 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
     Whatever is decoded is opened here: photographs, uploads, patches, textures.
 
     Raises:
-        UnreadableImage: the file is empty, a pipe or a device, or far too large.
+        UnreadableImage: the file is empty, a pipe or a device, far too large, or damaged, whenever that shows within.
     """
-    with open_plain(path) if content is None else io.BytesIO(content) as stream:
+    with decoding(path), open_plain(path) if content is None else io.BytesIO(content) as stream:
         if not stream.read(1):
             raise UnreadableImage(path, "the file is empty")
         stream.seek(0)
         with Image.open(stream, formats=_list_readers(FORMATS)) as image:
             _check_size(path, *image.size)
             yield image
+
+
+def decoding(path: Path, what: str = "{}") -> contextlib.AbstractContextManager[None]:
+    """Within, whatever a decoder raises becomes `UnreadableImage`.
+
+    Args:
+        path: what errors call the image.
+        what: the reason, where `{}` stands for the damage in a few words.
+    """
+    return foreign_code(lambda error: UnreadableImage(path, what.format(explain_damage(error))))
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
@@ -163,18 +173,12 @@ def read_linear(path: Path) -> np.ndarray:
 
 
 def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
-    try:
-        with open_image(path, content) as image:
-            if short_side_px is not None:
-                # JPEG decodes at 1/2, 1/4 or 1/8 for little; twice the wanted side leaves the resampling its quality
-                image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
-            image.load()
-            return np.asarray(_to_rgb(_turn_upright(image)))
-    except UnreadableImage:
-        raise
-    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile bytes
-    except Exception as error:
-        raise UnreadableImage(path, explain_damage(error)) from None
+    with open_image(path, content) as image:
+        if short_side_px is not None:
+            # JPEG decodes at 1/2, 1/4 or 1/8 for little; twice the wanted side leaves the resampling its quality
+            image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
+        image.load()
+        return np.asarray(_to_rgb(_turn_upright(image)))
 
 
 def decode_texture(image: Image.Image, name: str) -> np.ndarray:
@@ -193,7 +197,7 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
     if image.width * image.height / 1e6 > MAX_MEGAPIXELS:
         raise UnreadableImage(Path(name), f"{size}, more than {MAX_MEGAPIXELS} megapixels: scale it down")
     factor = -(-max(image.size) // MAX_TEXTURE_PX)
-    try:
+    with decoding(Path(name), f"{size}: {{}}"):
         if factor > 1:
             from toolkit.core.console import notice
 
@@ -202,9 +206,6 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
             full.close()  # frees what was decoded
             notice(f"{name}: {size} is shrunk to {image.width} × {image.height}")
         return np.asarray(_to_eight_bits(image).convert("RGB"))
-    # decoders raise nearly every built-in exception on hostile bytes
-    except Exception as error:
-        raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
 
 
 def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -216,12 +217,8 @@ def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np
     if not content:
         raise UnreadableImage(Path(name), "a texture that is empty: save it again as PNG")
     with _any_size():
-        try:
+        with decoding(Path(name), "a texture that cannot be read ({}): save it as PNG"):
             image = Image.open(io.BytesIO(content), formats=_list_readers(TEXTURE_FORMATS))
-        except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
-            raise UnreadableImage(
-                Path(name), f"a texture that cannot be read ({explain_damage(error)}): save it as PNG"
-            ) from None
         pixels, alpha = decode_texture(image, name), None
         if with_alpha and (image.has_transparency_data or image.mode in ("RGBA", "LA", "PA")):
             image = Image.open(io.BytesIO(content), formats=_list_readers(TEXTURE_FORMATS))

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
 from toolkit.models.decoders import (
     Decoder,
     Dense,
@@ -279,15 +279,13 @@ def _assemble(
 ) -> DenseDetector:
     place = choose_device(device)
     network = network.to(place)
-    try:
-        with torch.no_grad():
-            # two images: a graph that was fixed to one shows itself here
-            answers = network(torch.zeros(2, 3, size, size, device=place))
-    except ToolkitError:
-        raise
-    except Exception as error:  # whatever a function's module raises
-        why = describe_failure(error)
-        raise FieldError(f"it fails at two images of {size} px: {why}", {"model": arch}) from None
+
+    def explain(error: Exception) -> FieldError:
+        return FieldError(f"it fails at two images of {size} px: {describe_failure(error)}", {"model": arch})
+
+    with foreign_code(explain), torch.no_grad():
+        # two images: a graph that was fixed to one shows itself here
+        answers = network(torch.zeros(2, 3, size, size, device=place))
     family, shapes = _find_family(answers, own, size, arch)
     classes = count_classes(family, shapes)
     published = published_labels(classes)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.core.child import LATE, is_memory_full, limit_cores, limit_memory, run_python
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import ToolkitError, describe_failure, foreign_code
 from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.models.labels import find_labels
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
@@ -89,7 +89,13 @@ def read_onnx(path: Path) -> OnnxGraph:
         ToolkitError: the file cannot be read, or takes something other than one batch of square colour images.
     """
     onnx = import_extra("onnx")
-    try:
+
+    def explain(error: Exception) -> ToolkitError:
+        if isinstance(error, OSError):
+            return ToolkitError(f"cannot read {path}: {error.strerror or error}")
+        return ToolkitError(f"cannot read {path}: not an ONNX graph, or damaged: export it again")
+
+    with foreign_code(explain):
         beside = _list_beside(onnx.load(str(path), load_external_data=False))
         missing = [name for name in beside if not (path.parent / name).is_file()]
         if missing:
@@ -97,12 +103,6 @@ def read_onnx(path: Path) -> OnnxGraph:
         with limit_memory(LOADING_BYTES + 3 * sum(one.stat().st_size for one in (path, *map(path.with_name, beside)))):
             model = onnx.load(str(path))
             onnx.checker.check_model(model)
-    except ToolkitError:
-        raise
-    except OSError as error:
-        raise ToolkitError(f"cannot read {path}: {error.strerror or error}") from None
-    except Exception:  # protobuf's own error, a checker's, or that of weights that lie elsewhere
-        raise ToolkitError(f"cannot read {path}: not an ONNX graph, or damaged: export it again") from None
     graph = model.graph
     strange = next((one.name for one in graph.output if not _is_numeric(one)), None)
     if strange is not None or not graph.output:
@@ -186,9 +186,8 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
     options = runtime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 4  # what is wrong is raised as well
-    try:
-        return runtime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # its classes are made at run time, one for each code
+
+    def explain(error: Exception) -> ToolkitError:
         why = "its operations do not fit together: export it again"
         if is_memory_full(error):
             why = "it takes too much memory"
@@ -200,7 +199,10 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
                    if (one.domain, one.op_type) not in known]  # fmt: skip
         if strange:
             why = f"its operator {strange[0]} is none of ONNX's: export it with standard operators"
-        raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}") from None
+        return ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}")
+
+    with foreign_code(explain):
+        return runtime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
 
 
 def set_input(model: "ModelProto", name: str, batch: int | str | None = None, size: int | None = None) -> None:
@@ -307,16 +309,19 @@ def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarra
     how.log_severity_level = 4  # what is wrong is raised as well
     watch = threading.Timer(most_s, setattr, (how, "terminate", True))  # a loop in a graph may have no end
     watch.daemon = True
-    watch.start()
-    try:
-        answers = session.run(None, given, how)
-    except Exception as error:  # its classes are made at run time
+
+    def explain(error: Exception) -> ToolkitError:
         why = f"its operations fail at {len(images)} images of {images.shape[2]} px"
         if is_memory_full(error):
             why = "it takes too much memory"
         elif how.terminate:
             why = _late(most_s)
-        raise ToolkitError(f"{graph.file.path}: ONNX Runtime cannot run it: {why}") from None
+        return ToolkitError(f"{graph.file.path}: ONNX Runtime cannot run it: {why}")
+
+    watch.start()
+    try:
+        with foreign_code(explain):
+            answers = session.run(None, given, how)
     finally:
         watch.cancel()
     if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
@@ -403,7 +408,9 @@ def _is_freed(graph: OnnxGraph, sample: np.ndarray, threads: int) -> bool:
     # of the network as it is, one by one: what the freed copy has to give for both at once
     wanted = join_answers(graph, [run_session(whole, graph, sample[k : k + 1]) for k in range(2)])
     try:
-        session = start_session(free_batch(graph), graph.file.path, threads)
-        return are_alike(run_session(session, graph, sample), wanted)
-    except Exception:  # shapes of a strange graph cannot be worked out, or do not fit another batch
+        # shapes of a strange graph cannot be worked out, or do not fit another batch
+        with foreign_code(lambda error: ToolkitError(describe_failure(error))):
+            session = start_session(free_batch(graph), graph.file.path, threads)
+            return are_alike(run_session(session, graph, sample), wanted)
+    except ToolkitError:
         return False

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 
 from toolkit.core.child import limit_memory
-from toolkit.core.errors import ToolkitError, describe_failure
+from toolkit.core.errors import ToolkitError, describe_failure, foreign_code
 from toolkit.models.onnx_graphs import (
     OnnxGraph,
     are_alike,
@@ -83,18 +83,13 @@ class OnnxNetwork(nn.Module):
         except ToolkitError as error:
             return str(error)
         try:
-            module = converter.convert(model).float().requires_grad_(False).eval()
-        except NotImplementedError as error:
-            return f"onnx2torch cannot read it: {' '.join(str(error).split())[:120]}"
-        except Exception as error:  # a converter trips over a graph in its own way
-            return f"onnx2torch fails at it: {describe_failure(error, 120)}"
-        self.torch_module = module
-        try:
-            with torch.enable_grad():
-                answers = self._run_torch(image.clone().requires_grad_())
-        except Exception as error:
+            with foreign_code(lambda error: ToolkitError(f"onnx2torch fails at it: {describe_failure(error, 120)}")):
+                self.torch_module = converter.convert(model).float().requires_grad_(False).eval()
+                with torch.enable_grad():
+                    answers = self._run_torch(image.clone().requires_grad_())
+        except ToolkitError as error:
             self.torch_module = None
-            return f"its reading in torch fails: {describe_failure(error, 120)}"
+            return str(error)
         session = start_session(model, self.graph.file.path, torch.get_num_threads()) if self.is_cut else None
         if not are_alike(tuple(one.detach().numpy() for one in answers), self._ask(image, session)):
             self.torch_module = None

@@ -21,7 +21,7 @@ from torch import nn
 
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import errors
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
 from toolkit.core.files import MOST_JSON_BYTES, explain_validation, sha256_bytes, sha256_file
 from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
@@ -73,14 +73,13 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
         ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
             standard operators.
     """
-    try:
-        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), _without_log():
-            program = torch.export.load(_rebuild(path))
-            module = program.module(check_guards=False)
-    except ToolkitError:
-        raise
-    except Exception:  # torch's reader trips over a strange file in many ways, and says nothing of use
-        raise _damaged(path, "its parts do not fit together") from None
+    # torch's reader says nothing of use of a strange file
+    with (
+        foreign_code(lambda _: _damaged(path, "its parts do not fit together")),
+        torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), _without_log(),
+    ):  # fmt: skip
+        program = torch.export.load(_rebuild(path))
+        module = program.module(check_guards=False)
     inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
     shape = tuple(inputs[0].meta["val"].shape) if len(inputs) == 1 else ()
     if len(shape) != 4 or shape[1] != 3:

@@ -24,7 +24,7 @@ from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.text import FileName, Label
-from toolkit.imaging.read import UnreadableImage, encode_image, explain_damage, open_image
+from toolkit.imaging.read import UnreadableImage, encode_image, open_image
 from toolkit.objects.spec import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
@@ -97,9 +97,8 @@ def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
     try:
         with open_image(file, content) as image:
             return np.asarray(image.convert(mode))
-    except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
-        why = error.reason if isinstance(error, UnreadableImage) else explain_damage(error)
-        raise ToolkitError(f"{file}: not a readable PNG: {why}") from None
+    except UnreadableImage as error:
+        raise ToolkitError(f"{file}: not a readable PNG: {error.reason}") from None
 
 
 def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:

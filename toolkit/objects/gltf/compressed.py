@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import ToolkitError, foreign_code
 from toolkit.imaging.read import MAX_MEGAPIXELS
 from toolkit.objects.gltf.document import DamagedGltf, Document
 
@@ -27,13 +27,11 @@ def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, n
     except ImportError:
         raise lacks(document, "DracoPy", DRACO, "export the mesh without Draco compression") from None
     content = document.view(draco.get("bufferView")).tobytes()
-    try:
+    with foreign_code(lambda error: DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({type(error).__name__})")):
         mesh = DracoPy.decode(content)
         found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
         attributes = {name: found[number] for name, number in draco["attributes"].items()}
         faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
-    except Exception as error:  # the decoder raises several kinds, and a foreign file may name what is not there
-        raise DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({error.__class__.__name__})") from None
     return {name: values.reshape(len(values), -1) for name, values in attributes.items()}, faces
 
 
@@ -47,10 +45,10 @@ def decode_ktx(document: Document, content: bytes, name: str) -> bytes:
     width, height = (int.from_bytes(content[at : at + 4], "little") for at in (20, 24))
     if not content.startswith(KTX_START) or not 0 < width * height <= MAX_MEGAPIXELS * 1e6:
         raise ToolkitError(f"{document.path}: {name} is no {BASISU} picture, or far too large: save it as PNG")
-    try:
-        png, _ = alktx2.decode_ktx2_to_bytes(content, format="png")
-    except Exception as error:
-        raise ToolkitError(
+    with foreign_code(
+        lambda error: ToolkitError(
             f"{document.path}: {name} cannot be read ({BASISU}: {' '.join(str(error).split())[:80]}): save it as PNG"
-        ) from None
+        )
+    ):
+        png, _ = alktx2.decode_ktx2_to_bytes(content, format="png")
     return bytes(png)

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
-from toolkit.imaging.read import open_image
+from toolkit.imaging.read import UnreadableImage, open_image
 from toolkit.rig.camera import NO_DISTORTION, Camera, Distortion
 from toolkit.rooms.photos.photo import Photo
 
@@ -205,7 +205,7 @@ def turns_upright(path: Path) -> int:
             # pillow-heif obeys the orientation itself and keeps here what it was
             orientation = image.info.get("original_orientation") or image.getexif().get(0x0112, 1)
     # a video, a raw photograph, damaged EXIF: nothing is known then, and the pixels are read elsewhere
-    except Exception:
+    except UnreadableImage:
         return 0
     return SENSOR_TURNS.get(orientation, 0) if isinstance(orientation, int) else 0
 

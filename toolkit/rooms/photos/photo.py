@@ -21,6 +21,7 @@ from toolkit.core.text import escape
 from toolkit.imaging.read import (
     UnreadableImage,
     decode_image,
+    decoding,
     explain_damage,
     find_files,
     is_image_name,
@@ -84,10 +85,10 @@ class ExifFacts:
 def read_exif(exif: Image.Exif) -> ExifFacts:
     """The facts in a photograph's EXIF; damaged EXIF says nothing and is no error."""
     try:
-        base: Mapping[int, object] = dict(exif)
-        details: Mapping[int, object] = dict(exif.get_ifd(EXIF_IFD))
-    # the block may hold anything, and Pillow's reader raises struct, key, type and value errors on it
-    except Exception:
+        with decoding(Path("EXIF")):
+            base: Mapping[int, object] = dict(exif)
+            details: Mapping[int, object] = dict(exif.get_ifd(EXIF_IFD))
+    except UnreadableImage:
         return ExifFacts()
     orientation = base.get(ORIENTATION)
     return ExifFacts(
@@ -190,9 +191,9 @@ class Preview:
 def is_dng(path: Path) -> bool:
     """Whether a file is a DNG by its content: a TIFF whose first directory says which version of DNG it has."""
     try:
-        with Path(path).open("rb") as file, _no_warnings():
+        with decoding(path), Path(path).open("rb") as file, _no_warnings():
             return any(DNG_VERSION in directory for directory in _directories(file, 1))
-    except Exception:  # damaged TIFF directories raise nearly anything, and are then no DNG
+    except UnreadableImage:
         return False
 
 
@@ -203,17 +204,14 @@ def find_preview(path: Path) -> Preview:
         UnreadableImage: the file is damaged, or holds no preview.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file, _no_warnings():
-            found = [
-                preview for directory in _directories(file, MOST_DIRECTORIES) if (preview := _jpeg_in(directory, file))
-            ]
-            file.seek(0)
-            exif = Image.Exif()
-            exif.load_from_fp(file)
-            facts = read_exif(exif)
-    except Exception as error:  # as in `is_dng`
-        raise UnreadableImage(path, explain_damage(error)) from None
+    with decoding(path), path.open("rb") as file, _no_warnings():
+        found = [
+            preview for directory in _directories(file, MOST_DIRECTORIES) if (preview := _jpeg_in(directory, file))
+        ]
+        file.seek(0)
+        exif = Image.Exif()
+        exif.load_from_fp(file)
+        facts = read_exif(exif)
     if not found:
         raise UnreadableImage(path, "a DNG without a JPEG preview: export it from your raw converter as JPEG or TIFF")
     # a DNG may hold a thumbnail beside the full preview
@@ -448,20 +446,13 @@ def check_file(path: Path) -> None:
 
 def _open_header(path: Path, content: bytes | None) -> tuple[int, int, str, ExifFacts]:
     """Upright width and height, kind and EXIF."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's on damaged EXIF, which is no news to the photographer
-            with open_image(path, content) as image:
-                facts = read_exif(image.getexif())
-                kind, size = KINDS.get(image.format or ""), image.size
-                if kind == "tiff":
-                    # some versions of Pillow turn a TIFF's size, some do not: the tags do not change
-                    with contextlib.suppress(AttributeError, KeyError):
-                        size = (image.tag_v2[WIDTH], image.tag_v2[LENGTH])  # type: ignore[attr-defined]
-    except UnreadableImage:
-        raise
-    except Exception as error:  # decoders raise nearly every built-in exception on hostile files
-        raise UnreadableImage(path, explain_damage(error)) from None
+    with _no_warnings(), open_image(path, content) as image:
+        facts = read_exif(image.getexif())
+        kind, size = KINDS.get(image.format or ""), image.size
+        if kind == "tiff":
+            # some versions of Pillow turn a TIFF's size, some do not: the tags do not change
+            with contextlib.suppress(AttributeError, KeyError):
+                size = (image.tag_v2[WIDTH], image.tag_v2[LENGTH])  # type: ignore[attr-defined]
     if kind is None:
         raise UnreadableImage(path, "this kind of photograph cannot be read here: export it as JPEG, PNG or TIFF")
     width, height = size[::-1] if facts.orientation in QUARTER_TURNED else size
