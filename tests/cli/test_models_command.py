@@ -45,14 +45,14 @@ def test_a_function_counted_on_a_folder(space):
         pixels[..., min(k, 2) if k < 3 else 0] = 200  # the last is red, and lies with the blue ones
         (space / "images" / label).mkdir(parents=True, exist_ok=True)
         Image.fromarray(pixels).save(space / "images" / label / f"{k}.png")
-    done = run("--model", "python:hues:colours", "--data", "images", "--json")
+    done = run("--model", "python:hues:colours", "--data", "images", "--speed", "--json")
     assert done.exit_code == 0, done.output
     (row,) = json.loads(done.stdout)
     assert (row["n"], row["correct"], row["accuracy"], row["classes"]) == (4, 3, 0.75, 3)
     assert row["can_train"] and row["images_per_s"] > 0 and row["trained_images_per_s"] > 0
     assert row["ci95"][0] < 0.75 < row["ci95"][1]
     shown = run("--model", "python:hues:colours", "--data", "images")
-    assert "75.0" in shown.stdout and "not" in shown.stdout
+    assert "75.0" in shown.stdout and "not" in shown.stdout and "per s" not in shown.stdout
 
 
 def test_the_bundled_one_is_at_hand_and_a_broken_one_is_a_row(space):
@@ -61,6 +61,7 @@ def test_the_bundled_one_is_at_hand_and_a_broken_one_is_a_row(space):
     done = run("--json")
     rows = {row["model"]: row for row in json.loads(done.stdout)}
     assert set(rows) == {"rig18", "broken"} and done.exit_code == 1
+    assert rows["rig18"]["images_per_s"] is None  # only --speed takes the time
     assert rows["rig18"]["licence"] == "MIT" and rows["rig18"]["can_train"] and rows["rig18"]["classes"] == 36
     assert "not a program of torch.export" in rows["broken"]["why_not"]
 
@@ -71,6 +72,6 @@ DETECTOR = Path(__file__).parents[2].parent / "shared/detectors/fastestdet.onnx"
 @pytest.mark.skipif(not DETECTOR.is_file(), reason="needs ../shared/detectors")
 def test_a_detector_is_a_row_of_its_own_kind(space):
     pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install '.[onnx]'")
-    (row,) = json.loads(run("--model", f"onnx:{DETECTOR}", "--json").stdout)
+    (row,) = json.loads(run("--model", f"onnx:{DETECTOR}", "--speed", "--json").stdout)
     assert (row["kind"], row["classes"], row["image_px"], row["can_train"]) == ("detector", 80, 352, True)
     assert row["images_per_s"] > 0 and row["n"] is None

@@ -15,7 +15,8 @@ from toolkit.training import machine
 
 
 def find_check(name):
-    return next(check for check in machine._other_renderers() if check.name == name)
+    checks = filter(None, map(machine._other_renderer, RENDERERS))
+    return next(check for check in checks if check.name == name)
 
 
 CHECKS = {

@@ -189,22 +189,25 @@ def list_models(
             "preprocessing finds more.",
         ),
     ] = None,
+    speed: Annotated[
+        bool, typer.Option("--speed", help="Also time each: images per second, and with the gradient for training.")
+    ] = False,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """List the networks whose weights are on this machine: classes, speed here, licence, whether they can train."""
+    """List the networks whose weights are on this machine: classes, licence, whether they can train boosters."""
     if check is not None:
         _check_detectors(model or [], check, device, open_workspace(workspace), as_json)
         return
     from toolkit.evaluation import survey
 
     folder = open_workspace(workspace).classifiers_dir
-    rows = survey.survey_models(model or survey.list_models(folder), device, folder, data)
+    rows = survey.survey_models(model or survey.list_models(folder), device, folder, data, speed)
     if as_json:
         show_json([asdict(row) for row in rows])
     else:
-        _show_models(rows, data is not None)
+        _show_models(rows, data is not None, speed)
     if any(row.classes is None for row in rows):
         raise typer.Exit(1)
 
@@ -230,25 +233,19 @@ def _check_detectors(models: list[str], photos: Path, device: str, space: Worksp
         raise typer.Exit(1)
 
 
-def _show_models(rows: "list[SurveyedModel]", with_data: bool) -> None:
-    titles = ["--model", "kind", "classes", "px", "per s", "trains", "licence"]
+def _show_models(rows: "list[SurveyedModel]", with_data: bool, with_speed: bool) -> None:
+    asked = [*["correct"] * with_data, *["per s"] * with_speed]
     cells = []
     for model in rows:
-        row = [
+        low, high = model.ci95 or (0.0, 0.0)
+        accuracy = f"{100 * (model.accuracy or 0):.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {model.n}"
+        per_s, trained = model.images_per_s, model.trained_images_per_s
+        cells.append([
             model.model, model.kind, model.classes or "", model.image_px or "",
-            f"{model.images_per_s:.0f}" if model.images_per_s else "",
-            "no" if not model.can_train
-            else f"{model.trained_images_per_s:.0f}/s" if model.trained_images_per_s else "yes",
-            model.licence or "not said",
-        ]  # fmt: skip
-        if with_data:
-            low, high = model.ci95 or (0.0, 0.0)
-            row.insert(4, f"{100 * model.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {model.n}"
-                       if model.accuracy is not None else "")  # fmt: skip
-        cells.append(row)
-    if with_data:
-        titles.insert(4, "right")
-    show_table(titles, cells)
+            *[accuracy if model.n else ""] * with_data, *[f"{per_s:.0f}" if per_s else ""] * with_speed,
+            "no" if not model.can_train else f"{trained:.0f}/s" if trained else "yes", model.licence or "not said",
+        ])  # fmt: skip
+    show_table(("--model", "kind", "classes", "px", *asked, "trains", "licence"), cells)
     for model in rows:
         if model.why_not:
             remark(f"{model.model}: {model.why_not}")

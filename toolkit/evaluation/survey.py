@@ -43,8 +43,8 @@ class SurveyedModel:
         licence: as far as it is said; else empty.
         can_train: whether boosters can be trained against it.
         why_not: why it cannot, or could not be loaded; else empty.
-        images_per_s: forward, in batches of 8.
-        trained_images_per_s: forward and back to the image.
+        images_per_s: forward, in batches of 8; None if not timed.
+        trained_images_per_s: forward and back to the image; None if not timed.
         n, correct: images of the folder; None without a folder, or where its classes are others.
         accuracy, ci95: their ratio, with Wilson's interval.
     """
@@ -80,9 +80,10 @@ def list_models(folder: Path | None = None) -> list[str]:
 
 
 def survey_models(
-    models: Sequence[str], device: str = "auto", folder: Path | None = None, data: str | None = None
-) -> list[SurveyedModel]:
-    """Load each classifier, time it, and count what it gets right.
+    models: Sequence[str], device: str = "auto", folder: Path | None = None, data: str | None = None,
+    with_speed: bool = False,
+) -> list[SurveyedModel]:  # fmt: skip
+    """Load each network, and where asked time it and count what it gets right.
 
     One that cannot be loaded is a row that says why.
 
@@ -91,22 +92,23 @@ def survey_models(
         device: `auto`, `cpu` or `cuda`.
         folder: the workspace's `rig/classifiers`.
         data: folder with a folder per class (its val/ or test/, if it exists); None: no accuracy.
+        with_speed: whether to time each, some seconds a network.
     """
     rows = []
-    for model in models:
-        try:
-            if may_be_detector(model) and is_detector(model):
-                rows.append(_survey_detector(model, load_detector(model, None, device)))
-                continue
-            classifier = load_classifier(model, None, device, folder)
-        except ToolkitError as error:
-            rows.append(SurveyedModel(model, why_not=str(error)))
-            continue
-        rows.append(_survey(model, classifier, data))
+    with progress("networks", len(models)) as ticker:
+        for model in models:
+            try:
+                if may_be_detector(model) and is_detector(model):
+                    rows.append(_survey_detector(model, load_detector(model, None, device), with_speed))
+                else:
+                    rows.append(_survey(model, load_classifier(model, None, device, folder), data, with_speed))
+            except ToolkitError as error:
+                rows.append(SurveyedModel(model, why_not=str(error)))
+            ticker.advance()
     return rows
 
 
-def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedModel:
+def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bool) -> SurveyedModel:
     module = classifier.module
     numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
     n, correct, why = None, None, classifier.untrainable
@@ -119,24 +121,29 @@ def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedMod
         model, classifier.weights.name, "classifier", len(classifier.labels), classifier.preprocessing.crop_px,
         parameters=numbers or None,
         licence=_find_licence(classifier), can_train=not classifier.untrainable, why_not=why,
-        images_per_s=measure_speed(classifier),
-        trained_images_per_s=None if classifier.untrainable else measure_speed(classifier, backward=True),
+        images_per_s=measure_speed(classifier) if with_speed else None,
+        trained_images_per_s=(
+            measure_speed(classifier, backward=True) if with_speed and not classifier.untrainable else None
+        ),
         n=n, correct=correct, accuracy=None if not n else (correct or 0) / n,
         ci95=None if not n else wilson_interval(correct or 0, n),
     )  # fmt: skip
 
 
-def _survey_detector(model: str, detector: Detector) -> SurveyedModel:
+def _survey_detector(model: str, detector: Detector, with_speed: bool) -> SurveyedModel:
     """Speed from pictures of 640 × 480 to boxes; accuracy is what `toolkit eval` measures."""
-    pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
-    # once unmeasured: first passes set up what later passes use
-    detector.detect(pictures)
-    start = perf_counter()
-    detector.detect(pictures)
+    images_per_s = None
+    if with_speed:
+        pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
+        # once unmeasured: first passes set up what later passes use
+        detector.detect(pictures)
+        start = perf_counter()
+        detector.detect(pictures)
+        images_per_s = BATCH / (perf_counter() - start)
     return SurveyedModel(
         model, detector.weights.name, "detector", len(detector.labels), detector.image_px or None,
         licence=read_labels_file(detector.weights.path).licence or "", can_train=not detector.untrainable,
-        why_not=detector.untrainable, images_per_s=BATCH / (perf_counter() - start),
+        why_not=detector.untrainable, images_per_s=images_per_s,
     )  # fmt: skip
 
 

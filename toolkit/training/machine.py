@@ -4,8 +4,10 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
@@ -43,17 +45,14 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         folder: where a workspace is or would be, for its free disk space; by default the current folder.
     """
     where = Path.cwd() if folder is None else folder
-    return [
-        _python(),
-        _packages(),
-        _open3d(),
-        _renderer(),
-        *_other_renderers(),
-        _disk(where),
-        _weights(),
-        _bundled(),
-        _gpu(),
-    ]
+    looks: list[Callable[[], Check | None]] = [
+        _python, _packages, _open3d, _renderer, *(partial(_other_renderer, name) for name in RENDERERS),
+        partial(_disk, where), _weights, _bundled, _gpu,
+    ]  # fmt: skip
+    # most of the time goes to processes of their own, which run beside each other
+    with ThreadPoolExecutor() as pool:
+        found = list(pool.map(lambda look: look(), looks))
+    return [check for check in found if check is not None]
 
 
 def _python() -> Check:
@@ -107,15 +106,14 @@ def _renderer() -> Check:
     return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")
 
 
-def _other_renderers() -> Iterator[Check]:
-    """Whether each renderer that needs something of the machine can start."""
-    for name, kind in RENDERERS.items():
-        if kind.need is None:
-            continue
-        if trouble := kind.find_trouble():
-            yield Check(kind.need, "note", f"{trouble}; only --renderer {name} needs it", kind.fix)
-        else:
-            yield Check(kind.need, "ok", kind.working)
+def _other_renderer(name: str) -> Check | None:
+    """Whether a renderer can start; None if it needs nothing of the machine."""
+    kind = RENDERERS[name]
+    if kind.need is None:
+        return None
+    if trouble := kind.find_trouble():
+        return Check(kind.need, "note", f"{trouble}; only --renderer {name} needs it", kind.fix)
+    return Check(kind.need, "ok", kind.working)
 
 
 def _disk(folder: Path) -> Check:
@@ -163,8 +161,11 @@ def _bundled() -> Check:
 
 
 def _gpu() -> Check:
-    import torch
+    # torch takes seconds to load, and finds none where Linux shows no device: NVIDIA's, AMD's or that of WSL
+    devices = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")
+    if sys.platform != "linux" or any(map(os.path.exists, devices)):
+        import torch
 
-    if torch.cuda.is_available():
-        return Check("GPU", "ok", torch.cuda.get_device_name(0))
+        if torch.cuda.is_available():
+            return Check("GPU", "ok", torch.cuda.get_device_name(0))
     return Check("GPU", "note", "none; everything works on the CPU, training takes minutes")
