@@ -25,7 +25,7 @@ from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patc
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import BoostConfig, CameraConfig, PadPrintConfig
+from toolkit.rooms.landing.config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.regressor import Regressor, load_regressor
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places

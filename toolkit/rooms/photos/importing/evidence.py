@@ -15,7 +15,7 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import VARIANTS
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported
 from toolkit.rooms.photos.locate import Locate, PoseMatch, match_pose
 from toolkit.rooms.photos.match_render import LEAST_SCORE, RenderMatch

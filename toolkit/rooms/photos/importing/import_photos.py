@@ -21,7 +21,7 @@ from toolkit.rig import PAIR
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates import Check
 from toolkit.rooms.photos.importing.align import Clues, place_with_gaps
 from toolkit.rooms.photos.importing.copies import find_copied

@@ -16,7 +16,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, list_some, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
-from toolkit.rooms.photos import ImportSettings, RetextureConfig
+from toolkit.rooms.photos.config import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
     from toolkit.models.network import Classifier

@@ -1,0 +1,16 @@
+"""What the room of worlds adds: places outdoors with their sky and weather, and all that is modelled by hand."""
+
+from toolkit.core.rooms import Entry, Room
+
+ROOM = Room(
+    commands={
+        "Benchmarks": {"world-eval": Entry("commands:world_eval", "see an object in a city, through fog and dust")},
+        "Worlds": {
+            "world list": Entry("commands:list_worlds", "list the worlds, built in and your own"),
+            "world preview": Entry("commands:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
+            "world export": Entry("commands:export", "write a world as GLB for Blender, Unreal, three.js"),
+        },
+    },
+    words={"world": "List, see and export the worlds that objects stand in."},
+    offers={"values of world": "own:list_names"},
+)
