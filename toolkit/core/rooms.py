@@ -25,7 +25,17 @@ SHIPPED: Mapping[str, tuple[str, ...]] = {
     ),
     "landing": ("landing",),
     "photos": ("studio", "import", "check", "retexture", "calibrate", "print-profile", "found patches", "failed gates"),
-    "worlds": ("world", "world-eval"),
+    "worlds": (
+        "world",
+        "world-eval",
+        "time",
+        "weather",
+        "everyday",
+        "builtin:racer",
+        "builtin:warplane",
+        "builtin:coffeepot",
+        "builtin:eggnog",
+    ),
 }
 """What each room of the kit adds, its commands by their first words, so that a room that is missing can be named."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -89,11 +99,26 @@ def load(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
+@cache
+def list_offers() -> dict[str, str]:
+    """Return what the rooms that are installed offer, by name, and the place of each."""
+    return {
+        what: f"{PACKAGE}.{name}.{place}" for name, room in find_rooms().items() for what, place in room.offers.items()
+    }
+
+
 def find_offer(what: str) -> Any:
     """Return what a room that is installed offers by this name; None if none does."""
-    found = (f"{PACKAGE}.{name}.{room.offers[what]}" for name, room in find_rooms().items() if what in room.offers)
-    place = next(found, None)
+    place = list_offers().get(what)
     return None if place is None else load(place)
+
+
+def find_code(prefix: str) -> list[Path]:
+    """Return the folders, directly below a room, of the modules behind the offers whose names begin with a prefix."""
+    places = [
+        place.removeprefix(f"{PACKAGE}.").split(".") for what, place in list_offers().items() if what.startswith(prefix)
+    ]
+    return sorted({FOLDER / room / folder for room, folder, *_ in places})
 
 
 def ask_room(what: str) -> Any:

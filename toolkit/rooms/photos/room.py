@@ -13,5 +13,8 @@ ROOM = Room(
             "print-profile": Entry("measure_commands:print_profile", "measure what a printer does to colours"),
         }
     },
-    offers={"found patches": "prints.fitted_photo:view_photos"},
+    offers={
+        "found patches": "prints.fitted_photo:view_photos",
+        "failed gates": "gates.check_captures:mark_failed_gates",
+    },
 )

@@ -12,5 +12,12 @@ ROOM = Room(
         },
     },
     words={"world": "List, see and export the worlds that objects stand in."},
-    offers={"values of world": "own:list_names"},
+    offers={
+        "values of world": "own:list_names",
+        "world": "views:open_setting",
+        "time": "conditions:check_times",
+        "weather": "weathered:read_words",
+        "everyday": "content.everyday:MAKERS",
+        **{f"builtin:{name}": f"content.{name}:build" for name in ("racer", "warplane", "coffeepot", "eggnog")},
+    },
 )
