@@ -15,28 +15,18 @@ from toolkit.core.errors import ToolkitError
 FOLDER, PACKAGE = Path(__file__).parents[1] / "rooms", "toolkit.rooms"
 SHIPPED: Mapping[str, tuple[str, ...]] = {
     "benchmarks": (
-        "sweep",
-        "train-patches",
-        "baseline",
-        "corrupt-eval",
-        "transfer",
-        "challenge",
-        "patches in training",
+        "sweep", "train-patches", "baseline", "corrupt-eval", "transfer", "challenge", "patches in training",
     ),
     "landing": ("landing",),
-    "photos": ("studio", "import", "check", "retexture", "calibrate", "print-profile", "found patches", "failed gates"),
-    "worlds": (
-        "world",
-        "world-eval",
-        "time",
-        "weather",
-        "everyday",
-        "builtin:racer",
-        "builtin:warplane",
-        "builtin:coffeepot",
-        "builtin:eggnog",
+    "photos": (
+        "studio", "import", "check", "retexture", "calibrate", "print-profile",
+        "shot list", "found patches", "failed gates",
     ),
-}
+    "worlds": (
+        "world", "world-eval", "time", "weather", "everyday",
+        "builtin:racer", "builtin:warplane", "builtin:coffeepot", "builtin:eggnog",
+    ),
+}  # fmt: skip
 """What each room of the kit adds, its commands by their first words, so that a room that is missing can be named."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 

@@ -14,6 +14,7 @@ ROOM = Room(
         }
     },
     offers={
+        "shot list": "commands:make_shot_list",
         "found patches": "prints.fitted_photo:view_photos",
         "failed gates": "gates.check_captures:mark_failed_gates",
     },

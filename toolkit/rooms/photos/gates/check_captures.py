@@ -24,13 +24,13 @@ from toolkit.objects.wrap import RECORD_FILE
 from toolkit.rig import PAIR
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
-from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import find_booster
 from toolkit.rooms.photos.gates import Check, Gate, GateResult
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.rooms.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
 from toolkit.rooms.photos.locate import locate_by_board
 from toolkit.rooms.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
 VERSION = 4
 """Version of the measures; photographs that another version judged are judged again."""
