@@ -5,9 +5,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from toolkit.boosters.baselines import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
-from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
@@ -16,12 +14,14 @@ from toolkit.core.text import count_of, kept_before, list_some, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
 from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig
+from toolkit.rooms.benchmarks.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
+from toolkit.rooms.benchmarks.patch_sets.baselines import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.rooms.benchmarks.sweeps import SweepConfig
 from toolkit.rooms.benchmarks.transfer import TransferConfig
 
 if TYPE_CHECKING:
-    from toolkit.boosters.baselines.make import MadeBaseline
     from toolkit.rooms.benchmarks.corruptions.benchmark_run import BenchmarkRun
+    from toolkit.rooms.benchmarks.patch_sets.baselines.make import MadeBaseline
     from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult
 
 SHOWN_NAMES = 5
@@ -200,9 +200,9 @@ def train_patches(
     as_json: options.Json = False,
 ) -> None:
     """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
-    from toolkit.boosters.class_patches import train_class_patches
     from toolkit.core.console import quietly
     from toolkit.models.load import load_classifier
+    from toolkit.rooms.benchmarks.patch_sets.class_patches import train_class_patches
     from toolkit.training.images import choose_classes, open_images
 
     space = open_workspace(workspace)
@@ -240,8 +240,8 @@ def baseline(
     as_json: options.Json = False,
 ) -> None:
     """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
-    from toolkit.boosters.baselines.make import make_baseline
     from toolkit.models.load import load_classifier
+    from toolkit.rooms.benchmarks.patch_sets.baselines.make import make_baseline
 
     place = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, place.classifiers_dir)
