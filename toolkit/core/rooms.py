@@ -23,7 +23,7 @@ SHIPPED: Mapping[str, tuple[str, ...]] = {
         "shot list", "found patches", "failed gates",
     ),
     "worlds": (
-        "world", "world-eval", "time", "weather", "everyday",
+        "world", "world-eval", "times of day", "weather", "everyday",
         "builtin:racer", "builtin:warplane", "builtin:coffeepot", "builtin:eggnog",
     ),
 }  # fmt: skip

@@ -218,7 +218,7 @@ def names_with_mesh(workspace: Workspace) -> list[str]:
     """The names of all objects that can be rendered, sorted; a notice tells of the others.
 
     Raises:
-        ToolkitError: a spec is broken.
+        ToolkitError: a spec is broken, or no object can be rendered.
     """
     meshes = {name: read_spec(file).mesh for name, file in sorted(workspace.object_specs().items())}
     from toolkit.core.console import notice  # brings rich, which help does without
@@ -227,7 +227,10 @@ def names_with_mesh(workspace: Workspace) -> list[str]:
         notice(f"note: left out, known from photographs alone: {', '.join(bare)} (no mesh in the spec)")
     if lost := [name for name, mesh in meshes.items() if is_lost(mesh)]:
         notice(f"note: left out, modelled by a room that is not installed: {', '.join(lost)}")
-    return [name for name, mesh in meshes.items() if mesh and name not in lost]
+    names = [name for name, mesh in meshes.items() if mesh and name not in lost]
+    if not names:
+        raise ToolkitError("no object can be rendered: add one of your own with 'toolkit add MESH --class NAME'")
+    return names
 
 
 def is_lost(mesh: str) -> bool:

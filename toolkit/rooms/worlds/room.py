@@ -15,7 +15,7 @@ ROOM = Room(
     offers={
         "values of world": "own:list_names",
         "world": "views:open_setting",
-        "time": "conditions:check_times",
+        "times of day": "conditions:check_times",
         "weather": "weathered:read_words",
         "everyday": "content.everyday:MAKERS",
         **{f"builtin:{name}": f"content.{name}:build" for name in ("racer", "warplane", "coffeepot", "eggnog")},
