@@ -263,7 +263,7 @@ def _by(name: str, *arguments: str) -> Callable[[Path], object]:
 MESH = "rig/objects/crate.obj"
 READERS = {
     "plan": Reader("rig/plan.json", _list_plan),
-    "shot list": Reader("rig/shots.json", _by("rig.shot_order:read_shots", "rig/shots.json")),
+    "shot list": Reader("rig/shots.json", _by("rooms.photos.shot_order:read_shots", "rig/shots.json")),
     "board": Reader("rig/board.json", _by("rig.board_file:read_board")),
     "card": Reader("rig/boards/card.toml", _read_card, "toml"),
     "lenses": Reader("rig/lens.json", _by("photos.lens:read_lenses")),
