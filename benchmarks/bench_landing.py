@@ -34,8 +34,8 @@ def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
     from toolkit.rig.raycast import map_frames
     from toolkit.rig.shading import tone_map
-    from toolkit.rooms.landing import CollectConfig
     from toolkit.rooms.landing.collect import Collector
+    from toolkit.rooms.landing.config import CollectConfig
     from toolkit.rooms.landing.dataset import EncodedSample, encode_sample, write_shard
     from toolkit.rooms.landing.site import draw_pad, find_world
 
@@ -66,7 +66,7 @@ def _collect() -> dict[str, float | str]:
 
 def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
-    from toolkit.rooms.landing import CameraConfig, FlyConfig
+    from toolkit.rooms.landing.config import CameraConfig, FlyConfig
     from toolkit.rooms.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
     from toolkit.rooms.landing.site import Sites, draw_pad, find_world, plan_places
     from toolkit.rooms.worlds.conditions import CLEAR

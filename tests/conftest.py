@@ -123,3 +123,12 @@ def make_patch_record(name: str) -> dict:
 def patch_record():
     """A function (name) -> the fields that `write_patch` asks for."""
     return make_patch_record
+
+
+@pytest.fixture
+def space(tmp_path, make_crate_space, monkeypatch):
+    """In a workspace with the light object `crate` and without the package's own objects, which are heavy."""
+    made = make_crate_space(tmp_path / "space")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.chdir(made.root)
+    return made

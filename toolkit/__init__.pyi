@@ -36,7 +36,7 @@ from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
 from toolkit.rooms.photos.retexture import retexture as retexture
-from toolkit.rooms.photos import RetextureConfig as RetextureConfig
+from toolkit.rooms.photos.config import RetextureConfig as RetextureConfig
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
 from toolkit.evaluation import EvalConfig as EvalConfig

@@ -12,8 +12,6 @@ import numpy as np
 from tables import DOCS
 
 from toolkit import __version__
-from toolkit.boosters.baselines import BaselineConfig
-from toolkit.boosters.baselines.make import make_baseline
 from toolkit.core.draws import Draws
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace, make_workspace
@@ -22,6 +20,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.records import write_patch
 from toolkit.rooms.benchmarks.challenge import CLOSED_OBJECTS, EntryConfig
 from toolkit.rooms.benchmarks.challenge.entry import ENTRY, EntryRecord, init_entry
+from toolkit.rooms.benchmarks.patch_sets.baselines import BaselineConfig
+from toolkit.rooms.benchmarks.patch_sets.baselines.make import make_baseline
 
 ROOT = DOCS.parent
 N_PX = 100

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from toolkit.core.workspace import open_workspace
-from toolkit.rooms.landing import CameraConfig
+from toolkit.rooms.landing.config import CameraConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, find_pad, find_sky, find_world, plan_places
 

@@ -15,7 +15,7 @@ from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.texture import TextureTask, choose_files, train_texture
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.boosters.texture_objects import TextureInputs, load_objects
-from toolkit.boosters.transforms.weather import Weathered, find_depths, read_words
+from toolkit.boosters.transforms.weather import find_depths
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -24,6 +24,7 @@ from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import find_depth
+from toolkit.rooms.worlds.weathered import Weathered, read_words
 
 WORLD_LENGTH_M = 6.0
 FOGGY = {"weather": ("fog:3-5", "dust:4")}
@@ -117,7 +118,7 @@ def test_views_of_a_sheet_are_cut_with_their_weather(space):
         assert torch.allclose(cut[k], full[k, :, top : top + 32, left : left + 32], atol=1e-6)
     clear = show_mounted(patch, stacked, which, corners, 32)
     assert (clear - cut).abs().mean() > 0.05
-    nearest = min(float(view.depth_m.min()) for view in stacked.depths)
+    nearest = min(float(view.depth.min()) for view in stacked.depths)
     assert 5 < nearest < 40  # a crate of 6 m fills the frame from there
 
 
@@ -176,7 +177,7 @@ def test_depths_are_those_of_the_real_thing(space):
     item = load_object(space.object_spec("crate"))
     (view,) = render_mounted_views(item, [40.0], 8, 1, seed=7, image_px=20, with_depth=True)
     (depth,) = find_depths([view], [item.spec.metres_per_mm])
-    assert depth.depth_m.min() / view.depth.depth.min() == pytest.approx(0.06)  # 6 m for 100 mm
+    assert depth.depth.min() / view.depth.depth.min() == pytest.approx(0.06)  # 6 m for 100 mm
 
 
 def test_what_has_no_real_size_is_refused(tmp_path, make_crate_space):

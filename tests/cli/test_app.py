@@ -1,6 +1,5 @@
 """The list of commands: groups, places, and what a mistyped command is told."""
 
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from toolkit import __version__
 from toolkit.cli import app
 from toolkit.cli.app import GROUPS, list_places
 from toolkit.core.errors import ToolkitError
+from toolkit.core.rooms import load
 from toolkit.core.workspace import make_workspace
 
 
@@ -24,8 +24,7 @@ def test_the_help_lists_every_command_once_under_its_group():
 
 @pytest.mark.parametrize(("name", "entry"), list_places())
 def test_every_entry_names_a_function_with_a_docstring(name, entry):
-    module, _, function = entry.place.partition(":")
-    assert getattr(import_module(f"toolkit.cli.{module}"), function).__doc__, name
+    assert load(entry.place).__doc__, name
 
 
 @pytest.mark.parametrize("columns", [80, 120])

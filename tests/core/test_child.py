@@ -172,7 +172,7 @@ STARTING = {
 IMPORTING = {"import_module", "__import__", "exec", "eval", "compile", "SourceFileLoader", "spec_from_file_location"}
 IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
-    ("cli/app.py", "import_module"),  # the list of commands
+    ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
     ("objects/load.py", "import_module"),  # after the name was found in a list
     ("models/load.py", "import_module"),  # timm
     ("models/onnx_graphs.py", "import_module"),  # libraries of the extra

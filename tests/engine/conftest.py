@@ -62,10 +62,10 @@ def train(tmp_path):
     """A function (name, engine, network) -> patches of three classes, what was skipped, and all bytes of their set."""
     from hue_network import make_hue_classifier, write_photos
 
-    from toolkit.boosters.class_patches import train_class_patches
-    from toolkit.boosters.patch_sets import ClassPatchesConfig, make_flat_config
     from toolkit.boosters.transforms.placement import Placement
     from toolkit.core.workspace import make_workspace
+    from toolkit.rooms.benchmarks.patch_sets import ClassPatchesConfig, make_flat_config
+    from toolkit.rooms.benchmarks.patch_sets.class_patches import train_class_patches
     from toolkit.training.images import open_images
 
     data = write_photos(tmp_path / "data", 4)

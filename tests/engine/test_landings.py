@@ -8,10 +8,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import make_workspace
 from toolkit.engine import EngineConfig
-from toolkit.rooms.landing import CameraConfig, CollectConfig, FlyConfig
 from toolkit.rooms.landing import collect as collecting
 from toolkit.rooms.landing import fly as flying
 from toolkit.rooms.landing.collect import Collector, collect
+from toolkit.rooms.landing.config import CameraConfig, CollectConfig, FlyConfig
 from toolkit.rooms.landing.flight_report import place_results, write_summary
 from toolkit.rooms.landing.fly import fly_all
 

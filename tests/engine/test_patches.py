@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from hue_network import BlindToGreen, make_hue_classifier, write_photos
 
-from toolkit.boosters import class_patches
 from toolkit.boosters.patch import PatchTask
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.engine import EngineConfig
+from toolkit.rooms.benchmarks.patch_sets import class_patches
 from toolkit.training.processes import Processes
 
 POOL = EngineConfig(workers=2)

@@ -69,10 +69,10 @@ def furnish(space: Workspace) -> None:
     from toolkit.rig.board import DEFAULT_BOARD
     from toolkit.rig.board_file import BoardSpec, boards_dir, write_board, write_spec
     from toolkit.rig.plan import read_plan
-    from toolkit.rig.shot_order import list_shots, order_shots, write_shots
     from toolkit.rooms.photos.gates import GateResult
     from toolkit.rooms.photos.gates.check_captures import append_check
     from toolkit.rooms.photos.gates.check_photo import PhotoCheck
+    from toolkit.rooms.photos.shot_order import list_shots, order_shots, write_shots
 
     plan = read_plan(space.plan_file)
     # the renderer is compiled once on each machine: not within the time that an input has
@@ -227,7 +227,7 @@ def _load_classifier(root: Path) -> None:
 
 def _list_plan(root: Path) -> None:
     from toolkit.rig.plan import read_plan
-    from toolkit.rig.shot_order import hash_poses, order_shots
+    from toolkit.rooms.photos.shot_order import hash_poses, order_shots
 
     plan = read_plan(root / "rig/plan.json")
     for name in plan.objects:
@@ -263,7 +263,7 @@ def _by(name: str, *arguments: str) -> Callable[[Path], object]:
 MESH = "rig/objects/crate.obj"
 READERS = {
     "plan": Reader("rig/plan.json", _list_plan),
-    "shot list": Reader("rig/shots.json", _by("rig.shot_order:read_shots", "rig/shots.json")),
+    "shot list": Reader("rig/shots.json", _by("rooms.photos.shot_order:read_shots", "rig/shots.json")),
     "board": Reader("rig/board.json", _by("rig.board_file:read_board")),
     "card": Reader("rig/boards/card.toml", _read_card, "toml"),
     "lenses": Reader("rig/lens.json", _by("photos.lens:read_lenses")),

@@ -6,11 +6,11 @@ import numpy as np
 import torch
 from PIL import Image
 
-from toolkit.boosters.patch_sets import name_class
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.records import write_patch
+from toolkit.rooms.benchmarks.patch_sets import name_class
 
 LABELS = ["red", "green", "blue"]
 PX = 32

@@ -13,7 +13,7 @@ from toolkit.objects.load import load_object
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.import_photos import import_photos
 from toolkit.rooms.photos.importing.match import RenderMatcher
 from toolkit.rooms.photos.posed_camera import PosedCamera

@@ -11,11 +11,11 @@ from PIL import Image
 import toolkit
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.plan import read_plan
-from toolkit.rig.shot_order import ShotStep, list_shots, order_shots, read_shots, write_shots
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates.check_captures import check_captures, make_check
 from toolkit.rooms.photos.importing.import_photos import import_photos
 from toolkit.rooms.photos.importing.store import write_bytes as stored_by
+from toolkit.rooms.photos.shot_order import ShotStep, list_shots, order_shots, read_shots, write_shots
 from toolkit.rooms.photos.studio.upload import UploadFolders
 
 ESCAPES = ("../../../X", "/tmp/X", "..", ".", "a/b", "a\\b", "a\n", "a\0", "-x", "", "x" * 300, "‮gpj", "\x1b[31m")

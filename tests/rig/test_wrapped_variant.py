@@ -18,12 +18,12 @@ from toolkit.evaluation.results import find_training
 from toolkit.objects.load import load_object
 from toolkit.objects.records import NetworkRecord
 from toolkit.objects.wrap import Wrap, WrapTraining, read_wrap, write_wrap
-from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.rig import Misfit, ShotListConfig, WrapConfig
 from toolkit.rig.applied.wrap import WrapBooster
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 from toolkit.rig.wrap_plan import plan_wrap, take_best
+from toolkit.rooms.photos.shot_list.job import write_shot_list
 
 TRAINING = WrapTraining(
     class_index=1, networks=[], data={}, seed=0, settings={}, final={}, misfit={}, toolkit_version="0"

@@ -5,9 +5,9 @@ import pytest
 from hue_network import LABELS, make_hue_classifier, write_photos
 from PIL import Image
 
-from toolkit.boosters.patch_sets import name_class
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
+from toolkit.rooms.benchmarks.patch_sets import name_class
 from toolkit.training.images import choose_classes, match_classes, open_images
 
 

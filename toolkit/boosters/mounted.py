@@ -14,14 +14,14 @@ from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
 from toolkit.boosters.pixel_config import count_held_out
 from toolkit.boosters.pixels import Target
-from toolkit.boosters.transforms.weather import Weathered, find_depths
+from toolkit.boosters.transforms.weather import ViewWeather, find_depths
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
-from toolkit.objects.load import TableObject
+from toolkit.objects.load import TableObject, scale_to_world
 from toolkit.rig.mount import PAPER, mount_sheets, size_on_paper, wear_sheets
-from toolkit.rig.shading import LinearView
+from toolkit.rig.shading import DepthBuffer, LinearView
 from toolkit.rig.views import (
     IN_STUDIO,
     NEAR_VIEWS,
@@ -33,8 +33,6 @@ from toolkit.rig.views import (
     ViewSettings,
     render_block,
 )
-from toolkit.rooms.worlds.particles import DepthView
-from toolkit.rooms.worlds.place import scale_to_world
 
 EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 """Drawn for each training image: factor on the light, each channel's deviation from it, sensor noise (sRGB)."""
@@ -61,7 +59,7 @@ class MountedViews:
     batch: ViewBatch
     sizes_mm: tuple[float, ...]
     sha256: str
-    depths: tuple[DepthView, ...] = ()
+    depths: tuple[DepthBuffer, ...] = ()
     boxes: np.ndarray | None = None
     held_out: int | None = None
 
@@ -83,9 +81,9 @@ class MountedViews:
         return train, held_out
 
     def draw_weather(
-        self, weather: Weathered, which: np.ndarray, corners: np.ndarray, side: int, rng: np.random.Generator
+        self, weather: ViewWeather, which: np.ndarray, corners: np.ndarray, side: int, rng: np.random.Generator
     ) -> "Through":
-        """Weather over squares of some views, see `ViewBatch.cut` and `Weathered.draw`."""
+        """Weather over squares of some views, see `ViewBatch.cut` and `ViewWeather.draw`."""
         # cut as the pictures are, so that weather lies over the same pixels
         cuts = [
             self.depths[k].cropped(int(left), int(top), side) for k, (top, left) in zip(which, corners, strict=True)
@@ -213,7 +211,7 @@ def draw_cuts(
 
 
 def draw_mounted(
-    views: MountedViews, draws: Draws, count: int, image_px: int, weather: Weathered | None = None
+    views: MountedViews, draws: Draws, count: int, image_px: int, weather: ViewWeather | None = None
 ) -> Callable[[torch.Tensor], torch.Tensor]:
     """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
     rng = draws.of("mounted")
@@ -226,7 +224,7 @@ def draw_mounted(
 
 def recognise_mounted(
     patches: Sequence[torch.Tensor], views: MountedViews, targets: list[Target], image_px: int, *,
-    weather: Weathered | None = None, seed: int = 0,
+    weather: ViewWeather | None = None, seed: int = 0,
 ) -> list[list[Share]]:  # fmt: skip
     """For each patch (3, n, n), in how many views each network recognises the object with it; in the same weather."""
     weather = None if weather is None else weather.with_overrides(probability=1.0)
@@ -255,7 +253,7 @@ def grey_paper(patch: torch.Tensor) -> torch.Tensor:
 
 def validate_mounted(
     patch: torch.Tensor, views: MountedViews, targets: list[Target], image_px: int, *,
-    weather: Weathered | None = None, seed: int = 0,
+    weather: ViewWeather | None = None, seed: int = 0,
 ) -> list[Validation]:  # fmt: skip
     """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""
     both = [grey_paper(patch), patch]

@@ -65,7 +65,6 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm, read_patch, write_patch
 from toolkit.rig.views import ViewRanges
-from toolkit.rooms.worlds.views import open_setting
 from toolkit.training.loop import History
 
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
@@ -234,12 +233,11 @@ def _render_views(
         raise FieldError("needs the object in the rig: add {sources} rig, or set it to 0", found)
     # the object, with sheets of the size at which the patch is printed
     object_name = choose_object(workspace, rig_source, class_names)
-    ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
+    ranges, setting, seen = ViewRanges(fill=config.mounted_fill), config.open_world(workspace), None
     item = load_object(workspace.object_spec(object_name))
     spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)
     sizes_mm = spec.sizes_mm(printed_size_mm(config.size_px))
-    if config.world is not None:
-        setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
+    if setting is not None:
         meshes = [make_sheet_subject(item, sizes_mm, config.size_px, at_real_size=True).mesh]
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")

@@ -7,24 +7,31 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
 from toolkit.boosters.transforms import OF_NETWORKS, STAGES, Transform
 from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
 from toolkit.boosters.transforms.transfer import BlockShuffle, FeatureMixup
-from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words
+from toolkit.boosters.transforms.weather import Corrupted, ViewWeather, read_corruptions, read_weather
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.rooms import ask_room, find_offer
 from toolkit.core.text import is_file_name
-from toolkit.rooms.worlds.conditions import Times
 
 if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace
+    from toolkit.rig.views import OutdoorSetting
     from toolkit.training.loop import FitConfig
 
 
 Backgrounds = Literal["auto", "all", "class"]
 RIG = "rig"
 HELD_OUT = 0.2
+
+
+def _check_times(times: tuple[str, ...]) -> tuple[str, ...]:
+    check = find_offer("times of day")  # without it there is no world either, which `open_world` says
+    return times if check is None else check(times)
 
 
 def count_held_out(count: int) -> int:
@@ -138,10 +145,16 @@ class PixelConfig(Config):
         0.2, description="Contrast of the random first pixels; 1 is full."
     )
     weather: Annotated[
-        Weathered | None,
-        BeforeValidator(read_words),
+        SerializeAsAny[ViewWeather] | None,
+        BeforeValidator(read_weather),
         Later,
-        Flag("--weather", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
+        Flag(
+            "--weather",
+            metavar="NAME[:SEVERITY]",
+            group=AUGMENTATION,
+            typed=tuple[str, ...],
+            make=lambda: read_weather({}),
+        ),
     ] = Field(
         None,
         description="Weather over half of the views, by distance at the object's real size: fog:1-5, dust:3, "
@@ -160,7 +173,7 @@ class PixelConfig(Config):
         1.0, description="Metres in one unit of your own mesh."
     )
     times: Annotated[
-        Times, Field(min_length=1), Later,
+        tuple[str, ...], AfterValidator(_check_times), Field(min_length=1), Later,
         Flag("--time", metavar="NAME", group=WORLD),
     ] = Field(
         ("noon",), description="Time of day: noon, afternoon, golden, dusk, overcast; of several each place draws one."
@@ -225,6 +238,16 @@ class PixelConfig(Config):
         from toolkit.training.loop import FitConfig
 
         return FitConfig(self.step_count, self.lr, self.schedule, optimiser, self.seed)
+
+    def open_world(self, workspace: "Workspace") -> "OutdoorSetting | None":
+        """The world that is trained in; None: studios.
+
+        Raises:
+            ToolkitError: there is no such world or time, or the room of worlds is not installed.
+        """
+        if self.world is None:
+            return None
+        return ask_room("world")(workspace, self.world, self.times, seed=self.world_seed, scale=self.world_scale)
 
     @property
     def weather_lines(self) -> list[str]:

@@ -17,13 +17,11 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
-from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import hash_paint
 from toolkit.objects.records import read_texture
 from toolkit.rig.applied.texture import check_fit
-from toolkit.rig.views import PaintableObject
-from toolkit.rooms.worlds.place import scale_to_world
-from toolkit.rooms.worlds.views import WorldSetting, open_setting
+from toolkit.rig.views import OutdoorSetting, PaintableObject
 
 MAX_BACKGROUNDS = 256
 
@@ -177,7 +175,7 @@ class TextureInputs:
 
     objects: Sequence[TexturedObject]
     backgrounds: Loaded
-    setting: WorldSetting | None = None
+    setting: OutdoorSetting | None = None
     start: np.ndarray | None = None
     paint: np.ndarray | None = None
     keep_image: np.ndarray | None = None
@@ -211,9 +209,7 @@ def load_inputs(
     """
     return TextureInputs(
         objects, load_backgrounds(config, network),
-        setting=None if config.world is None else open_setting(
-            workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale
-        ),
+        setting=config.open_world(workspace),
         start=None if config.start is None else read_start(config.start, objects, config.size_px),
         paint=None if config.max_change is None else objects[0].paint(),
         keep_image=keep_image,

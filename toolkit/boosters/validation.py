@@ -10,7 +10,7 @@ from toolkit.boosters.data import cut_centres
 from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
 from toolkit.boosters.pixels import Target, from_picture
 from toolkit.boosters.transforms.show import Appearance, show_patch
-from toolkit.boosters.transforms.weather import Corrupted, Weathered, find_depths
+from toolkit.boosters.transforms.weather import Corrupted, ViewWeather, find_depths
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
 from toolkit.corruptions.batch import corrupt
@@ -138,7 +138,7 @@ class WeatherValidation:
 
 
 def draw_weather(
-    views: list[RenderedView], metres_per_unit: Sequence[float], weather: Weathered, rng: np.random.Generator
+    views: list[RenderedView], metres_per_unit: Sequence[float], weather: ViewWeather, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Weather over views of objects whose meshes' units are so long at real size, see `ViewBatch.through`."""
     return weather.draw(
@@ -159,7 +159,7 @@ def measure_known(texture: torch.Tensor, views: list[RenderedView], targets: lis
 
 def validate_texture(
     pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int, *,
-    corrupted: Corrupted | None = None, weather: Weathered | None = None, metres_per_unit: Sequence[float] = (),
+    corrupted: Corrupted | None = None, weather: ViewWeather | None = None, metres_per_unit: Sequence[float] = (),
 ) -> list[WeatherValidation]:  # fmt: skip
     """Recognise held-out views: as they are, in ImageNet-C's fog of severity 3, and in what it was trained in.
 
@@ -216,7 +216,7 @@ def _show_both(
 
 
 def _show_in_weather(
-    texture: torch.Tensor, views: list[RenderedView], draws: Draws, weather: Weathered,
+    texture: torch.Tensor, views: list[RenderedView], draws: Draws, weather: ViewWeather,
     metres_per_unit: Sequence[float],
 ) -> Pair:  # fmt: skip
     """Views through weather that is drawn for each, both paints through the same."""

@@ -22,7 +22,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import GROUND, Atlas
-from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.wrap import (
     MAP_FILE,
@@ -41,7 +41,6 @@ from toolkit.rig import Misfit
 from toolkit.rig.views import PaintableObject, RenderedView
 from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
-from toolkit.rooms.worlds.place import scale_to_world
 
 BATCH = 12
 """Views that are shown together when pieces are ranked."""

@@ -11,6 +11,8 @@ from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
+GATES_FILE = "gates.jsonl"
+"""In the folder of a source beside its manifest: what each of its photographs was judged."""
 LEFT_OUT = "left_out"
 """Field of `made`: why an image that lies there no longer counts, such as a pose that the plan does not have."""
 # a file that a user edits: NaN, infinity and absurd lengths are refused on reading

@@ -4,15 +4,14 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from functools import wraps
-from importlib import import_module
-from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple
+from functools import cache, wraps
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+from toolkit.core.rooms import Entry, explain_missing, find_rooms, load
 from toolkit.core.text import shorten
 
 SHARED = "Every command"
@@ -31,23 +30,6 @@ TYPE = re.compile(r"<[\w\[\], ]+>")
 METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
 """What stands for a value of a type in the help, where the option names nothing better."""
 
-
-class Entry(NamedTuple):
-    """A command in the list.
-
-    Attributes:
-        place: `module:function` below `toolkit.cli`.
-        about: what it does, in a few words.
-        old: earlier spelling of an option -> today's. It goes on working, and no help shows it.
-    """
-
-    place: str
-    about: str
-    old: Mapping[str, str] = MappingProxyType({})
-
-
-TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
-"""Elsewhere these mean a range of turns, and the size of a print."""
 
 SWITCHED = {
     "--pose": "--vary-pose", "--no-pose": "--no-vary-pose", "--light": "--vary-light", "--no-light": "--no-vary-light",
@@ -75,52 +57,18 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
         "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
         "coco": Entry("rig:write_boxes", "write the objects' boxes and masks as COCO"),
-        "sweep": Entry("evaluate:sweep", "vary one thing: distance, light, size and more"),
     },
-    "Your photographs": {
-        "studio": Entry("photos:studio", "photograph with a phone, shot by shot", {"--address": "--lan-address"}),
-        "import": Entry("photos:import_", "import photographs, tell object and pose"),
-        "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
-        "retexture": Entry("photos:retexture", "put another patch into photographs of a printed one"),
-        "calibrate": Entry("measure:calibrate", "measure a camera's lens"),
-        "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
-    },
+    "Your photographs": {},
     "Benchmarks": {
         "corrupt": Entry(
             "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
         "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
-        "train-patches": Entry(
-            "trainings:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
-        ),
-        "baseline": Entry("trainings:baseline", "make codes and other baselines", {"--size": "--size-px"}),
-        "corrupt-eval": Entry(
-            "evaluate:corrupt_eval",
-            "corrupt a data set with and without patches",
-            {**TURNED, "--corruption": "--corrupt"},
-        ),
-        "transfer": Entry("evaluate:transfer", "train on all networks but one, judge by that one"),
-        "world-eval": Entry("evaluate:world_eval", "see an object in a city, through fog and dust"),
     },
-    "Worlds": {
-        "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
-        "world preview": Entry("world:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
-        "world export": Entry("world:export", "write a world as GLB for Blender, Unreal, three.js"),
-    },
-    "Landing": {
-        "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
-        "landing train": Entry("landing:train", "train a network to say where the pad is"),
-        "landing boost": Entry("landing:boost", "train the pad's picture for that network"),
-        "landing fly": Entry("landing:fly", "fly landings with it in worsening weather"),
-        "landing demo": Entry("landing:demo", "run the whole landing experiment, small"),
-    },
-    "Challenge": {
-        "challenge init": Entry("challenge:init", "make an entry of your boosters"),
-        "challenge check": Entry("challenge:check", "check an entry to the last rule"),
-        "challenge run": Entry("challenge:run", "render and score an entry"),
-        "challenge board": Entry("challenge:board", "rank entries on one page"),
-    },
+    "Worlds": {},
+    "Landing": {},
+    "Challenge": {},
     "Results": {
         "runs": Entry("runs:list_runs", "list what every run found, as one table"),
         "verify": Entry("runs:verify", "make a result again, and compare it"),
@@ -137,14 +85,31 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "doctor": Entry("setup:doctor", "check what the kit needs from this machine"),
     },
 }
+"""Heading in the help -> the core's commands. Those of the rooms follow them; `list_groups` has all."""
 
 
-WORDS = {
-    "world": "List, see and export the worlds that objects stand in.",
-    "challenge": "Whose booster helps networks that it was not trained on: enter one, check, score, rank.",
-    "landing": "Land a drone on a pad: shoot the pad, train a network, boost the pad, fly.",
-}
-"""What is said of the commands that begin with a word."""
+@cache
+def list_groups() -> dict[str, dict[str, Entry]]:
+    """Return all commands under their headings, each with its whole place."""
+    groups = {heading: _find_places("toolkit.cli", entries) for heading, entries in GROUPS.items()}
+    for name, room in find_rooms().items():
+        for heading, entries in room.commands.items():
+            groups.setdefault(heading, {}).update(_find_places(f"toolkit.rooms.{name}", entries))
+    return {heading: entries for heading, entries in groups.items() if entries}
+
+
+def _find_places(package: str, entries: Mapping[str, Entry]) -> dict[str, Entry]:
+    return {name: entry._replace(place=f"{package}.{entry.place}") for name, entry in entries.items()}
+
+
+def list_places() -> Sequence[tuple[str, Entry]]:
+    """Every command's name and entry."""
+    return [(name, entry) for entries in list_groups().values() for name, entry in entries.items()]
+
+
+def list_words() -> dict[str, str]:
+    """Return each word that several commands begin with, and what is said of them."""
+    return {word: about for room in find_rooms().values() for word, about in room.words.items()}
 
 
 class GroupedCommand(TyperCommand):
@@ -240,8 +205,7 @@ class LazyCommand(TyperCommand):
 
     def load(self, is_completed: bool = False) -> Any:
         """The whole command; where the shell `is_completed`, with values to offer."""
-        module, _, name = self.entry.place.partition(":")
-        function = getattr(import_module(f"toolkit.cli.{module}"), name)
+        function = load(self.entry.place)
         if is_completed:
             from toolkit.cli.complete import offer_values
 
@@ -264,7 +228,7 @@ def _respell(word: str, old: Mapping[str, str]) -> str:
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     """Return a `UsageError` as a single line: the option and what was typed, or the nearest option."""
     line = f"{' '.join(typed)} "
-    command = next((name for name in (*dict(list_places()), *WORDS) if line.startswith(f"{name} ")), "")
+    command = next((name for name in (*dict(list_places()), *list_words()) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
         known = [name for parameter in error.ctx.command.get_params(error.ctx) for name in parameter.opts]
@@ -319,14 +283,15 @@ class RoadGroup(TyperGroup):
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.words: dict[str, WordGroup] = {}
-        for group, entries in GROUPS.items():
+        about = list_words()
+        for group, entries in list_groups().items():
             for name, entry in entries.items():
                 command = LazyCommand(name, entry, group)
                 self.add_command(command)
                 word, _, rest = name.partition(" ")
                 if rest:
                     if word not in self.words:
-                        self.words[word] = WordGroup(name=word, help=WORDS[word], no_args_is_help=True, **PLAIN)
+                        self.words[word] = WordGroup(name=word, help=about[word], no_args_is_help=True, **PLAIN)
                     self.words[word].add_command(command, rest)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -349,16 +314,20 @@ class RoadGroup(TyperGroup):
         """
         is_known = not args or args[0].startswith("-") or self.get_command(ctx, args[0]) is not None
         if not is_known and not ctx.resilient_parsing:
-            parts = [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
+            parts = (
+                []
+                if explain_missing(args[0])
+                else [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
+            )
             if parts:
                 raise ToolkitError(f"no command called '{args[0]}': did you mean {' or '.join(parts)}?")
-            raise one_of("command", args[0], list(self.commands))
+            raise explain_missing(args[0]) or one_of("command", args[0], list(self.commands))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """One section for each group, the summaries below each other."""
         width = max(map(len, self.commands))
-        for group, entries in GROUPS.items():
+        for group, entries in list_groups().items():
             with formatter.section(group):
                 formatter.write_dl([(f"{name:<{width}}", entry.about) for name, entry in entries.items()])
 
@@ -427,8 +396,3 @@ def make_app() -> typer.Typer:
         pass
 
     return app
-
-
-def list_places() -> Sequence[tuple[str, Entry]]:
-    """Every command's name and entry."""
-    return [(name, entry) for entries in GROUPS.values() for name, entry in entries.items()]

@@ -10,6 +10,7 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import walk_folders
+from toolkit.core.rooms import find_offer
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.rig.variants import VARIANTS
 
@@ -31,7 +32,9 @@ def _find_values(name: str, mark: OptionInfo | ArgumentInfo) -> Callable[..., li
     for known, kind, list_names in SOURCES:
         if isinstance(mark, kind) and (known in flags or known == name):
             return _make_offer(list_names)
-    return None
+    # rooms have values of their own, such as the names of worlds
+    offers = (find_offer(f"values of {str(flag).lstrip('-')}") for flag in (name, *flags))
+    return next((_make_offer(list_names) for list_names in offers if list_names), None)
 
 
 def _make_offer(list_names: Callable[[Workspace], Sequence[str]]) -> Callable[[str], list[str]]:
@@ -45,12 +48,6 @@ def _make_offer(list_names: Callable[[Workspace], Sequence[str]]) -> Callable[[s
 
 def _list_objects(space: Workspace) -> list[str]:
     return sorted(space.object_specs())
-
-
-def _list_worlds(space: Workspace) -> list[str]:
-    from toolkit.rooms.worlds.own import WORLDS, list_own_worlds
-
-    return sorted({*WORLDS, *list_own_worlds(space)})
 
 
 def _list_runs(space: Workspace) -> list[str]:
@@ -67,12 +64,6 @@ def _list_models(space: Workspace) -> list[str]:
     )
 
 
-def _list_baselines(space: Workspace) -> tuple[str, ...]:
-    from toolkit.boosters.baselines import BaselineConfig
-
-    return get_args(BaselineConfig.model_fields["kind"].annotation)
-
-
 def _list_variants(space: Workspace) -> list[str]:
     return [*VARIANTS, *sorted(space.patches()), *sorted(space.textures())]
 
@@ -80,11 +71,8 @@ def _list_variants(space: Workspace) -> list[str]:
 SOURCES: tuple[tuple[str, type[OptionInfo | ArgumentInfo], Callable[[Workspace], Sequence[str]]], ...] = (
     ("--object", OptionInfo, _list_objects),
     ("--patches", OptionInfo, Workspace.patch_sets),
-    ("kind", ArgumentInfo, _list_baselines),
     ("model", OptionInfo, _list_models),
     ("--variant", OptionInfo, _list_variants),
-    ("--world", OptionInfo, _list_worlds),
-    ("world", ArgumentInfo, _list_worlds),
     ("first", ArgumentInfo, _list_runs),
     ("second", ArgumentInfo, _list_runs),
     ("names", ArgumentInfo, _list_runs),

@@ -1,4 +1,4 @@
-"""Commands that ask networks: about captures, corrupted data, other networks' boosters, worlds; and `corrupt`."""
+"""`toolkit eval` and `toolkit corrupt`: ask networks about captures, and corrupt images."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,25 +8,15 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
-from toolkit.core.files import load_json
-from toolkit.core.text import count_of, kept_before, list_some
+from toolkit.core.text import count_of, kept_before
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import SEVERITIES, find_note, parse_corruptions
-from toolkit.engine import EngineConfig
 from toolkit.evaluation import EvalConfig
-from toolkit.rooms.benchmarks.corruptions import CorruptEvalConfig
-from toolkit.rooms.benchmarks.sweeps import SweepConfig
-from toolkit.rooms.benchmarks.transfer import TransferConfig
-from toolkit.rooms.worlds.evaluation import WorldEvalConfig
 
 if TYPE_CHECKING:
     from toolkit.evaluation.evaluate import Evaluation
-    from toolkit.rooms.benchmarks.corruptions.benchmark_run import BenchmarkRun
-    from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult
-    from toolkit.rooms.worlds.evaluation.world_run import WorldRun
 
 SHOWN_FAILURES = 20
-SHOWN_NAMES = 5
 
 
 @from_config(config=EvalConfig)
@@ -132,53 +122,6 @@ def show_evaluation(done: "Evaluation") -> None:
     say(f"report: {done.report_file}")
 
 
-@from_config(config=SweepConfig, engine=EngineConfig)
-def sweep(
-    *,
-    config: SweepConfig,
-    engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    patches: options.Patches = None,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Vary one thing and measure where the patch still works; write table, figure and report to eval/sweeps/AXIS."""
-    from toolkit.models.load import load_classifier
-    from toolkit.rooms.benchmarks.sweeps.sweep import run_sweep
-
-    space = open_workspace(workspace).with_patches(patches)
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    result = run_sweep(space, config, classifier, engine=engine)
-    if as_json:
-        show_json(result.sweep.as_json())
-    else:
-        show_sweep(result)
-    if result.sweep.skipped or result.sweep.failed:
-        raise typer.Exit(1)
-
-
-def show_sweep(result: "SweepResult") -> None:
-    """Print the table, what could not be shot or read, and where the files are."""
-    from toolkit.core.console import console
-    from toolkit.evaluation.tables import list_lines
-    from toolkit.rooms.benchmarks.sweeps.sweep_rows import build_sweep_table
-
-    console.print(build_sweep_table(result.sweep))
-    console.print()
-    skipped = [(label, reason) for label, _, reason in result.sweep.skipped]
-    failed = list_lines("could not be read", result.sweep.failed)
-    for line in (*list_lines("not possible", skipped), *failed):
-        warn(line)
-    for note in result.evaluation.notes:
-        remark(note)
-    say(f"{count_of(result.shot, 'image')} shot, {result.kept} kept; {result.classified} classified")
-    say(f"table: {result.csv_file}")
-    say(f"figure: {result.figure_file}")
-    say(f"report: {result.evaluation.report_file}")
-
-
 def corrupt(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Folder of images, in any layout, or one image.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write to; for one image also a .png or .jpg.")],
@@ -239,153 +182,3 @@ def corrupt(
         say(f"made {count_of(result.made, 'image')}{kept_before(result.kept)}: {out}")
     if result.failed:
         raise typer.Exit(1)
-
-
-@from_config(config=CorruptEvalConfig, engine=EngineConfig)
-def corrupt_eval(
-    *,
-    data: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder with one folder per class (its val/ or test/, where there is one), or cifar10:FOLDER.",
-        ),
-    ],
-    config: CorruptEvalConfig,
-    engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    download: options.Download = False,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Classify a corrupted data set with and without patches: the benchmark of ImageNet-C, or CIFAR-10-C.
-
-    Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
-    """
-    from toolkit.models.load import load_classifier
-    from toolkit.models.network import Classifier
-    from toolkit.rooms.benchmarks.corruptions.benchmark_run import evaluate_benchmark
-    from toolkit.training.images import open_images
-
-    space = open_workspace(workspace)
-
-    def load(name: str) -> Classifier:
-        return load_classifier(name, None, device, folder=space.classifiers_dir)
-
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    images = open_images(data, classifier, "test", download)
-    done = evaluate_benchmark(space, images, classifier, config, load, engine)
-    if as_json:
-        typer.echo(done.files.summary.read_text(encoding="utf-8"))
-    else:
-        show_benchmark(done)
-    if done.benchmark.failed or done.without_images:
-        raise typer.Exit(1)
-
-
-def show_benchmark(done: "BenchmarkRun") -> None:
-    """Print what could not be used, the table, the result in words, and where the report is."""
-    from toolkit.core.console import console, list_skipped
-    from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
-        build_summary_table,
-        judge_benchmark,
-        read_summary,
-    )
-
-    list_skipped(done.benchmark.failed)
-    for name, labels in done.without_images.items():
-        line = f"skipped {len(labels)} patches of {name}: no images of {list_some(labels, SHOWN_NAMES)}"
-        warn(f"{line}; --class names those that are meant")
-    summary = read_summary(done.files.summary)
-    for note in summary.notes:
-        remark(note)
-    console.print(build_summary_table(summary))
-    for verdict in judge_benchmark(summary):
-        say(verdict.sentence)
-    kept = kept_before(done.benchmark.kept)
-    say(f"{done.benchmark.computed} answers{kept}; table, figures and report: {done.files.report}")
-
-
-@from_config(config=TransferConfig)
-def transfer(
-    *,
-    config: TransferConfig,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Train on all networks but one and test on that one, for each in turn; a stopped run goes on where it was."""
-    from toolkit.boosters.detectors import load_networks
-    from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
-
-    space = open_workspace(workspace)
-    networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
-    typed = dict(zip(model or (), (network.name for network in networks), strict=False))
-    config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
-    result = leave_one_out(space, config, networks)
-    if as_json:
-        show_json([row.model_dump() for row in result.rows])
-        return
-    for seen, judges in ((False, "network that was left out"), (True, "networks that it was trained on")):
-        say(f"judged by the {judges}")
-        show_table(HEADS, tabulate(result.rows, seen))
-    say(f"matrix: {result.json_file}, {result.markdown_file}")
-
-
-@from_config(config=WorldEvalConfig, engine=EngineConfig)
-def world_eval(
-    *,
-    config: WorldEvalConfig,
-    engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Render an object in a world from a grid of cameras, in weather, and classify the pictures.
-
-    Results go to eval/RUN. An answer is computed once, whatever run asks for it.
-    """
-    from toolkit.core.console import list_skipped
-    from toolkit.models.load import load_classifier
-    from toolkit.rooms.worlds.evaluation.world_run import evaluate_world
-
-    space = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    done = evaluate_world(space, classifier, config, engine)
-    list_skipped(done.failed)
-    if as_json:
-        typer.echo(done.files.summary.read_text(encoding="utf-8"))
-    else:
-        show_world(done)
-    if done.failed:
-        raise typer.Exit(1)
-
-
-def show_world(done: "WorldRun") -> None:
-    """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
-    from toolkit.core.console import console
-    from toolkit.rooms.worlds.depth_weather import describe_weathers
-    from toolkit.rooms.worlds.evaluation.world_results import build_world_table, judge_world
-
-    summary = load_json(done.files.summary)
-    for line in describe_weathers(done.results.weathers):
-        say(line)
-    cameras = summary["cameras"][-1]
-    left_out = ", ".join(f"{count} {key.partition(': ')[2]}" for key, count in cameras.items() if "left out" in key)
-    say(
-        f"{cameras['points']} points of the grid: {cameras['standing']} can hold a camera"
-        f"{f' (left out: {left_out})' if left_out else ''}; {cameras['shot']} shot, {cameras['in_view']} with the "
-        f"object in view, {cameras['hidden']} with it hidden"
-    )
-    console.print(build_world_table(summary))
-    for verdict in judge_world(summary):
-        say(verdict.sentence)
-    for note in summary["notes"]:
-        remark(note)
-    say(f"{done.computed} answers{kept_before(done.kept)}; table, figures and report: {done.files.report}")

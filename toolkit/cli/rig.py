@@ -1,7 +1,6 @@
 """Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +11,7 @@ from toolkit.cli import options
 from toolkit.cli.app import Quiet
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_result, show_table, warn
+from toolkit.core.rooms import ask_room
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.engine import EngineConfig
@@ -19,7 +19,6 @@ from toolkit.objects.spec import read_spec
 from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
-    from toolkit.printing.shot_list.job import WrittenShotList
     from toolkit.rig.plan import CapturePlan, Pose
 
 
@@ -126,7 +125,6 @@ def plan(
     With --shot-list, and without an option about the poses, those that are planned stay as they are.
     """
     from toolkit.captures.render import preview_plan
-    from toolkit.printing.shot_list.job import write_shot_list
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
@@ -150,7 +148,7 @@ def plan(
     for line in list_misfits(space, names, made):
         remark(line)
     if shot_list:
-        _report_list(write_shot_list(space, made, names, listing, seed), as_json)
+        ask_room("shot list")(space, made, names, listing, seed, as_json)
 
 
 def _what_follows(space: Workspace, names: list[str]) -> str:
@@ -168,21 +166,6 @@ def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> Non
     if drawn:
         say(f"drew the positions and contact sheets into {drawn}")
     say(what_pairs_can_show(max(map(len, planned.objects.values()))))
-
-
-def _report_list(made: "WrittenShotList", as_json: bool) -> None:
-    for name, reason in made.without_patch.items():
-        warn(f"{name}: unpatched only: {reason}")
-    if as_json:
-        show_json(asdict(made))
-        return
-    if made.replaced:
-        say("note: rig/shots.json was replaced; it held other shots or another order")
-    for note in made.notes:
-        remark(note)
-    say(f"{count_of(made.shots, 'shot')} of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
-    wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
-    say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")
 
 
 def what_pairs_can_show(count: int) -> str:

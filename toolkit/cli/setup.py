@@ -13,7 +13,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
 from toolkit.core.text import count_of, quote
 from toolkit.core.workspace import Workspace, make_workspace, open_workspace
-from toolkit.objects.spec import ObjectRequest, read_spec
+from toolkit.objects.spec import ObjectRequest, is_lost, read_spec
 
 if TYPE_CHECKING:
     from toolkit.evaluation.survey import SurveyedModel
@@ -92,9 +92,16 @@ def list_objects(
     for name, file in space.object_specs().items():
         # an object without a mesh can be photographed, and not rendered
         spec = read_spec(file)
-        if not spec.mesh:
+        if not spec.mesh or is_lost(spec.mesh):
             rows.append(
-                {"name": name, "class": spec.class_name, "mesh": "", "size_mm": [], "triangles": 0, "patch_at": ""}
+                {
+                    "name": name,
+                    "class": spec.class_name,
+                    "mesh": spec.mesh,
+                    "size_mm": [],
+                    "triangles": 0,
+                    "patch_at": "",
+                }
             )
             continue
         item = load_object(file)
@@ -117,7 +124,8 @@ def list_objects(
     for row in rows:
         size = " × ".join(f"{side:g}" for side in row["size_mm"])
         at = row["patch_at"] if isinstance(row["patch_at"], str) else ", ".join(row["patch_at"])
-        mesh = row["mesh"] or "none: photographs alone"
+        lost = f"{row['mesh']}: its room is not installed" if row["mesh"] else "none: photographs alone"
+        mesh = row["mesh"] if row["size_mm"] else lost
         cells.append((row["name"], row["class"], mesh, size, f"{row['triangles']:,}", at))
     show_table(("object", "class", "mesh", "size, mm (x × y × z)", "triangles", "patch"), cells)
     if export is not None:

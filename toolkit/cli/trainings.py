@@ -1,4 +1,4 @@
-"""Commands that train: patches, textures, wraps, classifiers; and what patches are compared with."""
+"""Commands that train: patches, textures, wraps, classifiers."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,29 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from pydantic import Field
 
-from toolkit.boosters.baselines import FIXED_PATTERN, NEED_DATA, BaselineConfig
 from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
 from toolkit.boosters.patch_config import use_printer
-from toolkit.boosters.patch_sets import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.texture_config import RECIPES as TEXTURE_RECIPES
 from toolkit.boosters.texture_config import WRAP_RECIPES, make_wrap_config
 from toolkit.boosters.texture_config import make_config as make_texture_config
-from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
-from toolkit.cli.options import Only, Overrides, from_config
+from toolkit.cli.options import Overrides, from_config
 from toolkit.cli.output import show_result, warn
 from toolkit.core.child import count_cores
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
+from toolkit.core.rooms import ask_room
 from toolkit.core.text import quote
 from toolkit.core.workspace import Workspace, open_workspace
-from toolkit.engine import EngineConfig
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.refine_config import RefineConfig
 
 if TYPE_CHECKING:
-    from toolkit.boosters.baselines.make import MadeBaseline
     from toolkit.boosters.mounted import MountedViews
     from toolkit.boosters.pixels import Network
     from toolkit.boosters.train import PreparedPatch
@@ -124,14 +120,13 @@ def _view_photos(
     """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
     from toolkit.core.console import list_skipped
     from toolkit.objects.records import printed_size_mm
-    from toolkit.rooms.photos.prints.fitted_photo import view_photos
 
     if asked.data.rig_source is not None:
         raise FieldError(
             "expected folders of photographs with {found}, and no renders", {"sources": asked.data.sources}
         )
     config, photos = asked.config, [Path(source) for source in asked.data.sources]
-    views, skipped = view_photos(
+    views, skipped = ask_room("found patches")(
         space, photos, found, size_px=config.size_px, size_mm=config.size_mm or printed_size_mm(config.size_px),
         count=config.mounted_views, image_px=network.preprocessing.resize_px, seed=config.seed, device=network.device,
     )  # fmt: skip
@@ -211,92 +206,6 @@ def train_wrap(
     show_result(trained, as_json)
 
 
-@from_config(
-    config=ClassPatchesConfig, placement=Placement, overrides=Only(PATCH_RECIPES, ASKED_OF_FLAT), engine=EngineConfig
-)
-def train_patches(
-    *,
-    data: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER.",
-        ),
-    ],
-    config: ClassPatchesConfig,
-    placement: Placement,
-    engine: EngineConfig,
-    classes: Annotated[
-        list[str] | None,
-        typer.Option("--class", metavar="NAME", help="Label, index or WordNet id; default: all that have images."),
-    ] = None,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    overrides: Overrides,
-    recipe: str,
-    download: options.Download = False,
-    restart: options.Restart = False,
-    seed: options.Seed = 0,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
-    from toolkit.boosters.class_patches import train_class_patches
-    from toolkit.core.console import quietly
-    from toolkit.models.load import load_classifier
-    from toolkit.training.images import choose_classes, open_images
-
-    space = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, space.classifiers_dir)
-    found = open_images(data, classifier, "train", download)
-    chosen = choose_classes(found, classes or [], classifier).classes
-    config = config.with_overrides(seed=seed)
-    patch = make_flat_config(recipe, overrides, placement, config)
-    with quietly(as_json):
-        made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
-    flags = {"--model": model, "--weights": weights}
-    typed = [f"{flag} {quote(value)}" for flag, value in flags.items() if value is not None]
-    words = " ".join(["toolkit corrupt-eval --data", quote(data), *typed, *(f"--patches {name}" for name in made.sets)])
-    show_result(made, as_json, [*made.lines(), f"next: {words}"])
-
-
-@from_config(config=BaselineConfig)
-def baseline(
-    config: BaselineConfig,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."
-        ),
-    ] = None,
-    weights: options.WeightsFile = None,
-    seed: options.Seed = 0,
-    device: options.Device = "auto",
-    workspace: options.Workspace = None,
-    as_json: options.Json = False,
-) -> None:
-    """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
-    from toolkit.boosters.baselines.make import make_baseline
-    from toolkit.models.load import load_classifier
-
-    place = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, place.classifiers_dir)
-    made = make_baseline(config.with_overrides(seed=seed), classifier, place)
-    show_result(made, as_json, _describe_baseline(made, config.kind, config.data))
-
-
-def _describe_baseline(made: "MadeBaseline", kind: str, data: str | None) -> Iterator[str]:
-    yield from made.lines()
-    names = [patch_set.name for patch_set in made.sets if patch_set.made or patch_set.found]
-    if names:
-        command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
-        others = kind in NEED_DATA
-        where = "FOLDER" if others or data is None else quote(data)
-        why = ": FOLDER with other images than these were chosen from" if others else ""
-        yield f"next: toolkit {command} --data {where} --patches {names[0]}{why}"
-
-
 @from_config(config=ClassifierConfig)
 def train_classifier(
     config: ClassifierConfig,
@@ -322,11 +231,10 @@ def train_classifier(
     as_json: options.Json = False,
 ) -> None:
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
-    from toolkit.rooms.benchmarks.corruptions.training_boost import read_training_boost
     from toolkit.training.classifier import train_classifier as run
 
     space = open_workspace(workspace)
-    pictures = None if patches is None else read_training_boost(space, patches)
+    pictures = None if patches is None else ask_room("patches in training")(space, patches)
     trained = run(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,
         workers=workers or count_cores(), download=download, restart=restart, keep_data=keep_data,

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import Corruption, name_source
+from toolkit.captures.manifest import GATES_FILE
 from toolkit.captures.read import CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
+from toolkit.core.rooms import explain_missing, find_offer
 from toolkit.core.tables import format_test
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import find_note
@@ -23,27 +25,6 @@ if TYPE_CHECKING:
     import torch
 
     from toolkit.captures.dataset import CaptureDataset
-
-
-def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
-    """The captures, each with the gates that its photograph failed, as `gates.jsonl` of its source has them.
-
-    A line counts only for the very file that was judged; of several the last.
-    """
-    from toolkit.rooms.photos.gates.check_captures import CheckLine, open_gates_log
-
-    logs: dict[Path, dict[str, CheckLine]] = {}
-    captures: list[Capture] = []
-    for one in folder.captures:
-        source_dir = one.source_dir
-        if source_dir not in logs:
-            logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
-        line = logs[source_dir].get(f"{one.path_in_source} {one.image_sha256}")
-        if line is not None:
-            failed = [gate for gate in line.results if gate.failed]
-            one = replace(one, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed))
-        captures.append(one)
-    return replace(folder, captures=tuple(captures))
 
 
 def describe_both(all_of_it: Sequence[Comparison], passed: Sequence[Comparison], n_failed: dict[str, int]) -> list[str]:
@@ -88,8 +69,18 @@ def read_labelled_captures(
     """
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = leave_out_unknown(folder, workspace, classifier)
-    folder = add_corrupted(mark_failed_gates(folder), config.corruptions)
+    folder = add_corrupted(_mark_gates(folder), config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
+
+
+def _mark_gates(folder: CaptureFolder) -> CaptureFolder:
+    """The captures with the gates that their photographs failed, which the room of photographs knows."""
+    mark = find_offer("failed gates")
+    if mark is not None:
+        return mark(folder)
+    judged = sorted({one.source for one in folder.captures if (one.source_dir / GATES_FILE).is_file()})
+    notes = [f"{explain_missing('failed gates')} ({', '.join(judged)})"] if judged else []
+    return replace(folder, notes=(*folder.notes, *notes))
 
 
 def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> CaptureFolder:

@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from toolkit.core.cache import keep_arrays
 from toolkit.core.child import is_memory_full, limit_memory
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import explain_read_error, inside
+from toolkit.core.rooms import ask_room, explain_missing, list_offers
 from toolkit.objects.gltf.reader import read_gltf
 from toolkit.objects.limits import check_faces
 from toolkit.objects.mesh import (
@@ -35,6 +35,7 @@ from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
 from toolkit.objects.stl_file import read_stl
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
+"""The objects that come with the kit, each with its spec and boosters."""
 GLTF_SUFFIXES = (".glb", ".gltf")
 SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".off")
 MOST_BYTES = 7 << 28
@@ -101,14 +102,39 @@ def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
     return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 
+def find_length(spec: ObjectSpec, length_m: float | None = None) -> float:
+    """Longest side of an object at its real size, metres: as asked for, as its spec says, else its own size."""
+    if length_m is not None and not 0.001 <= length_m < 10_000:
+        raise FieldError("expected 0.001 to 10000 m", {"length_m": length_m})
+    return length_m or spec.world_length_m or spec.length_mm / 1000
+
+
+def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) -> Mesh:
+    """A mesh of an object in millimetres, in whatever variant, as the thing that it is a model of, in metres.
+
+    A patch or texture on it grows with it.
+
+    Args:
+        mesh: the object, dressed or bare (`toolkit.rig.variants.apply_booster`).
+        spec: of the object; says how long model and original are.
+        length_m: how long the original is, where it is not as in the spec.
+    """
+    scale = find_length(spec, length_m) / spec.length_mm
+    return replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32))
+
+
 @lru_cache(maxsize=8)
 def build_mesh(name: str) -> Mesh:
-    """Build one of the procedural objects."""
-    if name not in BUILTIN:
-        raise one_of("built-in mesh", name, list(BUILTIN))
+    """Build an object that a room models by hand.
+
+    Raises:
+        ToolkitError: there is none of this name, or its room is not installed.
+    """
+    what = f"{BUILTIN_PREFIX}{name}"
+    if what not in list_offers():
+        raise explain_missing(what) or one_of("built-in mesh", name, list(BUILTIN))
     # modelling takes a second or two, and gives the same each time
-    module = f"toolkit.rooms.worlds.content.{name}"
-    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(import_module(module).build())))
+    return unpack_mesh(keep_arrays("mesh", [name], lambda: pack_mesh(ask_room(what)())))
 
 
 def read_mesh(path: Path) -> Mesh:

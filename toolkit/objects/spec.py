@@ -18,6 +18,7 @@ from pydantic import (
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
+from toolkit.core.rooms import explain_missing
 from toolkit.core.text import FileName, LabelOrIndex, is_file_name
 from toolkit.core.workspace import Workspace
 
@@ -214,17 +215,27 @@ def read_spec(path: Path) -> ObjectSpec:
 
 
 def names_with_mesh(workspace: Workspace) -> list[str]:
-    """The names of all objects that can be rendered, sorted; a notice tells of those without a mesh.
+    """The names of all objects that can be rendered, sorted; a notice tells of the others.
 
     Raises:
-        ToolkitError: a spec is broken.
+        ToolkitError: a spec is broken, or no object can be rendered.
     """
     meshes = {name: read_spec(file).mesh for name, file in sorted(workspace.object_specs().items())}
     from toolkit.core.console import notice  # brings rich, which help does without
 
     if bare := [name for name, mesh in meshes.items() if not mesh]:
         notice(f"note: left out, known from photographs alone: {', '.join(bare)} (no mesh in the spec)")
-    return [name for name, mesh in meshes.items() if mesh]
+    if lost := [name for name, mesh in meshes.items() if is_lost(mesh)]:
+        notice(f"note: left out, modelled by a room that is not installed: {', '.join(lost)}")
+    names = [name for name, mesh in meshes.items() if mesh and name not in lost]
+    if not names:
+        raise ToolkitError("no object can be rendered: add one of your own with 'toolkit add MESH --class NAME'")
+    return names
+
+
+def is_lost(mesh: str) -> bool:
+    """Whether a spec's mesh is modelled by a room of the kit that is not installed."""
+    return mesh.startswith(BUILTIN_PREFIX) and explain_missing(mesh) is not None
 
 
 def write_mounts(spec_file: Path, written: Path, mounts: Sequence[PatchMount]) -> Path:

@@ -87,6 +87,17 @@ class DepthBuffer:
     camera: Camera
     T_world_camera: np.ndarray
 
+    def scaled(self, metres_per_unit: float) -> "DepthBuffer":
+        """The same of what a model stands for, in metres."""
+        pose = self.T_world_camera.copy()
+        pose[:3, 3] *= metres_per_unit
+        return DepthBuffer((self.depth * metres_per_unit).astype(np.float32), self.camera, pose)
+
+    def cropped(self, left: int, top: int, side: int) -> "DepthBuffer":
+        """A square of the same view."""
+        depth, camera = self.depth[top : top + side, left : left + side], self.camera.cropped(left, top, side, side)
+        return DepthBuffer(depth, camera, self.T_world_camera)
+
 
 @dataclass(frozen=True)
 class LinearView:

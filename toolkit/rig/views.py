@@ -4,12 +4,12 @@ Never the poses of a plan. One scheme of seeds serves all: block b of a run is `
 each of its views have draws of their own (`toolkit.core.draws`), so that a view depends on its number alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -140,6 +140,18 @@ class Setting(Protocol):
         self, renderer: Renderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
+        ...
+
+
+class OutdoorSetting(Setting, Protocol):
+    """A world as the room of worlds opens it: it can say which of its places were trained on, and which held out."""
+
+    def record(self, meshes: Sequence[Mesh]) -> dict[str, Any]:
+        """What was seen of it in training, for a booster's record."""
+        ...
+
+    def describe(self, meshes: Sequence[Mesh]) -> str:
+        """The same in a line."""
         ...
 
 

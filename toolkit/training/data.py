@@ -23,6 +23,7 @@ from toolkit.core.files import (
     sha256_file,
     write_json,
 )
+from toolkit.core.rooms import ask_room, find_code
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -145,11 +146,10 @@ def _cifar(folder: Path, download: bool) -> DataSource:
 
 
 def _everyday(counts: RenderCounts) -> DataSource:
-    from toolkit.rooms.worlds.content.everyday import MAKERS
-
-    units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(MAKERS)]
-    record = {"source": EVERYDAY, "classes": len(MAKERS), "objects": sum(len(train) for train, _ in units)}
-    words = f"renders of {len(MAKERS)} kinds of everyday objects"
+    makers = ask_room(EVERYDAY)
+    units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(makers)]
+    record = {"source": EVERYDAY, "classes": len(makers), "objects": sum(len(train) for train, _ in units)}
+    words = f"renders of {len(makers)} kinds of everyday objects"
     return _source(units, record, _hash_code(), words, "other objects of each kind, in other studios and views")
 
 
@@ -181,8 +181,8 @@ def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str
 
 def _hash_code() -> str:
     """Return the hash of the modules that make and render objects, so that renders of two versions do not mix."""
-    folders = ("objects", "rooms/worlds/content", "rig")
-    files = [file for folder in folders for file in sorted((PACKAGE / folder).rglob("*.py"))]
+    folders = (PACKAGE / "objects", *find_code(BUILTIN_PREFIX), PACKAGE / "rig")
+    files = [file for folder in folders for file in sorted(folder.rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.rooms import ask_room
 from toolkit.objects.mesh import Mesh
 
 EVERYDAY, RIG = "everyday", "rig"
@@ -59,11 +60,11 @@ def _make_mesh(unit: RenderUnit) -> Mesh:
     if unit.source != EVERYDAY:
         return _load_mesh(unit.source)
     from toolkit.objects.mesh import check_mesh, place_on_table
-    from toolkit.rooms.worlds.content.everyday import make_everyday
 
     # a draw of its own: the views have the unit's seed itself
     seed = int(np.random.default_rng([*unit.seed, 0x0B]).integers(2**31))
-    return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))
+    mesh = ask_room(EVERYDAY)[unit.label](np.random.default_rng(seed))
+    return place_on_table(check_mesh(mesh, f"everyday object '{unit.label}', seed {seed}"))
 
 
 # units of the same object follow each other, and share its mesh

@@ -2,7 +2,7 @@
 
 import pytest
 
-from toolkit.rooms.landing import CameraConfig
+from toolkit.rooms.landing.config import CameraConfig
 from toolkit.rooms.landing.site import PadSite, draw_pad, find_sky, find_world, plan_places
 from toolkit.rooms.worlds.world import World
 

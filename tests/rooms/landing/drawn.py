@@ -7,7 +7,7 @@ import numpy as np
 
 from toolkit.core.files import sha256_file, write_json
 from toolkit.models.architectures import build_network
-from toolkit.rooms.landing import CameraConfig
+from toolkit.rooms.landing.config import CameraConfig
 from toolkit.rooms.landing.dataset import DatasetFile, Sample, ShardFile, Split, Truth, encode_sample, write_shard
 
 OPTICS = CameraConfig(image_px=48)

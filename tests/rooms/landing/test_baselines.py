@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toolkit.rooms.landing import CameraConfig
 from toolkit.rooms.landing.baselines import ClassicalFinder, make_apriltag, make_features
+from toolkit.rooms.landing.config import CameraConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.site import PadSite, SiteView, draw_pad
 

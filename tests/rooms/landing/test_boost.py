@@ -11,8 +11,8 @@ from toolkit.core.draws import Draws
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.models.architectures import build_network
-from toolkit.rooms.landing import BoostConfig, PadPrintConfig
 from toolkit.rooms.landing.boost import PadTask, boost_pad, plan_views, start_picture
+from toolkit.rooms.landing.config import BoostConfig, PadPrintConfig
 from toolkit.rooms.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
 from toolkit.rooms.landing.site import Pad, SiteView
 

@@ -14,8 +14,8 @@ from forked import Forked
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.rooms.landing import CollectConfig
 from toolkit.rooms.landing.collect import Collected, Collector, collect, plan_shards
+from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import Sample, encode_sample, open_dataset, read_shard, read_split, write_shard
 from toolkit.rooms.landing.site import draw_pad
 from toolkit.rooms.worlds.world import World
@@ -29,7 +29,7 @@ DRIVER = f"""
 import sys
 from pathlib import Path
 from toolkit.core.workspace import Workspace
-from toolkit.rooms.landing import CollectConfig
+from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.collect import collect
 collect(Workspace(Path(sys.argv[1])), CollectConfig(**{SETTINGS}), seed=3)
 """

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 from gymnasium.utils.env_checker import check_env
 
-from toolkit.rooms.landing import CameraConfig, EpisodeConfig
+from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig
 from toolkit.rooms.landing.env import LandingEnv
 
 

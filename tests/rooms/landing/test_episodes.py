@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.rooms.landing import GAINS, DescentConfig, EpisodeConfig, parse_gains
+from toolkit.rooms.landing.config import GAINS, DescentConfig, EpisodeConfig, parse_gains
 from toolkit.rooms.landing.episodes import Episode, EpisodeDraws, FlatGround, Flights, Look, place_cameras
 from toolkit.rooms.landing.fly import fly
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_fly import record
 
-from toolkit.rooms.landing import FlyConfig
+from toolkit.rooms.landing.config import FlyConfig
 from toolkit.rooms.landing.flight_report import CellResult, draw_map, pick_cells
 from toolkit.rooms.landing.fly import EpisodeRecord, FlightCell
 

@@ -14,7 +14,7 @@ from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.rooms.landing import EpisodeConfig, FlyConfig
+from toolkit.rooms.landing.config import EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.flight_report import film_episode, group_cells, pair_cells, write_report, write_summary
 from toolkit.rooms.landing.fly import EpisodeRecord, FlightCell, Flown, fly_all
 

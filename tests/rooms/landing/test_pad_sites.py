@@ -15,7 +15,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RENDERERS, RendererKind
-from toolkit.rooms.landing import CameraConfig
+from toolkit.rooms.landing.config import CameraConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.site import (
     KINDS,

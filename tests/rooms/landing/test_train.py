@@ -11,7 +11,7 @@ from drawn import OPTICS, draw, write_drawn, write_start
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.rooms.landing import RECIPES, CameraConfig, LandingTrainConfig
+from toolkit.rooms.landing.config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.rooms.landing.dataset import SampleSet, read_split
 from toolkit.rooms.landing.regressor import (
     Regressor,

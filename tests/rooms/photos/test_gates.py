@@ -19,7 +19,6 @@ from toolkit.objects.records import read_patch
 from toolkit.objects.spec import PatchMount
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rooms.photos.board_pose import find_board
 from toolkit.rooms.photos.gates import Gate
 from toolkit.rooms.photos.gates import check_captures as folder_check
@@ -46,6 +45,7 @@ from toolkit.rooms.photos.gates.framing import (
 )
 from toolkit.rooms.photos.gates.objects import Solid, draw_silhouette, silhouette_px
 from toolkit.rooms.photos.posed_camera import PosedCamera
+from toolkit.rooms.photos.shot_order import ShotStep
 
 LENS = CAMERA
 PATCH_MM = 60.0

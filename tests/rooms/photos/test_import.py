@@ -17,12 +17,12 @@ from toolkit.objects.load import load_object
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import hash_pose, make_plan, read_plan, write_plan
-from toolkit.rig.shot_order import list_shots, order_shots, write_shots
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.gather import CaptureKey
 from toolkit.rooms.photos.importing.import_photos import import_photos
 from toolkit.rooms.photos.importing.match import Decision, Doubt, RenderMatcher
 from toolkit.rooms.photos.match_render import RenderMatch
+from toolkit.rooms.photos.shot_order import list_shots, order_shots, write_shots
 
 space, folder = import_bench.space, import_bench.folder
 

@@ -15,9 +15,9 @@ from toolkit.objects.load import load_object
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
-from toolkit.rig.shot_order import list_shots, order_shots, write_shots
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.align import EXTRA, LIKE, NO_SHOT, WRONG, align_shots, rate_corners
+from toolkit.rooms.photos.shot_order import list_shots, order_shots, write_shots
 
 FAR = 6.0
 

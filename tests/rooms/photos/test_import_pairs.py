@@ -17,7 +17,7 @@ from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.evaluation.metrics import compare_unpatched, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates.check_captures import check_captures
 from toolkit.rooms.photos.importing.gather import Candidate, Gathered, SourceIndex
 from toolkit.rooms.photos.importing.import_photos import import_photos

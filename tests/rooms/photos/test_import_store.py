@@ -13,7 +13,7 @@ from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
 from toolkit.objects.spec import read_spec
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates import Gate
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
 from toolkit.rooms.photos.importing.gather import REPLACED

@@ -17,7 +17,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
-from toolkit.rooms.photos import RetextureConfig
+from toolkit.rooms.photos.config import RetextureConfig
 from toolkit.rooms.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.rooms.photos.prints.fitted_photo import KnownPatch, fit_photo
 from toolkit.rooms.photos.prints.look import _smooth_noise, draw_texels

@@ -8,14 +8,14 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA
-from toolkit.objects.load import load_object
+from toolkit.objects.load import find_length, load_object, scale_to_world
 from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.variants import apply_booster
 from toolkit.rooms.worlds.content.city import build_city
 from toolkit.rooms.worlds.own import build_world
-from toolkit.rooms.worlds.place import choose_places, find_length, find_radius, find_spot, place_object, scale_to_world
+from toolkit.rooms.worlds.place import choose_places, find_radius, find_spot, place_object
 from toolkit.rooms.worlds.sky import make_sky
 from toolkit.rooms.worlds.world import World
 

@@ -1,5 +1,6 @@
-"""Weather and corruptions: fog over the picture, weather by depth as worlds have it, ImageNet-C's operations."""
+"""Weather and corruptions: fog over the picture, what weather by depth is asked, ImageNet-C's operations."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -9,18 +10,15 @@ from toolkit.boosters.transforms import ImageTransform, Probability, Transform
 from toolkit.core.config import Range, Rising
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError
+from toolkit.core.rooms import ask_room
 from toolkit.corruptions.catalogue import find_corruption, name_corruptions, parse_corruptions
-from toolkit.rooms.worlds.conditions import read_weathers
 
 if TYPE_CHECKING:
     import numpy as np
     import torch
 
-    from toolkit.rig.shading import LinearView
-    from toolkit.rooms.worlds.particles import DepthView
+    from toolkit.rig.shading import DepthBuffer, LinearView
 
-TINT = 0.12
-"""How much bluer or yellower than grey the air's light may be drawn."""
 Named = tuple[tuple[str, int], ...]
 """(name, severity) of each that may be drawn, all as likely."""
 
@@ -59,88 +57,40 @@ class Fog(ImageTransform):
         return torch.cat(foggy).clamp(0, 1)
 
 
-def read_words(given: object) -> object:
-    """The transform from words such as `fog:1-5`; anything else as it is."""
-    read = read_weathers(given)
-    return Weathered(weathers=read) if isinstance(read, tuple) else read
-
-
-def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float]) -> "list[DepthView]":
-    """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
-    from toolkit.rooms.worlds.particles import DepthView
-
-    buffers = [view.depth for view in views]
-    return [
-        DepthView.of_model(buffer.depth, buffer.camera, buffer.T_world_camera, metres)
-        for buffer, metres in zip(buffers, metres_per_unit, strict=True)
-        if buffer is not None
-    ]
-
-
-class Weathered(Transform):
-    """What is drawn for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
+class ViewWeather(Transform):
+    """Weather over a view by its depth, as the room of worlds has it: what is drawn for each view.
 
     Attributes:
-        weathers: (name, severity), at least one, of `toolkit.rooms.worlds.depth_weather`; each is as likely.
         probability: that a view has weather.
-        airlight: linear light of the air, in the picture's values; skies of `toolkit.rooms.worlds.sky` have 0.2 to 0.7.
     """
 
     stage = "view"
-    weathers: Named
-    probability: Probability = 0.5
-    airlight: Annotated[Range, Rising(0, 10)] = (0.3, 0.8)
 
-    @field_validator("weathers")
-    @classmethod
-    def _check_weathers(cls, weathers: Named) -> Named:
-        from toolkit.rooms.worlds.depth_weather import make_weather
-
-        if not weathers:
-            raise ToolkitError("expected at least one weather, such as fog:3")
-        for weather in weathers:
-            make_weather(*weather)
-        return weathers
-
-    def describe(self) -> str:
-        """`fog 3, rain 1, probability 0.5`."""
-        named = ", ".join(f"{name} {severity}" for name, severity in self.weathers)
-        return f"{named}, probability {self.probability:g}"
-
+    @abstractmethod
     def lines(self) -> list[str]:
         """A line for each weather with the numbers behind it."""
-        from toolkit.rooms.worlds.depth_weather import describe_weathers
 
-        return describe_weathers(self.weathers)
-
-    def draw(self, views: "Sequence[DepthView]", rng: "np.random.Generator") -> "tuple[torch.Tensor, torch.Tensor]":
+    @abstractmethod
+    def draw(self, views: "Sequence[DepthBuffer]", rng: "np.random.Generator") -> "tuple[torch.Tensor, torch.Tensor]":
         """Factor and offset of linear light, both (b, h, w, 3) float32: weathered light is factor · light + offset.
 
         They do not depend on the light, so that the gradient through weather is the factor: the true gradient.
 
         Args:
-            views: depths of b views of equal size, at the object's real size: see `DepthView.of_model`.
+            views: depths of b views of equal size, in metres at the object's real size: see `DepthBuffer.scaled`.
             rng: draws.
         """
-        import numpy as np
-        import torch
 
-        from toolkit.corruptions.batch import draw_corrupted
-        from toolkit.rooms.worlds.depth_weather import make_weather
 
-        height, width = views[0].depth_m.shape
-        factor = np.ones((len(views), height, width, 3), np.float32)
-        offset = np.zeros_like(factor)
-        # each view has its own airlight, a grey with a tint from yellow to blue
-        grey = rng.uniform(*self.airlight, len(views))
-        tint = rng.uniform(-TINT, TINT, len(views))
-        for which, name, severity, seeds in draw_corrupted(rng, len(views), self.weathers, self.probability):
-            weather = make_weather(name, severity)
-            for k, seed in zip(which, seeds, strict=True):
-                airlight = grey[k] * np.array([1 - tint[k], 1, 1 + tint[k]])
-                change = weather.change_light(views[k], airlight, np.random.default_rng(seed))
-                factor[k], offset[k] = change.factor, change.offset
-        return torch.from_numpy(factor), torch.from_numpy(offset)
+def read_weather(given: object) -> object:
+    """The transform from words such as `fog:1-5`, made by the room of worlds; None and a transform as they are."""
+    return given if given is None or isinstance(given, ViewWeather) else ask_room("weather")(given)
+
+
+def find_depths(views: "Sequence[LinearView]", metres_per_unit: Sequence[float]) -> "list[DepthBuffer]":
+    """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
+    pairs = zip(views, metres_per_unit, strict=True)
+    return [view.depth.scaled(metres) for view, metres in pairs if view.depth is not None]
 
 
 def read_corruptions(given: object) -> object:

@@ -11,8 +11,8 @@ from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import CollectConfig
 from toolkit.rooms.landing.collect import Collector
+from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import SampleSet, open_dataset, read_split
 from toolkit.rooms.landing.regressor import ErrorRow, summarise_errors
 from toolkit.rooms.landing.site import TAG, TAG_SHARE, Pad, draw_pad, find_pad, find_world

@@ -16,7 +16,6 @@ import torch
 
 from toolkit import __version__
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
-from toolkit.boosters.transforms.weather import Weathered
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
@@ -25,12 +24,13 @@ from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patc
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import BoostConfig, CameraConfig, PadPrintConfig
+from toolkit.rooms.landing.config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.regressor import Regressor, load_regressor
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places
 from toolkit.rooms.landing.train import LEAST_HEIGHT_M
 from toolkit.rooms.worlds.particles import DepthView
+from toolkit.rooms.worlds.weathered import Weathered
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 
@@ -165,7 +165,7 @@ def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConf
     factor, offset = torch.ones(len(depths), height, width, 3), torch.zeros(len(depths), height, width, 3)
     if config.weathers and config.weather_probability:
         weathered = Weathered(weathers=config.weathers, probability=config.weather_probability)
-        factor, offset = weathered.draw(list(depths), draws.of("weather"))
+        factor, offset = weathered.draw_light(list(depths), draws.of("weather"))
     y, x = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
     # the falloff of `tone_map`, here with a gradient
     kept = (1 - FALLOFF * (x * x + y * y) / 2)[None, :, :, None]

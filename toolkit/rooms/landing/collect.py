@@ -18,7 +18,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import CollectConfig
+from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import (
     DATASET,
     DatasetFile,

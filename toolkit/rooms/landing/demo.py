@@ -5,7 +5,9 @@ from pathlib import Path
 
 from toolkit.core.console import notice
 from toolkit.core.workspace import Workspace
-from toolkit.rooms.landing import (
+from toolkit.rooms.landing.boost import Boosted, boost_pad
+from toolkit.rooms.landing.collect import collect
+from toolkit.rooms.landing.config import (
     BoostConfig,
     CameraConfig,
     CollectConfig,
@@ -13,8 +15,6 @@ from toolkit.rooms.landing import (
     FlyConfig,
     LandingTrainConfig,
 )
-from toolkit.rooms.landing.boost import Boosted, boost_pad
-from toolkit.rooms.landing.collect import collect
 from toolkit.rooms.landing.flight_report import (
     CellResult,
     PairResult,

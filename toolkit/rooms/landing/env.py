@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.rooms.landing import CameraConfig, EpisodeConfig
+from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig
 from toolkit.rooms.landing.episodes import FLYING, Flights
 from toolkit.rooms.landing.fly import TICKS
 from toolkit.rooms.landing.site import Pad, PadSite, SiteView, draw_pad, find_sky, find_world, plan_places

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from toolkit.core.draws import Draws
-from toolkit.rooms.landing import EpisodeConfig
+from toolkit.rooms.landing.config import EpisodeConfig
 from toolkit.rooms.landing.dynamics import (
     SIMPLE_FLIGHT,
     STATE,

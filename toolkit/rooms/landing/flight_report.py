@@ -33,7 +33,7 @@ from toolkit.evaluation.run_files import (
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import CameraConfig, EpisodeConfig, FlyConfig
+from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.episodes import OUTCOMES, Flights
 from toolkit.rooms.landing.fly import TICKS, EpisodeRecord, FlightCell, Flown
 from toolkit.rooms.landing.regressor import list_regressors, load_regressor

@@ -17,8 +17,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
 from toolkit.rig.raycast import map_frames
-from toolkit.rooms.landing import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
+from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.rooms.landing.episodes import Episode, Flights, Look
 from toolkit.rooms.landing.regressor import Regressor, load_regressor
 from toolkit.rooms.landing.site import (

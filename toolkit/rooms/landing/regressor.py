@@ -17,7 +17,7 @@ from toolkit.evaluation.page import SKY
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
-from toolkit.rooms.landing import CameraConfig, Pool
+from toolkit.rooms.landing.config import CameraConfig, Pool
 from toolkit.rooms.landing.dataset import Sample, SampleSet, find_shard, open_dataset, read_shard
 from toolkit.training.classifier_task import load_tensors
 

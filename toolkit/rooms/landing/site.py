@@ -23,7 +23,7 @@ from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.renderers import make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
-from toolkit.rooms.landing import CameraConfig, Ground
+from toolkit.rooms.landing.config import CameraConfig, Ground
 from toolkit.rooms.worlds.conditions import CLEAR
 from toolkit.rooms.worlds.depth_weather import make_weather, weather_rng
 from toolkit.rooms.worlds.own import WORLDS, build_world, load_world

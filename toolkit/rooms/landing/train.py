@@ -20,7 +20,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.models.load import bundled_file, read_bundled
 from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
-from toolkit.rooms.landing import LandingTrainConfig, Pool
+from toolkit.rooms.landing.config import LandingTrainConfig, Pool
 from toolkit.rooms.landing.dataset import LoadedSet, SampleSet, join_samples, read_sets
 from toolkit.rooms.landing.regressor import (
     SUFFIX,

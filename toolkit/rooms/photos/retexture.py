@@ -24,7 +24,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import decode_image, encode_image, open_image
 from toolkit.models.network import Classifier
-from toolkit.rooms.photos import RetextureConfig
+from toolkit.rooms.photos.config import RetextureConfig
 from toolkit.rooms.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.rooms.photos.prints.find import rectify_patch
 from toolkit.rooms.photos.prints.fitted_photo import (

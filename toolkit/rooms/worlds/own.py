@@ -408,6 +408,11 @@ def list_own_worlds(space: Workspace) -> dict[str, Path]:
     return {file.stem: file for file in files if file.is_file()}
 
 
+def list_names(space: Workspace) -> list[str]:
+    """Return the names of all worlds, built in and the workspace's own, for the shell."""
+    return sorted({*WORLDS, *list_own_worlds(space)})
+
+
 def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) -> World:
     """A world by its name, built in or the workspace's own, or by the path of a file.
 

@@ -4,7 +4,7 @@ A particle of diameter D at distance z, in focus or not, moving while the shutte
 full. That is spread over the streak it draws. Those too faint to be told from the veil of all the others are not drawn.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
@@ -53,24 +53,6 @@ class DepthView:
             if found is not None and found.shape[:2] != shape:
                 expected = f"expected the camera's {shape[1]} × {shape[0]}"
                 raise ToolkitError(f"{name} of {found.shape[1]} × {found.shape[0]} pixels: {expected}")
-
-    @classmethod
-    def of_model(
-        cls, depth_mm: np.ndarray, camera: Camera, T_world_camera: np.ndarray, metres_per_mm: float
-    ) -> "DepthView":
-        """A view of a model on a table, in millimetres, as if the model had its real size."""
-        pose = T_world_camera.copy()
-        pose[:3, 3] *= metres_per_mm
-        return cls((depth_mm * metres_per_mm).astype(np.float32), camera, pose)
-
-    def cropped(self, left: int, top: int, side: int) -> "DepthView":
-        """A square of the same view."""
-        parts = {
-            name: whole[top : top + side, left : left + side]
-            for name in ("depth_m", "ground", "normals")
-            if (whole := getattr(self, name)) is not None
-        }
-        return replace(self, camera=self.camera.cropped(left, top, side, side), **parts)
 
     @cached_property
     def directions(self) -> np.ndarray:

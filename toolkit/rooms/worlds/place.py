@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import load_object
+from toolkit.objects.load import load_object, scale_to_world
 from toolkit.objects.mesh import Mesh, cast_rays
-from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.rooms.worlds.conditions import DRY, ObjectInWorld
@@ -64,27 +63,6 @@ class Placed:
     def with_mesh(self, mesh: Mesh) -> "Placed":
         """Another variant of the object, at its real size, in the same place: pairs share place and light."""
         return replace(self, mesh=mesh)
-
-
-def find_length(spec: ObjectSpec, length_m: float | None = None) -> float:
-    """Longest side of an object in worlds, metres: as asked for, as its spec says, else its own size."""
-    if length_m is not None and not 0.001 <= length_m < 10_000:
-        raise FieldError("expected 0.001 to 10000 m", {"length_m": length_m})
-    return length_m or spec.world_length_m or spec.length_mm / 1000
-
-
-def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) -> Mesh:
-    """A mesh of an object in millimetres, in whatever variant, as the thing that it is a model of, in metres.
-
-    A patch or texture on it grows with it.
-
-    Args:
-        mesh: the object, dressed or bare (`toolkit.rig.variants.apply_booster`).
-        spec: of the object; says how long model and original are.
-        length_m: how long the original is, where it is not as in the spec.
-    """
-    scale = find_length(spec, length_m) / spec.length_mm
-    return replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32))
 
 
 def find_radius(mesh: Mesh) -> float:

@@ -8,7 +8,6 @@ import pytest
 import segno
 import torch
 
-from toolkit.boosters.baselines.drawn import AprilTags, QrCodes
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.batch import corrupt
 from toolkit.rooms.benchmarks.corruptions.recognisers import (
@@ -20,6 +19,7 @@ from toolkit.rooms.benchmarks.corruptions.recognisers import (
     judge_texts,
     read_codes,
 )
+from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import AprilTags, QrCodes
 
 
 def name_readers(kind, dictionary="36h11"):

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from toolkit.boosters.detectors import DetectorNetwork
 from toolkit.cli.app import make_single
-from toolkit.cli.evaluate import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.objects.records import Texture, read_patch, read_texture
+from toolkit.rooms.benchmarks.commands import transfer
 from toolkit.rooms.benchmarks.transfer import TransferConfig
 from toolkit.rooms.benchmarks.transfer import leave_one_out as experiment
 from toolkit.rooms.benchmarks.transfer.leave_one_out import JudgedRow, TransferResult, leave_one_out, tabulate

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from toolkit.rig.plan import read_plan
-from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 from toolkit.rooms.photos.gates import Gate
+from toolkit.rooms.photos.shot_order import list_shots, order_shots, write_shots
 
 pytest.importorskip("fastapi", reason="needs the extra 'studio' (FastAPI)")
 

@@ -9,10 +9,10 @@ from toolkit.objects.load import load_object
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import make_plan, write_plan
-from toolkit.rig.shot_order import list_shots, order_shots, write_shots
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.gather import REPLACED
 from toolkit.rooms.photos.importing.import_photos import import_photos
+from toolkit.rooms.photos.shot_order import list_shots, order_shots, write_shots
 from toolkit.rooms.photos.studio.session import open_session
 
 

@@ -10,7 +10,6 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.apply import boost_images
-from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
@@ -30,6 +29,7 @@ from toolkit.rooms.benchmarks.corruptions.recognisers import (
     recognise_by_network,
     recognise_by_reader,
 )
+from toolkit.rooms.benchmarks.patch_sets import PatchSet, read_patch_set
 from toolkit.training.images import ImageSet, LabelledImage
 
 METHOD_VERSION = 1

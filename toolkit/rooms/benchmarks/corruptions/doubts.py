@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from toolkit.boosters.data import HASH_DIGITS, IMAGE_HASHES
-from toolkit.boosters.patch_sets import PatchSet
 from toolkit.rooms.benchmarks.corruptions.cells import Shard, Variant
+from toolkit.rooms.benchmarks.patch_sets import PatchSet
 from toolkit.training.images import ImageSet
 
 SURPRISING = 0.001

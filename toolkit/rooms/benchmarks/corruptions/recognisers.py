@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import torch
 
-from toolkit.boosters.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
 from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
 from toolkit.models.network import Classifier, check_finite
+from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
 
 NETWORK, READER = "network", "reader"
 RIGHT, WRONG, NOT_DECODED = 1, 2, 0

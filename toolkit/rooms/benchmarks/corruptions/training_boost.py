@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.boosters.apply import boost_images
-from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import Patch
+from toolkit.rooms.benchmarks.patch_sets import PatchSet, read_patch_set
 from toolkit.training.classifier_config import Overlay
 
 if TYPE_CHECKING:

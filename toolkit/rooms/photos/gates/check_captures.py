@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.captures.capture import Capture
-from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.read import read_captures
+from toolkit.captures.manifest import GATES_FILE, CaptureRecord, read_manifest
+from toolkit.captures.read import CaptureFolder, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import delete_file, sha256_file, write_text
@@ -24,15 +24,14 @@ from toolkit.objects.wrap import RECORD_FILE
 from toolkit.rig import PAIR
 from toolkit.rig.board_file import board_file
 from toolkit.rig.plan import read_plan
-from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import find_booster
 from toolkit.rooms.photos.gates import Check, Gate, GateResult
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder, PhotoCheck, inspect_photo
 from toolkit.rooms.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, check_set
 from toolkit.rooms.photos.locate import locate_by_board
 from toolkit.rooms.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
-GATES_FILE = "gates.jsonl"
 VERSION = 4
 """Version of the measures; photographs that another version judged are judged again."""
 
@@ -90,6 +89,25 @@ def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoChec
         for line in open_gates_log(source_dir).read()
         if line.setup == setup
     }
+
+
+def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
+    """The captures, each with the gates that its photograph failed, as `gates.jsonl` of its source has them.
+
+    A line counts only for the very file that was judged; of several the last.
+    """
+    logs: dict[Path, dict[str, CheckLine]] = {}
+    captures: list[Capture] = []
+    for one in folder.captures:
+        source_dir = one.source_dir
+        if source_dir not in logs:
+            logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
+        line = logs[source_dir].get(f"{one.path_in_source} {one.image_sha256}")
+        if line is not None:
+            failed = [gate for gate in line.results if gate.failed]
+            one = replace(one, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed))
+        captures.append(one)
+    return replace(folder, captures=tuple(captures))
 
 
 RETAKE_FILE = "retake.txt"

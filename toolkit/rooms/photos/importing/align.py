@@ -19,7 +19,6 @@ from toolkit.objects.load import load_object
 from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder
 from toolkit.rooms.photos.gates.objects import KnownObjects
@@ -33,6 +32,7 @@ from toolkit.rooms.photos.match_render import LEAST_SCORE
 from toolkit.rooms.photos.photo import load_pixels
 from toolkit.rooms.photos.posed_camera import PosedCamera
 from toolkit.rooms.photos.prints.find import SearchedPhoto, find_patch, search_photo
+from toolkit.rooms.photos.shot_order import ShotStep
 
 WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off. All

@@ -13,14 +13,14 @@ from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import VARIANTS
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.gather import Candidate, CaptureKey, SourceIndex, describe_imported
 from toolkit.rooms.photos.locate import Locate, PoseMatch, match_pose
 from toolkit.rooms.photos.match_render import LEAST_SCORE, RenderMatch
 from toolkit.rooms.photos.photo import load_pixels
 from toolkit.rooms.photos.posed_camera import PosedCamera
+from toolkit.rooms.photos.shot_order import ShotStep
 
 FOLLOWED_SHARE = 0.75
 """Share of the photographs with a board or a telling name that must agree with the order before it is believed."""

@@ -19,9 +19,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.rig import PAIR
 from toolkit.rig.plan import CapturePlan, hash_pose, open_plan
-from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates import Check
 from toolkit.rooms.photos.importing.align import Clues, place_with_gaps
 from toolkit.rooms.photos.importing.copies import find_copied
@@ -45,6 +44,7 @@ from toolkit.rooms.photos.importing.resolve import Ask, Resolved, resolve_photos
 from toolkit.rooms.photos.importing.store import Subject, read_subject, store_photo
 from toolkit.rooms.photos.locate import Locate, locate_by_board
 from toolkit.rooms.photos.photo import load_pixels
+from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
 
 def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:

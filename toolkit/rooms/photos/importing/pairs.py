@@ -17,7 +17,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.models.labels import plain_name
 from toolkit.objects.spec import read_spec
 from toolkit.rig.variants import VARIANTS
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.evidence import Evidence
 from toolkit.rooms.photos.importing.gather import (
     Candidate,

@@ -7,7 +7,7 @@ from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.core.text import list_some
 from toolkit.imaging.read import show_path
 from toolkit.rig.plan import CapturePlan
-from toolkit.rooms.photos import ImportSettings
+from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.importing.evidence import Evidence
 from toolkit.rooms.photos.importing.gather import CaptureKey, SourceIndex, find_images
 from toolkit.rooms.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match

@@ -6,11 +6,11 @@ from typing import Any
 
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.spec import read_spec
-from toolkit.printing.shot_list.session import PHONE_MM, equivalent_focal_mm
-from toolkit.printing.shot_list.tour import measure_place, name_change
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rooms.photos.gates import GateResult
 from toolkit.rooms.photos.locate import PoseMatch
+from toolkit.rooms.photos.shot_list.session import PHONE_MM, equivalent_focal_mm
+from toolkit.rooms.photos.shot_list.tour import measure_place, name_change
+from toolkit.rooms.photos.shot_order import ShotStep
 from toolkit.rooms.photos.studio.inspection import Inspection
 from toolkit.rooms.photos.studio.predictor import Predictor
 from toolkit.rooms.photos.studio.session import Session, Shot

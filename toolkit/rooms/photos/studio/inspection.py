@@ -12,7 +12,6 @@ from toolkit.core.workspace import Workspace
 from toolkit.rig.applied.base import GREY
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rooms.photos.board_pose import find_board
 from toolkit.rooms.photos.gates import GateResult
 from toolkit.rooms.photos.gates.check_photo import ExpectationBuilder, inspect_photo
@@ -20,6 +19,7 @@ from toolkit.rooms.photos.lens import read_lenses
 from toolkit.rooms.photos.locate import PoseMatch, locate_sighting, match_pose, view_of
 from toolkit.rooms.photos.photo import Photo, load_pixels
 from toolkit.rooms.photos.posed_camera import PosedCamera
+from toolkit.rooms.photos.shot_order import ShotStep
 
 KEPT = 6
 

@@ -13,7 +13,6 @@ from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, show_path
 from toolkit.rig.plan import CapturePlan, Pose, hash_pose, read_plan
-from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
 from toolkit.rooms.photos.gates.check_captures import list_recorded
 from toolkit.rooms.photos.importing.evidence import Evidence
 from toolkit.rooms.photos.importing.gather import (
@@ -29,6 +28,7 @@ from toolkit.rooms.photos.importing.gather import (
 from toolkit.rooms.photos.importing.match import Decision, name_pose
 from toolkit.rooms.photos.importing.store import read_subject, store_photo
 from toolkit.rooms.photos.photo import read_photo
+from toolkit.rooms.photos.shot_order import ShotList, ShotStep, read_shots
 from toolkit.rooms.photos.studio.inspection import Inspection, Inspector
 from toolkit.rooms.photos.studio.upload import (
     HASH_DIGITS,

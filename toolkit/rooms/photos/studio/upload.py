@@ -13,8 +13,8 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import delete_file, inside, make_folder, move_file, open_whole, write_bytes
 from toolkit.imaging.read import UnreadableImage
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rooms.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
+from toolkit.rooms.photos.shot_order import ShotStep
 
 
 class Refused(ToolkitError):

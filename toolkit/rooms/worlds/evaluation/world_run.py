@@ -24,7 +24,7 @@ from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.evaluation.run_files import INPUTS, explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
-from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import Camera
@@ -57,7 +57,7 @@ from toolkit.rooms.worlds.evaluation.world_report import WorldFiles, write_resul
 from toolkit.rooms.worlds.evaluation.world_results import WorldResults
 from toolkit.rooms.worlds.own import open_world
 from toolkit.rooms.worlds.picture import make_speck
-from toolkit.rooms.worlds.place import choose_places, find_radius, place_object, scale_to_world
+from toolkit.rooms.worlds.place import choose_places, find_radius, place_object
 from toolkit.rooms.worlds.sky import Sky, make_sky
 
 UNIT_PICTURES = 256

@@ -12,8 +12,8 @@ from toolkit.printing.canvas import BOLD, CAMERA, FAINT, INK, OBJECT, SOFT, WASH
 from toolkit.printing.page import Rect
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.plan import Pose
-from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import KIND_OF, NOUNS
+from toolkit.rooms.photos.shot_order import ShotStep
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from toolkit.objects.spec import ObjectSpec
 from toolkit.rig import Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import make_plan
-from toolkit.rig.shot_order import (  # fmt: skip
+from toolkit.rooms.photos.shot_order import (  # fmt: skip
     ORDERS,
     ShotStep,
     find_tour,

@@ -13,8 +13,13 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.printing.canvas import BOLD, CAMERA, FAINT, INK, SHEET, SOFT, TICK_MM, WHITE, Colour, Pdf
 from toolkit.printing.document import is_same_size, read_page, say_sizes
 from toolkit.printing.page import Paper, Rect, parse_paper
-from toolkit.printing.shot_list.mounting import MountDrawing
-from toolkit.printing.shot_list.session import (
+from toolkit.rig import ShotListConfig
+from toolkit.rig.applied.base import AppliedBooster
+from toolkit.rig.board_file import read_board
+from toolkit.rig.plan import CapturePlan, check_poses
+from toolkit.rig.variants import VARIANTS, find_booster
+from toolkit.rooms.photos.shot_list.mounting import MountDrawing
+from toolkit.rooms.photos.shot_list.session import (
     SHEETS_A_PAGE,
     ObjectSession,
     Papers,
@@ -22,18 +27,14 @@ from toolkit.printing.shot_list.session import (
     draw_sheets_page,
     prepare_session,
 )
-from toolkit.printing.shot_list.tour import (
+from toolkit.rooms.photos.shot_list.tour import (
     Stop,
     draw_from_above,
     draw_from_side,
     find_legs,
     name_change,
 )
-from toolkit.rig import ShotListConfig
-from toolkit.rig.applied.base import AppliedBooster
-from toolkit.rig.board_file import read_board
-from toolkit.rig.plan import CapturePlan, check_poses
-from toolkit.rig.shot_order import (
+from toolkit.rooms.photos.shot_order import (
     ShotList,
     list_shots,
     measure_travel_mm,
@@ -41,7 +42,6 @@ from toolkit.rig.shot_order import (
     read_shots,
     write_shots,
 )
-from toolkit.rig.variants import VARIANTS, find_booster
 
 NUMBER_MM = 14.0
 ABOVE_MM = 35.0

@@ -1,4 +1,4 @@
-"""`toolkit world list`, `preview` and `export`."""
+"""`toolkit world list`, `preview` and `export`, and `world-eval`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,13 +7,17 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import say, show_json, show_table
+from toolkit.cli.output import remark, say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import load_json
 from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import open_workspace
+from toolkit.engine import EngineConfig
 from toolkit.rooms.worlds.conditions import ObjectInWorld, PreviewRequest
+from toolkit.rooms.worlds.evaluation import WorldEvalConfig
 
 if TYPE_CHECKING:
+    from toolkit.rooms.worlds.evaluation.world_run import WorldRun
     from toolkit.rooms.worlds.world import World
 
 WorldName = Annotated[
@@ -159,3 +163,58 @@ def export(
         return
     say(f"wrote {len(mesh.faces):,} triangles, {len(content) / 1e6:.1f} MB, metres, y up: {file}")
     say("next: in Blender File > Import > glTF 2.0; in three.js GLTFLoader")
+
+
+@from_config(config=WorldEvalConfig, engine=EngineConfig)
+def world_eval(
+    *,
+    config: WorldEvalConfig,
+    engine: EngineConfig,
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Render an object in a world from a grid of cameras, in weather, and classify the pictures.
+
+    Results go to eval/RUN. An answer is computed once, whatever run asks for it.
+    """
+    from toolkit.core.console import list_skipped
+    from toolkit.models.load import load_classifier
+    from toolkit.rooms.worlds.evaluation.world_run import evaluate_world
+
+    space = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    done = evaluate_world(space, classifier, config, engine)
+    list_skipped(done.failed)
+    if as_json:
+        typer.echo(done.files.summary.read_text(encoding="utf-8"))
+    else:
+        show_world(done)
+    if done.failed:
+        raise typer.Exit(1)
+
+
+def show_world(done: "WorldRun") -> None:
+    """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
+    from toolkit.core.console import console
+    from toolkit.rooms.worlds.depth_weather import describe_weathers
+    from toolkit.rooms.worlds.evaluation.world_results import build_world_table, judge_world
+
+    summary = load_json(done.files.summary)
+    for line in describe_weathers(done.results.weathers):
+        say(line)
+    cameras = summary["cameras"][-1]
+    left_out = ", ".join(f"{count} {key.partition(': ')[2]}" for key, count in cameras.items() if "left out" in key)
+    say(
+        f"{cameras['points']} points of the grid: {cameras['standing']} can hold a camera"
+        f"{f' (left out: {left_out})' if left_out else ''}; {cameras['shot']} shot, {cameras['in_view']} with the "
+        f"object in view, {cameras['hidden']} with it hidden"
+    )
+    console.print(build_world_table(summary))
+    for verdict in judge_world(summary):
+        say(verdict.sentence)
+    for note in summary["notes"]:
+        remark(note)
+    say(f"{done.computed} answers{kept_before(done.kept)}; table, figures and report: {done.files.report}")

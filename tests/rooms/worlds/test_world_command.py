@@ -170,12 +170,13 @@ def test_a_mesh_in_centimetres_is_told_its_scale_and_taken_with_it(space, tmp_pa
 
 
 def test_the_city_is_a_city_to_the_list() -> None:
-    from toolkit.cli.world import describe_world
+    from toolkit.rooms.worlds.commands import describe_world
 
     row = describe_world(build_city(0, blocks=(1, 2)), None)
     assert {"road", "building", "vehicle", "tree", "furniture", "sign", "skyline"} <= set(row["classes"])
 
 
 def test_the_parts_of_the_command_start_quickly() -> None:
-    code = "import sys; import toolkit.cli.world; print([m for m in ('torch', 'open3d', 'cv2') if m in sys.modules])"
+    heavy = "[m for m in ('torch', 'open3d', 'cv2') if m in sys.modules]"
+    code = f"import sys; import toolkit.rooms.worlds.commands; print({heavy})"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hue_network import LABELS, PX, make_hue_classifier, write_photos
 
-from toolkit.boosters import class_patches, patch
-from toolkit.boosters.class_patches import train_class_patches
-from toolkit.boosters.patch_sets import ClassPatchesConfig, make_flat_config, read_patch_set
+from toolkit.boosters import patch
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
+from toolkit.rooms.benchmarks.patch_sets import ClassPatchesConfig, class_patches, make_flat_config, read_patch_set
+from toolkit.rooms.benchmarks.patch_sets.class_patches import train_class_patches
 from toolkit.training.images import open_images
 
 QUICK = {"steps": 6, "batch": 4}

@@ -13,7 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.cli.photos import _shorten, ask_person
+from toolkit.rooms.photos.commands import _shorten, ask_person
 
 
 def take(file, seed):

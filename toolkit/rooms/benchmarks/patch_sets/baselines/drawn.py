@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.baselines import APRILTAG, QR
 from toolkit.boosters.patch_config import SMALLEST_PX
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.objects.records import NetworkRecord, PatchRecord
+from toolkit.rooms.benchmarks.patch_sets.baselines import APRILTAG, QR
 
 Advance = Callable[[int], None]
 

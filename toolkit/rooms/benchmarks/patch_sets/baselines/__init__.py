@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from toolkit.boosters.patch_sets import SetName
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
+from toolkit.rooms.benchmarks.patch_sets import SetName
 
 QR, APRILTAG, WORD = "qr", "apriltag", "word"
 BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"

@@ -9,7 +9,12 @@ from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
 from toolkit.printing.canvas import BOLD, CAMERA, INK, SHEET, SOFT, TICK_MM, WHITE, Pdf
 from toolkit.printing.page import Rect
-from toolkit.printing.shot_list.mounting import (
+from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
+from toolkit.rig.applied.base import AppliedBooster
+from toolkit.rig.board import Board, CharucoBoard
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import CapturePlan
+from toolkit.rooms.photos.shot_list.mounting import (
     CHAINS_MM,
     MountDrawing,
     draw_mounting_plan,
@@ -17,7 +22,7 @@ from toolkit.printing.shot_list.mounting import (
     draw_views,
     encode_jpeg,
 )
-from toolkit.printing.shot_list.tour import (
+from toolkit.rooms.photos.shot_list.tour import (
     CameraPlace,
     Stop,
     Surroundings,
@@ -29,12 +34,7 @@ from toolkit.printing.shot_list.tour import (
     name_change,
     survey,
 )
-from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
-from toolkit.rig.applied.base import AppliedBooster
-from toolkit.rig.board import Board, CharucoBoard
-from toolkit.rig.camera import Camera
-from toolkit.rig.plan import CapturePlan
-from toolkit.rig.shot_order import ShotStep, hash_poses
+from toolkit.rooms.photos.shot_order import ShotStep, hash_poses
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,10 @@ from part_checks import check_gradient
 from texture_parts import TEXELS, make_crate, render_linear
 
 from toolkit.boosters.linear_view import batch_views, show_linear, show_texture
-from toolkit.boosters.transforms.weather import Weathered, read_words
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, look_at
-from toolkit.rig.shading import tone_map
-from toolkit.rooms.worlds.particles import DepthView
+from toolkit.rig.shading import DepthBuffer, tone_map
+from toolkit.rooms.worlds.weathered import Weathered, read_words
 
 SIDE = 24
 METRES_PER_MM = 16 / 270  # the warplane's
@@ -25,14 +24,15 @@ def crate_views(tmp_path_factory, make_crate_space):
     for view, pose in zip(views, poses, strict=True):
         distance_mm = np.linalg.norm(pose[:3, 3])
         depths.append(np.where(view.coverage > 0, distance_mm, 2 * distance_mm))
-    return views, [DepthView.of_model(d, camera, pose, METRES_PER_MM) for d, pose in zip(depths, poses, strict=True)]
+    buffers = [DepthBuffer(depth, camera, pose) for depth, pose in zip(depths, poses, strict=True)]
+    return views, [buffer.scaled(METRES_PER_MM) for buffer in buffers]
 
 
 def test_a_model_is_as_far_away_as_the_thing_itself():
     camera, pose = Camera.from_fov(8, 8, 40), look_at(np.array([600.0, 0, 300]), np.zeros(3))
-    view = DepthView.of_model(np.full((8, 8), 670.8), camera, pose, METRES_PER_MM)
-    assert view.depth_m[0, 0] == pytest.approx(670.8 * 16 / 270, rel=1e-6)
-    assert np.linalg.norm(view.position_m) == pytest.approx(670.8 * 16 / 270, rel=1e-4)
+    view = DepthBuffer(np.full((8, 8), 670.8), camera, pose).scaled(METRES_PER_MM)
+    assert view.depth[0, 0] == pytest.approx(670.8 * 16 / 270, rel=1e-6)
+    assert np.linalg.norm(view.T_world_camera[:3, 3]) == pytest.approx(670.8 * 16 / 270, rel=1e-4)
     assert pose[0, 3] == 600
 
 

@@ -18,14 +18,14 @@ from toolkit.cli import app
 from toolkit.core.console import Ticker
 from toolkit.objects.load import load_object
 from toolkit.printing.canvas import POINTS_PER_MM
-from toolkit.printing.shot_list.job import write_shot_list
-from toolkit.printing.shot_list.mounting import draw_mountings, draw_views, make_light_studio
-from toolkit.printing.shot_list.session import equivalent_focal_mm
-from toolkit.printing.shot_list.tour import trace_outline
 from toolkit.rig import Pattern, ShotListConfig
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
+from toolkit.rooms.photos.shot_list.job import write_shot_list
+from toolkit.rooms.photos.shot_list.mounting import draw_mountings, draw_views, make_light_studio
+from toolkit.rooms.photos.shot_list.session import equivalent_focal_mm
+from toolkit.rooms.photos.shot_list.tour import trace_outline
 
 COUNT = 8
 

@@ -14,25 +14,6 @@ import torch
 from PIL import Image
 
 from toolkit import __version__
-from toolkit.boosters.baselines import (
-    APRILTAG,
-    BEST_IMAGE,
-    FIXED_PATTERN,
-    QR,
-    WORD,
-    BaselineConfig,
-)
-from toolkit.boosters.baselines.drawn import (
-    PAPER_BORDER,
-    Advance,
-    AprilTags,
-    Baseline,
-    Choice,
-    FixedPatterns,
-    QrCodes,
-    Words,
-)
-from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import record_network
 from toolkit.core.child import count_cores
 from toolkit.core.console import Ticker, progress
@@ -43,6 +24,25 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
+from toolkit.rooms.benchmarks.patch_sets import name_class
+from toolkit.rooms.benchmarks.patch_sets.baselines import (
+    APRILTAG,
+    BEST_IMAGE,
+    FIXED_PATTERN,
+    QR,
+    WORD,
+    BaselineConfig,
+)
+from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import (
+    PAPER_BORDER,
+    Advance,
+    AprilTags,
+    Baseline,
+    Choice,
+    FixedPatterns,
+    QrCodes,
+    Words,
+)
 from toolkit.training.images import ImageSet, LabelledImage, choose_classes, open_images
 
 BATCH = 64

@@ -13,8 +13,8 @@ from toolkit.core.errors import one_of
 from toolkit.core.places import is_workspace
 from toolkit.core.workspace import make_workspace, open_workspace
 from toolkit.engine import EngineConfig
-from toolkit.rooms.landing import RECIPES as TRAINING
-from toolkit.rooms.landing import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
+from toolkit.rooms.landing.config import RECIPES as TRAINING
+from toolkit.rooms.landing.config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
     from toolkit.rooms.landing.collect import Collected

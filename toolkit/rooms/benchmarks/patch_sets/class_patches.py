@@ -12,7 +12,6 @@ import numpy as np
 
 from toolkit.boosters.data import FEW_IMAGES, Loaded, TrainingData, divide_images
 from toolkit.boosters.patch_config import PatchConfig, check_size
-from toolkit.boosters.patch_sets import ClassPatchesConfig, name_class
 from toolkit.boosters.pixels import Network
 from toolkit.core.console import notice, quietly
 from toolkit.core.draws import Draws
@@ -25,6 +24,7 @@ from toolkit.engine.units import Engine, Shared, Unit, done_unit, run_resumable
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch
+from toolkit.rooms.benchmarks.patch_sets import ClassPatchesConfig, name_class
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.images import ImageSet
 from toolkit.training.processes import current

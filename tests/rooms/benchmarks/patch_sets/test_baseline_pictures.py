@@ -9,15 +9,15 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.boosters.baselines import BaselineConfig
-from toolkit.boosters.baselines.make import make_baseline
-from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.records import read_patch
+from toolkit.rooms.benchmarks.patch_sets import read_patch_set
+from toolkit.rooms.benchmarks.patch_sets.baselines import BaselineConfig
+from toolkit.rooms.benchmarks.patch_sets.baselines.make import make_baseline
 
 LABELS = ["cat", "dog", "sports car", "jet"]
 IMAGE_PX = 32
@@ -79,7 +79,9 @@ def torchvision_square(file, size_px):
 
 
 def test_the_best_image_is_the_one_with_the_lowest_loss(classifier, space, data, monkeypatch):
-    monkeypatch.setattr("toolkit.boosters.baselines.make.BATCH", 5)  # more than one batch, the last not full
+    monkeypatch.setattr(
+        "toolkit.rooms.benchmarks.patch_sets.baselines.make.BATCH", 5
+    )  # more than one batch, the last not full
     made = make("best-image", classifier, space, data, sizes_px=(16, 24))
     assert [(one.name, one.made, one.found) for one in made.sets] == [("best-image-16", 3, 0), ("best-image-24", 3, 0)]
     assert made.skipped == ()
@@ -103,7 +105,7 @@ def test_the_best_image_is_the_one_with_the_lowest_loss(classifier, space, data,
 
 def test_batches_decide_nothing(classifier, space, data, monkeypatch):
     make("best-image", classifier, space, data, sizes_px=(16,))
-    monkeypatch.setattr("toolkit.boosters.baselines.make.BATCH", 1)
+    monkeypatch.setattr("toolkit.rooms.benchmarks.patch_sets.baselines.make.BATCH", 1)
     make("best-image", classifier, space, data, sizes_px=(16,), set_name="one-by-one")
     sets = [read_patch_set(space, name, LABELS) for name in ("best-image-16", "one-by-one-16")]
     assert sets[0].sha256 == sets[1].sha256
@@ -137,7 +139,7 @@ def test_fixed_patterns_have_the_published_mean_and_deviation(classifier, space)
 
 
 def test_a_second_run_does_nothing_and_an_interrupted_one_goes_on(classifier, space, data, monkeypatch):
-    from toolkit.boosters.baselines import make as module
+    from toolkit.rooms.benchmarks.patch_sets.baselines import make as module
 
     written = []
     real = module.write_patch
@@ -158,7 +160,7 @@ def test_a_second_run_does_nothing_and_an_interrupted_one_goes_on(classifier, sp
     folder = space.root / "print/patches/best-image-16"
     before = {file: file.stat().st_mtime_ns for file in folder.iterdir()}
     assert len(before) == 6
-    monkeypatch.setattr("toolkit.boosters.baselines.make.measure_losses", None)
+    monkeypatch.setattr("toolkit.rooms.benchmarks.patch_sets.baselines.make.measure_losses", None)
     assert [(one.made, one.found) for one in make("best-image", classifier, space, data, sizes_px=(16,)).sets] == [
         (0, 3)
     ]

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 import zxingcpp
 
-from toolkit.boosters.baselines.drawn import AprilTags, QrCodes, Words, choose_dictionary, draw_modules, draw_word
+from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import (
+    AprilTags,
+    QrCodes,
+    Words,
+    choose_dictionary,
+    draw_modules,
+    draw_word,
+)
 
 CLASSES = 1000
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
@@ -16,10 +17,12 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, list_some, quote
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.corruptions.catalogue import list_spans
-from toolkit.rooms.photos import ImportSettings, RetextureConfig
+from toolkit.rooms.photos.config import ImportSettings, RetextureConfig
 
 if TYPE_CHECKING:
     from toolkit.models.network import Classifier
+    from toolkit.rig import ShotListConfig
+    from toolkit.rig.plan import CapturePlan
     from toolkit.rooms.photos.gates.check_captures import CheckReport
     from toolkit.rooms.photos.importing.import_photos import ImportResult
     from toolkit.rooms.photos.studio.serve import Listener
@@ -351,3 +354,24 @@ def show_summary(session: "Session") -> None:
         say("run the same command again to go on")
     if done:
         say(f"next: toolkit eval {quote(session.workspace.captures_dir)}")
+
+
+def make_shot_list(
+    space: Workspace, plan: "CapturePlan", names: Sequence[str], config: "ShotListConfig", seed: int, as_json: bool
+) -> None:
+    """Write the shot list of a plan and say what was made: `toolkit plan --shot-list`."""
+    from toolkit.rooms.photos.shot_list.job import write_shot_list
+
+    made = write_shot_list(space, plan, names, config, seed)
+    for name, reason in made.without_patch.items():
+        warn(f"{name}: unpatched only: {reason}")
+    if as_json:
+        show_json(asdict(made))
+        return
+    if made.replaced:
+        say("note: rig/shots.json was replaced; it held other shots or another order")
+    for note in made.notes:
+        remark(note)
+    say(f"{count_of(made.shots, 'shot')} of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
+    wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
+    say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")

@@ -1,0 +1,35 @@
+"""What the room of benchmarks adds: studies of many pictures, and entries that are scored and ranked."""
+
+from toolkit.core.rooms import Entry, Room
+
+TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
+"""Elsewhere these mean a range of turns, and the size of a print."""
+
+ROOM = Room(
+    commands={
+        "The road": {"sweep": Entry("commands:sweep", "vary one thing: distance, light, size and more")},
+        "Benchmarks": {
+            "train-patches": Entry(
+                "commands:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+            ),
+            "baseline": Entry("commands:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+            "corrupt-eval": Entry(
+                "commands:corrupt_eval",
+                "corrupt a data set with and without patches",
+                {**TURNED, "--corruption": "--corrupt"},
+            ),
+            "transfer": Entry("commands:transfer", "train on all networks but one, judge by that one"),
+        },
+        "Challenge": {
+            "challenge init": Entry("challenge.commands:init", "make an entry of your boosters"),
+            "challenge check": Entry("challenge.commands:check", "check an entry to the last rule"),
+            "challenge run": Entry("challenge.commands:run", "render and score an entry"),
+            "challenge board": Entry("challenge.commands:board", "rank entries on one page"),
+        },
+    },
+    words={"challenge": "Whose booster helps networks that it was not trained on: enter one, check, score, rank."},
+    offers={
+        "patches in training": "corruptions.training_boost:read_training_boost",
+        "values of kind": "commands:list_kinds",
+    },
+)
