@@ -7,6 +7,7 @@ from typing import Any
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import load_json, sha256_bytes, sha256_file, write_json, write_text
+from toolkit.core.work import INPUTS
 
 SUMMARY = "summary.json"
 PREDICTIONS, DETECTIONS, CELLS, EPISODES = "predictions.csv", "detections.csv", "cells.csv", "episodes.csv"
@@ -14,8 +15,8 @@ TABLES: Mapping[str, str] = {
     f"{name.removesuffix('.csv')}_sha256": name for name in (PREDICTIONS, DETECTIONS, CELLS, EPISODES)
 }
 """Field of the summary -> the table whose hash it holds."""
-CONTENT, INPUTS = "content_sha256", "inputs_sha256"
-"""Hashes of all other fields of a summary, and of what a run was asked to do, if that is known before its result."""
+CONTENT = "content_sha256"
+"""Hash of all other fields of a summary."""
 IsFree = Callable[[Path], bool]
 
 
@@ -34,13 +35,13 @@ def lacks_other_table(name: str, text: str) -> IsFree:
     return lambda folder: not (folder / name).is_file() or (folder / name).read_bytes() == content
 
 
-def lacks_other_inputs(sha256: str) -> IsFree:
-    """Whether a folder holds no finished run, or one that was asked to do the same."""
+def lacks_other_inputs(key: str) -> IsFree:
+    """Whether a folder holds no finished run, or one that was asked to do the same, by its key."""
 
     def is_free(folder: Path) -> bool:
         file = folder / SUMMARY
-        content = load_json(file) if file.is_file() else {INPUTS: sha256}
-        return isinstance(content, dict) and content.get(INPUTS) == sha256
+        content = load_json(file) if file.is_file() else {INPUTS: key}
+        return isinstance(content, dict) and content.get(INPUTS) == key
 
     return is_free
 

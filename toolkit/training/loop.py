@@ -10,14 +10,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, isfinite, pi
 from time import monotonic
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import delete_file
 from toolkit.core.records import hold_folder
+from toolkit.core.work import Work
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
 
@@ -119,7 +121,7 @@ class TrainingTask(ABC, Generic[Made]):
     """What is trained.
 
     Attributes:
-        kind: of the task, a single word; checkpoints are read by the same kind only, and draws are its own.
+        work: kind and version of the task: checkpoints are read by the same kind only, and its draws are its own.
         title: above the progress bar.
         advice: what to do where the loss is no number; fields in braces, see `FieldError`.
         recent: steps whose mean is shown and recorded.
@@ -127,11 +129,25 @@ class TrainingTask(ABC, Generic[Made]):
             process alone can train it.
     """
 
-    kind: str
+    work: Work
     title: str = "Training"
     advice: str = "check the data, or take a lower {lr}"
     recent: int = 10
     batch: int = 0
+
+    @property
+    def kind(self) -> str:
+        """Kind of the work, a single word."""
+        return self.work.kind
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the result, by which an interrupted run resumes and a finished one is found."""
+        return self.work.key(*self.list_inputs())
+
+    def list_inputs(self) -> list[Any]:
+        """All that decides the result, as JSON; a result that is not kept needs none."""
+        return []
 
     @abstractmethod
     def parameters(self) -> Mapping[str, "torch.Tensor"]:

@@ -30,7 +30,7 @@ from toolkit.rooms.benchmarks.corruptions.cells import (
     apply_variant,
     cut_shards,
     load_shard,
-    make_key,
+    name_cell,
     rank_images,
 )
 from toolkit.rooms.benchmarks.corruptions.doubts import find_misnamed, list_doubts
@@ -139,7 +139,7 @@ class Cell(NamedTuple):
 def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine) -> Benchmark:
     shards = _hash_shards(grid)
     keys = {
-        Cell(s, v, condition, r): make_key(shard, variant, recogniser, condition, grid.config)
+        Cell(s, v, condition, r): name_cell(shard, variant, recogniser, condition, grid.config)
         for s, shard in enumerate(shards)
         for v, variant in enumerate(grid.variants)
         for r, recogniser in enumerate(variant.recognisers)

@@ -4,8 +4,6 @@ Every step is kept and taken up again: training by its checkpoints, captures by 
 what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
 """
 
-import hashlib
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,9 +23,9 @@ from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, sho
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
-from toolkit.core.records import list_version
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
+from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.detect import DetectionRun, evaluate_detector
@@ -43,8 +41,7 @@ from toolkit.rooms.benchmarks.transfer import FOR_CLASSIFIERS, Kind, TransferCon
 
 BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
 SOURCE = "sim"
-JUDGING_VERSION = 1
-"""Raised when the same pictures and networks give other rows, so that networks are asked again."""
+JUDGED = Work("judged rows", old_at=NOWHERE)
 Judge = Classifier | DetectorNetwork
 
 
@@ -279,11 +276,10 @@ def _judge(
     captures = space.captures_dir / SOURCE
     seen = [network.name for network in others]
     # the manifest's hash stands for all images: it holds theirs
-    parts = (
+    key = JUDGED.key(
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
-        config.objects, config.corruptions, *list_version(JUDGING_VERSION),
+        config.objects, config.corruptions,
     )  # fmt: skip
-    key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     file = _cell_file(space.root, judge.name)
     try:
         earlier = read_json(file, JudgedCell)

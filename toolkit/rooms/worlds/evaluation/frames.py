@@ -1,7 +1,5 @@
 """Pictures of an object in its place from the grid's cameras: a render for all weathers, and the answers to them."""
 
-import hashlib
-import json
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
+from toolkit.core.work import Work
 from toolkit.engine.units import RecordCache
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
@@ -25,8 +24,7 @@ from toolkit.rooms.worlds.place import Placed
 from toolkit.rooms.worlds.sky import Sky
 from toolkit.rooms.worlds.world import World
 
-METHOD_VERSION = 1
-"""Raised when the same inputs give other answers."""
+FRAMES = Work("world frame", 1, old_at=0)
 WeatherKey = tuple[str, int]
 """Name and severity."""
 Answer = tuple[int, float, float, int]
@@ -85,11 +83,6 @@ def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -
     rank = int(np.flatnonzero(order == true_index)[0]) + 1
     # rounded before they are kept, so that an answer is the same from the log as from the network
     return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
-
-
-def hash_inputs(*inputs: object) -> str:
-    """Hash of a list that JSON can hold."""
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
 AnswerKey = tuple[str, str]
