@@ -22,15 +22,16 @@ from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.files import load_json, read_json, sha256_file, sha256_json, write_json, write_text
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
-from toolkit.core.work import NOWHERE, Work
+from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.detect import DetectionRun, evaluate_detector
 from toolkit.evaluation.evaluate import Evaluation, evaluate_captures
 from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.run_files import explain_run_dir, find_run_dir
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
@@ -42,6 +43,8 @@ from toolkit.rooms.benchmarks.transfer import FOR_CLASSIFIERS, Kind, TransferCon
 BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
 SOURCE = "sim"
 JUDGED = Work("judged rows", old_at=NOWHERE)
+MATRICES = Work("transfer", JUDGED.version)
+MATRIX = "matrix.json"
 Judge = Classifier | DetectorNetwork
 
 
@@ -114,7 +117,7 @@ def write_matrix(folder: Path, rows: Sequence[JudgedRow], about: dict[str, Any])
     head = {"schema_version": SCHEMA_VERSION, "kind": "transfer", **about}
     content = head | {"rows": [row.model_dump() for row in rows]}
     text = "\n\n".join(["\n".join(_as_markdown(rows, seen)) for seen in (False, True)]) + "\n"
-    return write_json(folder / "matrix.json", content), write_text(folder / "matrix.md", text)
+    return write_json(folder / MATRIX, content), write_text(folder / "matrix.md", text)
 
 
 def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
@@ -189,7 +192,12 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
-    folder = workspace.eval_dir / "transfer" / config.run
+    about = _describe_run(config, networks, shown)
+    wanted = workspace.eval_dir / "transfer" / config.run
+    # a folder holds the boosters, captures and rows of the same settings
+    folder = find_run_dir(wanted, lambda folder: _is_of_run(folder, about))
+    for note in explain_run_dir(wanted, folder):
+        notice(note)
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
         others = [network for name, network in by_name.items() if name not in groups[left_out]]
@@ -208,12 +216,35 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         rows += _read_rows(folder, left_out, {
             judge.name: _hash_settings(config, judge, others, shown) for judge in networks
         })  # fmt: skip
-    about = {"run": config.run, "settings": config.record(), "networks": {
-        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
-        | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
-        for name, network in by_name.items()
-    }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
+
+
+def _describe_run(config: TransferConfig, networks: Sequence[Judge], shown: list[Any]) -> dict[str, Any]:
+    """The head of a matrix: settings, networks, and the key of both with the objects and their poses."""
+    described = {
+        network.name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+        | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
+        for network in networks
+    }
+    preprocessing = [network.preprocessing.describe() for network in networks]
+    key = MATRICES.key(_choose_settings(config.record()), described, preprocessing, shown)
+    return {"run": config.run, "settings": config.record(), "networks": described, INPUTS: key}
+
+
+def _is_of_run(folder: Path, about: dict[str, Any]) -> bool:
+    """Whether a folder has no matrix, or one of this run; an older matrix has no key, but settings and networks."""
+    file = folder / MATRIX
+    there = load_json(file) if file.is_file() else about
+    if not isinstance(there, dict) or INPUTS in there:
+        return isinstance(there, dict) and there[INPUTS] == about[INPUTS]
+    settings = there.get("settings")
+    same = isinstance(settings, dict) and _choose_settings(settings) == _choose_settings(about["settings"])
+    return same and there.get("networks") == about["networks"]
+
+
+def _choose_settings(record: dict[str, Any]) -> dict[str, Any]:
+    """Settings that decide the rows of a network that is left out."""
+    return {name: value for name, value in record.items() if name not in ("run", "left_out")}
 
 
 def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
@@ -261,11 +292,10 @@ def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence
 
 def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
     """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
-    settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
     networks = [
         (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
     ]
-    return sha256_json([settings, networks, shown])
+    return sha256_json([_choose_settings(config.record()), networks, shown])
 
 
 def _judge(
