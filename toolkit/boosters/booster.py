@@ -14,9 +14,8 @@ from toolkit import __version__
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import PixelTask, Target, record_network
 from toolkit.boosters.validation import Validation, list_shares
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
-from toolkit.core.work import INPUTS
+from toolkit.core.work import INPUTS, find_made
 from toolkit.imaging.read import encode_image
 from toolkit.objects.records import Patch, Texture
 from toolkit.training.checkpoint import Checkpoint
@@ -139,13 +138,8 @@ def read_finished(
     read: Callable[[Path], Booster], files: BoosterFiles, key: str, others: Iterable[Path] = ()
 ) -> Booster | None:
     """The booster, where its files and what else it needs are whole and of this key."""
-    if not all(file.is_file() for file in (files.png, files.preview, *others)):
-        return None
-    try:
-        booster = read(files.png)
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return booster if booster.record.settings.get(INPUTS) == key else None
+    needed = (files.png, files.preview, *others)
+    return find_made(key, lambda: read(files.png), lambda made: made.record.settings.get(INPUTS), *needed)
 
 
 COLUMNS, ROWS = 4, 4

@@ -253,14 +253,7 @@ def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
 
 
 def list_patch_inputs(config: PatchConfig, name: str, networks: list[list[object]], data_sha256: str) -> list[object]:
-    """All that decides a patch's pixels, so that a checkpoint is never continued under other settings.
-
-    Args:
-        config: with its steps counted.
-        name: of the patch's files.
-        networks: see `toolkit.boosters.pixels.list_networks`.
-        data_sha256: of the images.
-    """
+    """All that decides a patch's pixels: `config` with its steps counted, the files' name, `list_networks`, images."""
     return [name, networks, data_sha256, config.size_px, config.record()]
 
 

@@ -17,9 +17,8 @@ from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_
 from toolkit.boosters.validation import WeatherValidation
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import GROUND, Atlas
 from toolkit.objects.load import TableObject, load_object
@@ -271,6 +270,10 @@ def train_wrap(
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
 
+def _read_key(wrap: Wrap) -> object:
+    return wrap.record.booster and wrap.record.booster.settings.get(INPUTS)
+
+
 class WrapTask(SurfaceTask[TrainedWrap]):
     """Training of a wrap: only the texels on its pieces are seen."""
 
@@ -290,17 +293,9 @@ class WrapTask(SurfaceTask[TrainedWrap]):
 
     def find_finished(self) -> TrainedWrap | None:
         """The wrap, where its files are whole and of the same inputs."""
-        folder = self.files.png.parent
-        if not (self.files.preview.is_file() and (folder / RECORD_FILE).is_file()):
-            return None
-        try:
-            wrap = read_wrap(folder)
-        except ToolkitError:
-            return None  # a kill while it was written; it is written again
-        trained = wrap.record.booster
-        if trained is None or trained.settings.get(INPUTS) != self.key:
-            return None
-        return TrainedWrap(wrap=wrap, files=self.files, skipped=self.inputs.backgrounds.skipped)
+        files, skipped = self.files, self.inputs.backgrounds.skipped
+        wrap = find_made(self.key, lambda: read_wrap(files.png.parent), _read_key, files.preview, files.png)
+        return None if wrap is None else TrainedWrap(wrap=wrap, files=files, skipped=skipped)
 
     def reduce(self, pixels: np.ndarray) -> np.ndarray:
         """With the object's own paint on pieces that add nothing, where they are ranked."""

@@ -1,12 +1,17 @@
 """Keys of kept results: a hash of what was done, the version of its method, and all inputs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_json
 
 INPUTS = "inputs_sha256"
 """Name of the field that holds a key in manifests, records, checkpoints and summaries."""
 NOWHERE = -1
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -39,3 +44,17 @@ class Work:
             return sha256_json([self.kind, self.version, *inputs])
         version = [] if self.old_at == NOWHERE else [self.version]
         return sha256_json([*inputs[: self.old_at], *version, *inputs[self.old_at :]])
+
+
+def find_made(key: str, read: Callable[[], Made], held: Callable[[Made], object], *files: Path) -> Made | None:
+    """What `read` finds of an earlier run, if all files are there and it `held` the same key; else None.
+
+    What cannot be read is made again: a kill between a file and its record leaves such a pair.
+    """
+    if not all(file.is_file() for file in files):
+        return None
+    try:
+        made = read()
+    except ToolkitError:
+        return None
+    return made if held(made) == key else None

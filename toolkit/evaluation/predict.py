@@ -20,9 +20,9 @@ from toolkit.core.child import count_cores
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.work import Work
-from toolkit.engine.units import RecordCache
+from toolkit.engine.units import WorkLog
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
@@ -379,13 +379,11 @@ def predict_once(
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
     keys = [_key(capture, true_classes[capture.object], classifier) for capture in captures]
-    # a line that is broken (a kill while writing) is worth only its image's time
-    log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
     # the same image may stand for several values: the first to come is asked about
     first = {key: at for at, key in reversed(list(enumerate(keys)))}
     unread: dict[str, Prediction] = {}
     with hold_folder(cache_file.parent):
-        cache = RecordCache(log, lambda row: [(row.key, row)], first)
+        cache = WorkLog(cache_file, CachedPrediction, lambda row: [(row.key, row)], first)
         todo = sorted(cache.find_missing(first).values())
         with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
             for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):

@@ -1,12 +1,11 @@
 """The folder of a run: no result is written over another one, and a file that was changed afterwards is found."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import load_json, sha256_bytes, sha256_file, write_json, write_text
+from toolkit.core.files import load_json, sha256_bytes, sha256_file, sha256_json, write_json, write_text
 from toolkit.core.work import INPUTS
 
 SUMMARY = "summary.json"
@@ -77,7 +76,7 @@ def write_run(run_dir: Path, summary: Mapping[str, Any], tables: Mapping[str, st
 def hash_summary(content: Mapping[str, Any]) -> str:
     """SHA-256 of all fields of a summary but this hash, however they are laid out in the file."""
     fields = {key: value for key, value in content.items() if key != CONTENT}
-    return sha256_bytes(json.dumps(fields, sort_keys=True).encode())
+    return sha256_json(fields)
 
 
 def check_run(folder: Path, content: Mapping[str, Any]) -> None:

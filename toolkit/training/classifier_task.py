@@ -16,10 +16,10 @@ from torch.nn.functional import affine_grid, cross_entropy, grid_sample
 from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws, image_seed
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.statistics import wilson_interval
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.corruptions.batch import corrupt, draw_corrupted
 from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
@@ -340,7 +340,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
-        batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
+        batch, classes = self._draw_batch(self.inputs.data.train, step, self.work.kind)
         batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
         if self.config.robust is not None:
             batch = self._attack(batch, wanted, self.config.robust)
@@ -475,14 +475,11 @@ def choose_images(seed: int, step: int, batch: int, count: int) -> np.ndarray:
 
 def find_finished(file: Path, key: str) -> ClassifierRecord | None:
     """The record of a classifier that was trained by this key before and is whole; else None."""
-    if not (file.is_file() and file.with_suffix(".json").is_file()):
-        return None
-    try:
-        record = read_json(file.with_suffix(".json"), ClassifierRecord)
-    except ToolkitError:
-        return None  # another kind of labels file, or of another version: it is replaced
-    same = record.settings.get(INPUTS) == key and record.sha256 == sha256_file(file)
-    return record if same else None
+    labels = file.with_suffix(".json")  # another kind of labels file is replaced
+    record = find_made(
+        key, lambda: read_json(labels, ClassifierRecord), lambda made: made.settings.get(INPUTS), file, labels
+    )
+    return None if record is None or record.sha256 != sha256_file(file) else record
 
 
 def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray, what: str) -> HeldOut:

@@ -135,11 +135,6 @@ class TrainingTask(ABC, Generic[Made]):
     recent: int = 10
     batch: int = 0
 
-    @property
-    def kind(self) -> str:
-        """Kind of the work, a single word."""
-        return self.work.kind
-
     @cached_property
     def key(self) -> str:
         """Key of the result, by which an interrupted run resumes and a finished one is found."""
@@ -256,7 +251,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
     for line in task.describe():
         notice(line)
     # an interrupted run resumes at its checkpoint
-    state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
+    state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.work.kind))
     run = _Fitting(task, config)
     if state is not None:
         run.restore(state)
@@ -291,7 +286,7 @@ def _make_and_keep_steps(run: "_Fitting", checkpoint: Checkpoint | None) -> None
 
     def keep() -> None:
         if checkpoint is not None:
-            checkpoint.write(run.state(), task.kind, len(history))
+            checkpoint.write(run.state(), task.work.kind, len(history))
 
     with progress(task.title, run.config.steps, done=kept) as bar:
         try:
@@ -352,7 +347,7 @@ class _Fitting:
     def _find_gradients(self, step: int) -> dict[str, float]:
         import torch
 
-        draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
+        draw = int(Draws(self.config.seed, step, self.task.work.kind).of("dropout").integers(2**62))
         # of dropout: another mask in each process, the same masks when the run resumes
         torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():

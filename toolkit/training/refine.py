@@ -16,10 +16,10 @@ from torch.nn.utils import clip_grad_norm_
 from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_file, delete_folder, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.records import hold_folder
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
@@ -151,13 +151,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         records = [record for record in found if record is not None]
         if len(records) < len(found):
             return None
-        if len(found) == 1:
-            return records
-        try:
-            whole = read_json(self.folder / f"{self.config.name}.json", NetworkSet)
-        except ToolkitError:
-            return None
-        return records if whole.inputs_sha256 == self.key else None
+        file = self.folder / f"{self.config.name}.json"
+        is_whole = find_made(self.key, lambda: read_json(file, NetworkSet), lambda made: made.inputs_sha256) is not None
+        return records if is_whole or len(found) == 1 else None
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -189,7 +185,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         pack, teacher = self.inputs.data.train, self.inputs.teacher
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
         raw = torch.from_numpy(np.ascontiguousarray(pack.images[chosen].transpose(0, 3, 1, 2))).to(teacher.device)
-        rng = Draws(self.config.seed, step, self.kind).of("augmentation")
+        rng = Draws(self.config.seed, step, self.work.kind).of("augmentation")
         # drawn for the whole batch, and then shared: the number of processes changes no view
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
         middles = torchvision.transforms.functional.center_crop(raw, [teacher.preprocessing.crop_px] * 2)

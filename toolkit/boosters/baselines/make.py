@@ -38,7 +38,7 @@ from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
@@ -382,13 +382,8 @@ def _name_weights(networks: list[NetworkRecord]) -> str:
 
 def _find_finished(place: _Place, name: str, key: str, baseline: Baseline) -> PatchRecord | None:
     file = place.folder / f"{name}.png"
-    if not file.is_file():
-        return None
-    try:
-        record = read_patch(file).record
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return record if record.settings.get(INPUTS) == key and baseline.is_current(record) else None
+    record = find_made(key, lambda: read_patch(file).record, lambda made: made.settings.get(INPUTS), file)
+    return record if record is not None and baseline.is_current(record) else None
 
 
 def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:

@@ -20,7 +20,7 @@ from toolkit.boosters.transforms.weather import Weathered
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing import PrintSettings
@@ -113,10 +113,10 @@ class PadTask(TrainingTask[Patch]):
     def find_finished(self) -> Patch | None:
         """The pad, where it is whole and of the same inputs."""
         file = self.folder / f"{self.name}.png"
-        if not (file.is_file() and file.with_suffix(".json").is_file()):
-            return None
-        patch = read_patch(file)
-        return patch if patch.record.settings.get(INPUTS) == self.key else None
+        return find_made(
+            self.key, lambda: read_patch(file), lambda made: made.record.settings.get(INPUTS),
+            file, file.with_suffix(".json"),
+        )  # fmt: skip
 
     def describe(self) -> list[str]:
         """The weather in the loop."""
@@ -134,7 +134,7 @@ class PadTask(TrainingTask[Patch]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Mean square error as a share of the height, and its mean in cm."""
-        draws = Draws(self.seed, step, self.kind)
+        draws = Draws(self.seed, step, self.work.kind)
         chosen = draws.of("views").choice(len(self.views), min(self.config.batch, len(self.views)), replace=False)
         out = self.regressor.outputs(self.photograph(chosen, draws))[:, :2].cpu()
         wanted = torch.from_numpy(np.stack([self.views[int(k)].offset for k in chosen])).float()

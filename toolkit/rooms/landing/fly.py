@@ -12,11 +12,11 @@ from pydantic import BaseModel, ConfigDict
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, sha256_bytes
-from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
@@ -280,8 +280,7 @@ Flight = tuple[Episode, Clock]
 def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, engine: Engine) -> Flown:
     digests, numbers = {cell: setup.key(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
-    log = RecordLog(file, EpisodeRecord, required=False, compact=True)
-    cache = RecordCache(log, lambda record: [((record.inputs, record.cell, record.index), record)], wanted)
+    cache = WorkLog(file, EpisodeRecord, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
     def keep(key: EpisodeKey, cell: FlightCell, flight: Flight) -> None:

@@ -16,7 +16,7 @@ from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
-from toolkit.core.work import INPUTS, Work
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.load import bundled_file, read_bundled
 from toolkit.models.network import choose_device
@@ -196,14 +196,11 @@ class RegressorTask(TrainingTask[Regressor]):
 
     def find_finished(self) -> Regressor | None:
         """The regressor, where its file is whole and of the same inputs."""
-        record_file = self.file.with_suffix(".json")
-        if not (self.file.is_file() and record_file.is_file()):
-            return None
-        try:
-            record = read_json(record_file, RegressorRecord)
-        except ToolkitError:
-            return None
-        if record.inputs_sha256 != self.key or record.sha256 != sha256_file(self.file):
+        file = self.file.with_suffix(".json")
+        record = find_made(
+            self.key, lambda: read_json(file, RegressorRecord), lambda made: made.inputs_sha256, self.file, file
+        )
+        if record is None or record.sha256 != sha256_file(self.file):
             return None
         load_tensors(self.module, read_state_dict(WeightsFile(self.file, record.sha256, self.file.name)))
         return Regressor(record, freeze(self.module, self.device), self.device)
@@ -276,7 +273,7 @@ class RegressorTask(TrainingTask[Regressor]):
         batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
         if self.config.augment:
             # augmentation: quarter turns, exposure, white balance and brightness
-            rng = Draws(self.seed, step, self.kind).of("augmentation")
+            rng = Draws(self.seed, step, self.work.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
             # one gain for all channels, as exposure, and a small gain for each, as white balance
             gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))

@@ -13,7 +13,6 @@ from toolkit.boosters.detectors import DetectorNetwork
 from toolkit.cli.app import make_single
 from toolkit.cli.evaluate import transfer
 from toolkit.core.errors import ToolkitError
-from toolkit.core.work import INPUTS
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.objects.records import Texture, read_patch, read_texture
 from toolkit.rooms.benchmarks.transfer import TransferConfig
@@ -148,9 +147,8 @@ def test_a_network_is_left_out_by_the_name_that_was_typed(space, monkeypatch):
     assert asked == [("timm-lite",)] * 2
 
 
-@pytest.fixture
-def quick_judges(space, monkeypatch):
-    """A run without training and networks; returns which networks its rows were left out."""
+def test_rows_of_other_settings_are_not_mixed_in(space, monkeypatch, capsys):
+    """A network that an earlier run left out counts only if that run had these settings, poses and objects."""
     monkeypatch.setattr(experiment, "_train", lambda *a: None)
 
     def shoot(made, *_):
@@ -166,12 +164,6 @@ def quick_judges(space, monkeypatch):
     def left_out(**more) -> set[str]:
         return {one.left_out for one in leave_one_out(space, config.with_overrides(**more), networks).rows}
 
-    return left_out
-
-
-def test_rows_of_other_settings_are_not_mixed_in(space, quick_judges, monkeypatch, capsys):
-    """A network that an earlier run left out counts only if that run had these settings, poses and objects."""
-    left_out = quick_judges
     assert left_out() == left_out(left_out=("tiny:2",)) == {"tiny:1", "tiny:2"}
     # other settings, and another object, have a matrix of their own
     root = space.eval_dir / "transfer"
@@ -189,17 +181,9 @@ def test_rows_of_other_settings_are_not_mixed_in(space, quick_judges, monkeypatc
     spec.write_text(found)
     monkeypatch.setattr(experiment, "evaluate_captures", None)
     assert left_out() == {"tiny:1", "tiny:2"}
-
-
-def test_a_matrix_of_an_earlier_version_is_told_by_its_settings_and_networks(space, quick_judges, capsys):
-    left_out = quick_judges
-    matrix = space.eval_dir / "transfer" / "leave-one-out" / "matrix.json"
-    left_out()
-    older = json.dumps({name: value for name, value in json.loads(matrix.read_text()).items() if name != INPUTS})
-    matrix.write_text(older)
-    assert left_out(steps=5, left_out=("tiny:2",)) == {"tiny:2"} and matrix.read_text() == older
-    # another object under the same settings: the rows say it themselves
-    spec = space.objects_dir / "crate.toml"
-    spec.write_text(spec.read_text().replace("length_mm = 100", "length_mm = 90"))
-    assert left_out(left_out=("tiny:2",)) == {"tiny:2"} and INPUTS in json.loads(matrix.read_text())
-    assert "without tiny:1: the answers of tiny:1, tiny:2 are of an earlier run" in capsys.readouterr().err
+    # other networks, none of which has a cell there
+    first = (root / "leave-one-out" / "matrix.json").read_bytes()
+    networks[:] = [network(3), network(4)]
+    monkeypatch.setattr(experiment, "evaluate_captures", lambda captures, made, judge, settings: judge.name)
+    assert left_out() == {"tiny:3", "tiny:4"}
+    assert (root / "leave-one-out" / "matrix.json").read_bytes() == first

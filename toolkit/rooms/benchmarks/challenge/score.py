@@ -214,13 +214,7 @@ class Score(BaseModel):
 
 @dataclass(frozen=True)
 class Judged:
-    """An entry with its score and what that is counted from.
-
-    Attributes:
-        entry: what was judged.
-        folder: of the score: `score` in the entry, `score-2` where that holds the score of other judges, and so on.
-        score, outcomes: what is said there.
-    """
+    """An entry, the folder of a score in it, and the score with what it is counted from."""
 
     entry: ChallengeEntry
     folder: Path
@@ -241,13 +235,9 @@ def write_score(
     entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture],
     pictures: Mapping[str, bytes] | None = None,
 ) -> Judged:  # fmt: skip
-    """Count what the judges said, and write the pictures, `outcomes.csv` and `score.json`.
+    """Count what the judges said, and write the board's pictures (PNG by object), `outcomes.csv` and `score.json`.
 
-    Args:
-        entry: what was judged.
-        judges: who did.
-        outcomes: their answers.
-        pictures: PNG of each object, for the board.
+    The folder is `score`, or `score-2`, … where that holds the score of other judges.
 
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
@@ -379,10 +369,7 @@ def build_score_table(score: Score) -> Table:
 
 
 def read_judged(folder: Path) -> Judged:
-    """An entry with its score, as it stands in the files.
-
-    Args:
-        folder: of the entry, or of a score in it.
+    """An entry with its score, as it stands in the files; `folder` is the entry's, or that of a score in it.
 
     Raises:
         ToolkitError: no entry, no score, or a damaged score.
@@ -435,13 +422,14 @@ def check_scores(folder: Path) -> list[str]:
     """Why scores of an entry cannot be read, a line each; none where all can, or where there are none yet."""
     faults = []
     for place in list_score_folders(folder):
-        if any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
-            try:
-                judged = read_judged(place)
-                for name in judged.entry.objects:
-                    read_picture(judged, name)
-            except ToolkitError as error:
-                faults.append(str(error))
+        if not any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
+            continue  # it was begun
+        try:
+            judged = read_judged(place)
+            for name in judged.entry.objects:
+                read_picture(judged, name)
+        except ToolkitError as error:
+            faults.append(str(error))
     return faults
 
 
@@ -483,7 +471,7 @@ def run_entry(
     entry: ChallengeEntry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
     *, with_controls: bool = True,
 ) -> Judged:  # fmt: skip
-    """Render an entry, let the judges say what they see, and write `score/` in its folder; see `Judged.folder`.
+    """Render an entry, let the judges say what they see, and write `score/` in its folder, see `write_score`.
 
     Pictures and answers are kept in `eval/challenge/` of the workspace: a run that was stopped goes on, and bare
     pictures serve all entries.

@@ -5,7 +5,8 @@ what was judged. So the command may be stopped at any time, and several may run 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -22,10 +23,10 @@ from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import load_json, read_json, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.files import read_json, sha256_file, write_json, write_text
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
-from toolkit.core.work import INPUTS, NOWHERE, Work
+from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.detect import DetectionRun, evaluate_detector
@@ -43,8 +44,6 @@ from toolkit.rooms.benchmarks.transfer import FOR_CLASSIFIERS, Kind, TransferCon
 BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
 SOURCE = "sim"
 JUDGED = Work("judged rows", old_at=NOWHERE)
-MATRICES = Work("transfer", JUDGED.version)
-MATRIX = "matrix.json"
 Judge = Classifier | DetectorNetwork
 
 
@@ -86,7 +85,7 @@ class JudgedCell(BaseModel):
 
     Attributes:
         key: hash of all that it depends on.
-        settings_sha256: hash of the settings, poses, objects and networks of the run that asked; empty in older files.
+        settings_sha256: key of the settings, poses, objects and networks of the run; empty in older files.
         rows: by source, object and kind.
     """
 
@@ -117,7 +116,7 @@ def write_matrix(folder: Path, rows: Sequence[JudgedRow], about: dict[str, Any])
     head = {"schema_version": SCHEMA_VERSION, "kind": "transfer", **about}
     content = head | {"rows": [row.model_dump() for row in rows]}
     text = "\n\n".join(["\n".join(_as_markdown(rows, seen)) for seen in (False, True)]) + "\n"
-    return write_json(folder / MATRIX, content), write_text(folder / "matrix.md", text)
+    return write_json(folder / "matrix.json", content), write_text(folder / "matrix.md", text)
 
 
 def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
@@ -167,8 +166,9 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     """Train without each network in turn, and let all of them judge.
 
     What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
-    in `eval/transfer/RUN/matrix.json` and `.md`. Nothing is trained on classifiers and detectors at once: where there
-    are both, all detectors are left out, then all classifiers, and each kind judges what was trained on the other.
+    in `eval/transfer/RUN/matrix.json` and `.md`. A run of other settings writes to `RUN-2`. Nothing is trained on
+    classifiers and detectors at once: where there are both, all detectors are left out, then all classifiers, and each
+    kind judges what was trained on the other.
 
     Args:
         workspace: whose objects and plan are meant, and whose `eval/` is written to.
@@ -192,59 +192,39 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
-    about = _describe_run(config, networks, shown)
+    # cells of the matrix: who is left out, and who judges
+    trained_on = {
+        left_out: [network for name, network in by_name.items() if name not in own] for left_out, own in groups.items()
+    }
+    cells = {
+        (left_out, judge.name): _hash_settings(config, judge, others, shown)
+        for left_out, others in trained_on.items()
+        for judge in networks
+    }
     wanted = workspace.eval_dir / "transfer" / config.run
-    # a folder holds the boosters, captures and rows of the same settings
-    folder = find_run_dir(wanted, lambda folder: _is_of_run(folder, about))
+    folder = find_run_dir(wanted, lambda folder: _lacks_other_cells(folder, cells))
     for note in explain_run_dir(wanted, folder):
         notice(note)
     for left_out in config.left_out or groups:
         notice(f"without {left_out}")
-        others = [network for name, network in by_name.items() if name not in groups[left_out]]
+        others = trained_on[left_out]
         # a workspace of its own: its boosters are called as those that were trained without another network
-        space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
+        space = _make_space(workspace, _name_space(folder, left_out), plan)
         for name in objects:
             for kind in config.kinds:
                 _train(space, kind, name, others, config)
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
-            _judge(space, judge, left_out, others, config, _hash_settings(config, judge, others, shown))
+            _judge(space, judge, left_out, others, config, cells[left_out, judge.name])
     # also of networks that an earlier run left out
-    rows: list[JudgedRow] = []
-    for left_out in groups:
-        others = [network for name, network in by_name.items() if name not in groups[left_out]]
-        rows += _read_rows(folder, left_out, {
-            judge.name: _hash_settings(config, judge, others, shown) for judge in networks
-        })  # fmt: skip
-    return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
-
-
-def _describe_run(config: TransferConfig, networks: Sequence[Judge], shown: list[Any]) -> dict[str, Any]:
-    """The head of a matrix: settings, networks, and the key of both with the objects and their poses."""
-    described = {
-        network.name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+    files = [_cell_file(folder, *names) for names in cells]
+    rows = [row for file in files if file.is_file() for row in read_json(file, JudgedCell).rows]
+    about = {"run": config.run, "settings": config.record(), "networks": {
+        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
         | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
-        for network in networks
-    }
-    preprocessing = [network.preprocessing.describe() for network in networks]
-    key = MATRICES.key(_choose_settings(config.record()), described, preprocessing, shown)
-    return {"run": config.run, "settings": config.record(), "networks": described, INPUTS: key}
-
-
-def _is_of_run(folder: Path, about: dict[str, Any]) -> bool:
-    """Whether a folder has no matrix, or one of this run; an older matrix has no key, but settings and networks."""
-    file = folder / MATRIX
-    there = load_json(file) if file.is_file() else about
-    if not isinstance(there, dict) or INPUTS in there:
-        return isinstance(there, dict) and there[INPUTS] == about[INPUTS]
-    settings = there.get("settings")
-    same = isinstance(settings, dict) and _choose_settings(settings) == _choose_settings(about["settings"])
-    return same and there.get("networks") == about["networks"]
-
-
-def _choose_settings(record: dict[str, Any]) -> dict[str, Any]:
-    """Settings that decide the rows of a network that is left out."""
-    return {name: value for name, value in record.items() if name not in ("run", "left_out")}
+        for name, network in by_name.items()
+    }}  # fmt: skip
+    return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
 
 
 def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
@@ -291,11 +271,12 @@ def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence
 
 
 def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
-    """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    """Key of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
     networks = [
         (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
     ]
-    return sha256_json([_choose_settings(config.record()), networks, shown])
+    return Work("transfer settings", JUDGED.version, old_at=NOWHERE).key(settings, networks, shown)
 
 
 def _judge(
@@ -310,15 +291,10 @@ def _judge(
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
         config.objects, config.corruptions,
     )  # fmt: skip
-    file = _cell_file(space.root, judge.name)
-    try:
-        earlier = read_json(file, JudgedCell)
-        if earlier.key == key:
-            # the same pictures, as this run's settings make them
-            write_json(file, earlier.model_copy(update={"settings_sha256": settings_sha256}).model_dump())
+    file = _cell_file(space.root.parent, left_out, judge.name)
+    with suppress(ToolkitError):  # none yet, or damaged
+        if read_json(file, JudgedCell).key == key:
             return
-    except ToolkitError:
-        pass  # none yet, or of another version
     settings = EvalConfig(
         run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
         corruptions=config.corruptions,
@@ -335,26 +311,19 @@ def name_folder(network: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
 
 
-def _cell_file(root: Path, judge: str) -> Path:
-    return root / f"judged-by-{name_folder(judge)}.json"
+def _name_space(folder: Path, left_out: str) -> Path:
+    return folder / f"without-{name_folder(left_out)}"
 
 
-def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
-    """Rows of a left-out network; `settings` is the hash that each judge's rows must rest on to count."""
-    rows: list[JudgedRow] = []
-    others = []
-    for judge, sha256 in settings.items():
-        file = _cell_file(folder / f"without-{name_folder(left_out)}", judge)
-        if not file.is_file():
-            continue
-        cell = read_json(file, JudgedCell)
-        if cell.settings_sha256 == sha256:
-            rows += cell.rows
-        else:
-            others.append(judge)
-    if others:
-        notice(
-            f"without {left_out}: the answers of {', '.join(others)} are of an earlier run with other settings, and "
-            "the matrix leaves them out: leave this network out again to make them new"
-        )
-    return rows
+def _cell_file(folder: Path, left_out: str, judge: str) -> Path:
+    return _name_space(folder, left_out) / f"judged-by-{name_folder(judge)}.json"
+
+
+def _lacks_other_cells(folder: Path, cells: Mapping[tuple[str, str], str]) -> bool:
+    """Whether all cells in a folder are of a run; `cells` are its settings by who is left out and who judges."""
+    keys = {_cell_file(folder, *names): key for names, key in cells.items()}
+    for file in folder.glob("without-*/judged-by-*.json"):
+        with suppress(ToolkitError):  # damaged: it is judged again
+            if read_json(file, JudgedCell).settings_sha256 != keys.get(file):
+                return False
+    return True

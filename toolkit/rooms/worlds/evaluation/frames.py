@@ -9,9 +9,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.core.records import RecordLog
 from toolkit.core.work import Work
-from toolkit.engine.units import RecordCache
+from toolkit.engine.units import WorkLog
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
@@ -89,11 +88,10 @@ AnswerKey = tuple[str, str]
 """Hash of a frame, and what `name_weather` calls the weather."""
 
 
-def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
-    """The answers that are wanted and there; those of a line that is broken are computed again."""
-    log = RecordLog(file, FrameAnswers, required=False, compact=True)
-    return RecordCache(
-        log, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
+def read_answers(file: Path, wanted: Collection[AnswerKey]) -> WorkLog[AnswerKey, Answer, FrameAnswers]:
+    """The answers that are wanted and there."""
+    return WorkLog(
+        file, FrameAnswers, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
     )
 
 
