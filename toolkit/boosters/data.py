@@ -226,7 +226,14 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     Rendering takes longer than reading, and a GPU driver need not give the same bits twice: a run that goes on must
     see the images that it began with.
     """
-    key = _name_renders(workspace.object_spec(name), count, seed, how)
+    spec_file = workspace.object_spec(name)
+    spec = read_spec(spec_file)
+    mesh = spec.mesh
+    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
+        mesh = sha256_file(path)
+    # renders of another release may differ: they are not gone on with
+    settings = (count, seed, how.resize_px, how.filter_name, __version__)
+    key = RENDERS.key(spec.model_dump(mode="json"), mesh, *settings)
     # named by its inputs, so that a changed object or seed is rendered anew
     file = keep / f"renders-{key[:16]}.npy"
     record = {"source": f"{RIG}:{name}", "use": "class", "found": count, "used": count}
@@ -251,15 +258,6 @@ def render_object(workspace: Workspace, name: str, count: int, seed: int, image_
             taken.append(picture)
             bar.advance()
     return np.stack(taken)
-
-
-def _name_renders(spec_file: Path, count: int, seed: int, how: Preprocessing) -> str:
-    spec = read_spec(spec_file)
-    mesh = spec.mesh
-    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
-        mesh = sha256_file(path)
-    # renders of another release may differ: they are not gone on with
-    return RENDERS.key(spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, __version__)
 
 
 def _read_kept(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:

@@ -270,10 +270,6 @@ def train_wrap(
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
 
-def _read_key(wrap: Wrap) -> object:
-    return wrap.record.booster and wrap.record.booster.settings.get(INPUTS)
-
-
 class WrapTask(SurfaceTask[TrainedWrap]):
     """Training of a wrap: only the texels on its pieces are seen."""
 
@@ -294,7 +290,10 @@ class WrapTask(SurfaceTask[TrainedWrap]):
     def find_finished(self) -> TrainedWrap | None:
         """The wrap, where its files are whole and of the same inputs."""
         files, skipped = self.files, self.inputs.backgrounds.skipped
-        wrap = find_made(self.key, lambda: read_wrap(files.png.parent), _read_key, files.preview, files.png)
+        wrap = find_made(
+            self.key, lambda: read_wrap(files.png.parent),
+            lambda made: made.record.booster and made.record.booster.settings.get(INPUTS), files.preview, files.png,
+        )  # fmt: skip
         return None if wrap is None else TrainedWrap(wrap=wrap, files=files, skipped=skipped)
 
     def reduce(self, pixels: np.ndarray) -> np.ndarray:

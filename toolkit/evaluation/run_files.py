@@ -36,13 +36,12 @@ def lacks_other_table(name: str, text: str) -> IsFree:
 
 def lacks_other_inputs(key: str) -> IsFree:
     """Whether a folder holds no finished run, or one that was asked to do the same, by its key."""
+    return lambda folder: not (folder / SUMMARY).is_file() or _read_key(folder / SUMMARY) == key
 
-    def is_free(folder: Path) -> bool:
-        file = folder / SUMMARY
-        content = load_json(file) if file.is_file() else {INPUTS: key}
-        return isinstance(content, dict) and content.get(INPUTS) == key
 
-    return is_free
+def _read_key(summary: Path) -> object:
+    content = load_json(summary)
+    return content.get(INPUTS) if isinstance(content, dict) else None
 
 
 def explain_run_dir(wanted: Path, found: Path) -> tuple[str, ...]:

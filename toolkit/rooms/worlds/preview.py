@@ -488,10 +488,8 @@ def encode_jpeg(picture: np.ndarray, quality: int = QUALITY) -> bytes:
 
 
 def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool:
-    file = show.folder / job.file
-    if job.file not in known or known[job.file][0] != show.key(job) or not file.is_file():
-        return False
-    return sha256_file(file) == known[job.file][1]
+    file, (key, sha256) = show.folder / job.file, known.get(job.file, ("", ""))
+    return key == show.key(job) and file.is_file() and sha256_file(file) == sha256
 
 
 def _read_record(folder: Path) -> dict[str, tuple[str, str]]:

@@ -179,25 +179,22 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
             training, shooting and judging raise.
     """
-    by_name = {network.name: network for network in networks}
     # two networks of the same name would share a folder
-    if len(by_name) < max(2, len(networks)):
-        raise FieldError("expected at least two networks, each once", {"model": [network.name for network in networks]})
-    groups = group_networks(networks)
+    names = [network.name for network in networks]
+    if len(set(names)) < max(2, len(names)):
+        raise FieldError("expected at least two networks, each once", {"model": names})
+    trained_on = group_networks(networks)
     if any(isinstance(network, DetectorNetwork) for network in networks):
         refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
     for name in config.left_out:
-        if name not in groups:
-            raise one_of("network", name, list(groups))
+        if name not in trained_on:
+            raise one_of("network", name, list(trained_on))
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
-    # cells of the matrix: who is left out, and who judges
-    trained_on = {
-        left_out: [network for name, network in by_name.items() if name not in own] for left_out, own in groups.items()
-    }
+    # the files of the matrix's cells, and the keys of their settings
     cells = {
-        (left_out, judge.name): _hash_settings(config, judge, others, shown)
+        _name_cell(left_out, judge): _hash_settings(config, judge, others, shown)
         for left_out, others in trained_on.items()
         for judge in networks
     }
@@ -205,41 +202,36 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     folder = find_run_dir(wanted, lambda folder: _lacks_other_cells(folder, cells))
     for note in explain_run_dir(wanted, folder):
         notice(note)
-    for left_out in config.left_out or groups:
+    for left_out in config.left_out or trained_on:
         notice(f"without {left_out}")
         others = trained_on[left_out]
         # a workspace of its own: its boosters are called as those that were trained without another network
-        space = _make_space(workspace, _name_space(folder, left_out), plan)
+        space = copy_objects(workspace, folder / f"without-{name_folder(left_out)}")
+        write_plan(space.plan_file, plan)
         for name in objects:
             for kind in config.kinds:
                 _train(space, kind, name, others, config)
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
-            _judge(space, judge, left_out, others, config, cells[left_out, judge.name])
+            _judge(space, judge, left_out, others, config, cells[_name_cell(left_out, judge)])
     # also of networks that an earlier run left out
-    files = [_cell_file(folder, *names) for names in cells]
+    files = [folder / name for name in cells]
     rows = [row for file in files if file.is_file() for row in read_json(file, JudgedCell).rows]
     about = {"run": config.run, "settings": config.record(), "networks": {
-        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+        network.name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
         | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
-        for name, network in by_name.items()
+        for network in networks
     }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
 
 
-def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
-    """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
-    kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
-    for network in networks:
-        kinds["detectors" if isinstance(network, DetectorNetwork) else "classifiers"].append(network.name)
-    return kinds if all(kinds.values()) else {network.name: [network.name] for network in networks}
-
-
-def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
-    """A workspace with the objects and the plan of another."""
-    space = copy_objects(workspace, folder)
-    write_plan(space.plan_file, plan)
-    return space
+def group_networks(networks: Sequence[Judge]) -> dict[str, list[Judge]]:
+    """The networks that train, by what is left out: each network alone, but all of a kind where there are both."""
+    detectors = [network for network in networks if isinstance(network, DetectorNetwork)]
+    classifiers = [network for network in networks if not isinstance(network, DetectorNetwork)]
+    if detectors and classifiers:
+        return {"detectors": [*classifiers], "classifiers": [*detectors]}
+    return {left_out.name: [network for network in networks if network is not left_out] for left_out in networks}
 
 
 def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
@@ -291,7 +283,7 @@ def _judge(
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
         config.objects, config.corruptions,
     )  # fmt: skip
-    file = _cell_file(space.root.parent, left_out, judge.name)
+    file = space.root.parent / _name_cell(left_out, judge)
     with suppress(ToolkitError):  # none yet, or damaged
         if read_json(file, JudgedCell).key == key:
             return
@@ -311,19 +303,14 @@ def name_folder(network: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
 
 
-def _name_space(folder: Path, left_out: str) -> Path:
-    return folder / f"without-{name_folder(left_out)}"
+def _name_cell(left_out: str, judge: Judge) -> str:
+    return f"without-{name_folder(left_out)}/judged-by-{name_folder(judge.name)}.json"
 
 
-def _cell_file(folder: Path, left_out: str, judge: str) -> Path:
-    return _name_space(folder, left_out) / f"judged-by-{name_folder(judge)}.json"
-
-
-def _lacks_other_cells(folder: Path, cells: Mapping[tuple[str, str], str]) -> bool:
-    """Whether all cells in a folder are of a run; `cells` are its settings by who is left out and who judges."""
-    keys = {_cell_file(folder, *names): key for names, key in cells.items()}
+def _lacks_other_cells(folder: Path, cells: Mapping[str, str]) -> bool:
+    """Whether all cells in a folder are those of a run, by the keys of its settings."""
     for file in folder.glob("without-*/judged-by-*.json"):
         with suppress(ToolkitError):  # damaged: it is judged again
-            if read_json(file, JudgedCell).settings_sha256 != keys.get(file):
+            if read_json(file, JudgedCell).settings_sha256 != cells.get(file.relative_to(folder).as_posix()):
                 return False
     return True

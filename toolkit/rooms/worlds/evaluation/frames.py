@@ -1,16 +1,14 @@
 """Pictures of an object in its place from the grid's cameras: a render for all weathers, and the answers to them."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.work import Work
-from toolkit.engine.units import WorkLog
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
@@ -43,6 +41,10 @@ class FrameAnswers(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     frame: str = Field(pattern=r"^[0-9a-f]{64}$")
     answers: dict[str, Answer]
+
+    def entries(self) -> list[tuple["AnswerKey", Answer]]:
+        """Each answer with its key."""
+        return [((self.frame, name), answer) for name, answer in self.answers.items()]
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,6 @@ def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -
 
 AnswerKey = tuple[str, str]
 """Hash of a frame, and what `name_weather` calls the weather."""
-
-
-def read_answers(file: Path, wanted: Collection[AnswerKey]) -> WorkLog[AnswerKey, Answer, FrameAnswers]:
-    """The answers that are wanted and there."""
-    return WorkLog(
-        file, FrameAnswers, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
-    )
 
 
 class PictureTask(NamedTuple):

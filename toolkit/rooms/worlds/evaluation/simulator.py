@@ -67,10 +67,8 @@ def shoot_missing(
     """
     name = kept.object_name
     write_objects(kept.folder.parent / "objects", stage, name)
-    camera, meshes = (
-        stage.camera.intrinsics,
-        {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()},
-    )
+    camera = stage.camera.intrinsics
+    meshes = {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()}
     shared = Work("simulator frame", old_at=NOWHERE).key(list(astuple(address)), stage.world.sha256, camera)
     missing = []
     for task in tasks:

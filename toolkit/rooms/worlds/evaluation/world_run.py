@@ -20,7 +20,7 @@ from toolkit.core.records import hold_folder
 from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Ran, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.evaluation.run_files import explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
@@ -48,7 +48,6 @@ from toolkit.rooms.worlds.evaluation.frames import (
     WorldVariant,
     make_answer,
     name_weather,
-    read_answers,
     render_frames,
 )
 from toolkit.rooms.worlds.evaluation.keep import KeptFrames, ShotFrames, encode_frame
@@ -145,7 +144,8 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     tasks = asked.tasks()
     wanted = {task.frame: task for task in tasks}  # a simulator may give the same pictures twice
     names = {weather: name_weather(weather) for weather in asked.weathers}
-    cache = read_answers(log, {(frame, name) for frame in wanted for name in names.values()})
+    keys = {(frame, name) for frame in wanted for name in names.values()}
+    cache = WorkLog(log, FrameAnswers, FrameAnswers.entries, keys)
 
     def find_rest(task: PictureTask) -> PictureTask:
         """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
