@@ -13,7 +13,7 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wra
 from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters import patch_config
-from toolkit.boosters.patch_config import hash_inputs, make_config
+from toolkit.boosters.patch_config import list_patch_inputs, make_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.pixels import Target, draw_first_pixels, list_networks
 from toolkit.boosters.transforms.placement import AffineRanges
@@ -22,6 +22,7 @@ from toolkit.boosters.transforms.weather import DIFFERENTIABLE, STRAIGHT_THROUGH
 from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
+from toolkit.core.work import Work
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.imaging.preprocessing import Preprocessing
@@ -163,12 +164,12 @@ class Named:
 
 def hash_of(recipe: str, **choices) -> str:
     config = make_config(recipe, {"steps": 3, "size_px": 16, **choices}, DataConfig(sources=("photos",)))
-    return hash_inputs(config, "jet", list_networks([Target(Named, 3)]), "0" * 64)
+    return patch_config.PATCHES.key(*list_patch_inputs(config, "jet", list_networks([Target(Named, 3)]), "0" * 64))
 
 
 def test_a_request_without_it_keeps_its_hash(monkeypatch):
     """As they were before there were corruptions in training, but for the print process, which real prints moved."""
-    monkeypatch.setattr(patch_config, "METHOD_VERSION", 3)  # theirs
+    monkeypatch.setattr(patch_config, "PATCHES", Work("patch", 3, old_at=0))  # theirs
     assert hash_of("default") == "6dd395a8e224c99c30b8ca3a5c380d375c65df21479576171b176643ab23c522"
     assert hash_of("paper") == "4ee8bd9ced923a9c4a0b2dfe83112af0fcbfc5dfb8a82c2a71359180b2d827ba"
     others = {hash_of("default", corrupted=words) for words in (None, ("fog:3",), ("fog:2",), ("fog:3", "snow:1"))}

@@ -9,7 +9,7 @@ from part_checks import count_changed, grey_noise
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from watched_patch import train_watched
 
-from toolkit.boosters.patch_config import hash_inputs
+from toolkit.boosters.patch_config import PATCHES, list_patch_inputs
 from toolkit.boosters.pixels import PER_THREAD, Target, choose_turn, judge_ensemble, judge_photos, list_networks
 from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.draws import Draws
@@ -231,7 +231,7 @@ def test_the_velocity_is_that_of_the_paper():
 
 def test_hashes_and_records_name_what_acts_and_nothing_else():
     networks = list_networks([Target(tiny_classifier(), 3)])
-    plain = hash_inputs(tiny_config(), "jet", networks, "")
+    plain = PATCHES.key(*list_patch_inputs(tiny_config(), "jet", networks, ""))
     named = ("ensemble", "objective", "jitter", "momentum", "last_smoothing_px")
     assert not set(named) & set(tiny_config().record())
     choices = [
@@ -241,7 +241,10 @@ def test_hashes_and_records_name_what_acts_and_nothing_else():
         {"momentum": 0.9},
         {"last_smoothing_px": 1},
     ]
-    assert len({plain, *(hash_inputs(tiny_config(**one), "jet", networks, "") for one in choices)}) == 6
+    assert (
+        len({plain, *(PATCHES.key(*list_patch_inputs(tiny_config(**one), "jet", networks, "")) for one in choices)})
+        == 6
+    )
     assert "jitter" not in " ".join(tiny_config().lines(["a"]))
     said = " ".join(tiny_config(jitter=Jitter(), momentum=0.9, objective="logit").for_networks(2).lines(["a", "b"]))
     assert all(word in said for word in ("jitter", "0.9", "logit", "ensemble"))

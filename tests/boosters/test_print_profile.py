@@ -8,7 +8,7 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.patch_config import hash_inputs, make_config, use_printer
+from toolkit.boosters.patch_config import PATCHES, list_patch_inputs, make_config, use_printer
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, encode, use_profile
 from toolkit.core.errors import ToolkitError
@@ -125,7 +125,9 @@ def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
     other = profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in profile().coefficients))
     write_print_profile(tmp_path / "other.json", other)
     third = make_config("default", use_printer({}, tmp_path / "other.json"), DataConfig(sources=("rig",)))
-    hashes = {hash_inputs(one, "jet", [], "data") for one in (generic, own, third, config(tmp_path))}
+    hashes = {
+        PATCHES.key(*list_patch_inputs(one, "jet", [], "data")) for one in (generic, own, third, config(tmp_path))
+    }
     assert len(hashes) == 3
 
 

@@ -3,7 +3,7 @@
 import pytest
 from tiny_network import tiny_config
 
-from toolkit.boosters.patch_config import RECIPES, hash_inputs, make_config
+from toolkit.boosters.patch_config import PATCHES, RECIPES, list_patch_inputs, make_config
 from toolkit.boosters.pixel_config import DataConfig
 from toolkit.boosters.transforms.placement import MixedPlacement
 from toolkit.core.errors import ToolkitError
@@ -94,7 +94,10 @@ def test_penalty_is_none_unless_weighed():
 
 
 def test_settings_decide_the_hash():
-    hashes = [hash_inputs(make(**choices), "jet", [], "") for choices in ({}, {"glare": False}, {"tv_weight": 1.0})]
+    hashes = [
+        PATCHES.key(*list_patch_inputs(make(**choices), "jet", [], ""))
+        for choices in ({}, {"glare": False}, {"tv_weight": 1.0})
+    ]
     assert len(set(hashes)) == 3
 
 

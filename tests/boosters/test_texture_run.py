@@ -15,6 +15,7 @@ from toolkit.boosters.texture import TextureTask, train_texture
 from toolkit.boosters.texture_objects import TexturedObject, hash_objects, load_objects
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.objects.atlas import make_atlas, take_paint
 from toolkit.objects.load import TableObject, load_object, read_mesh
@@ -218,7 +219,7 @@ def test_optimisers_go_down_a_bowl(name):
     """The least of |θ - 0.7|² is at 0.7, wherever one begins."""
 
     class Bowl(PixelTask):
-        kind = "bowl"
+        work = Work("bowl")
 
         def loss(self, step):
             return (self.pixels - 0.7).square().sum() / 2, {}

@@ -5,9 +5,8 @@ import pytest
 from pydantic import BaseModel
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.records import RecordLog
 from toolkit.engine.local import InProcess, LocalPool
-from toolkit.engine.units import RecordCache, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Unit, WorkLog, cut_groups, run_resumable
 
 
 class Row(BaseModel):
@@ -16,8 +15,7 @@ class Row(BaseModel):
 
 
 def open_cache(folder, wanted):
-    log = RecordLog(folder / "rows.jsonl", Row, required=False)
-    return RecordCache(log, lambda row: [(row.name, row.value)], wanted)
+    return WorkLog(folder / "rows.jsonl", Row, lambda row: [(row.name, row.value)], wanted)
 
 
 def run(folder, errors=(), wanted="abcdef", engine=None, keep=None):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from toolkit.core.work import Work
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, Fitted, History, TrainingTask, fit
 
@@ -14,7 +15,7 @@ STEPS = 14
 class Regressor(TrainingTask[dict[str, np.ndarray]]):
     """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean."""
 
-    kind = "regressor"
+    work = Work("regressor")
     TRUE = torch.tensor([[1.0, -2.0, 0.5], [0.25, 3.0, -1.0]])
 
     def __init__(self) -> None:

@@ -11,6 +11,7 @@ from killed_runs import train_killed
 from tiny_regressor import STEPS, Regressor, train_regressor
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.work import Work
 from toolkit.training import loop
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, TrainingTask, fit
@@ -95,7 +96,7 @@ def test_checkpoints_are_shown_and_a_restart_forgets_them(tmp_path):
 
 def test_a_checkpoint_of_another_kind_is_refused(tmp_path):
     class Other(Regressor):
-        kind = "other"
+        work = Work("other")
 
         def finish(self, history):
             raise KeyboardInterrupt
@@ -136,7 +137,7 @@ def test_a_gradient_that_is_no_number_stops_too():
     """The loss is 0, and its root's slope there is not."""
 
     class Root(TrainingTask):
-        kind = "root"
+        work = Work("root")
 
         def __init__(self):
             self.at = torch.zeros(1, requires_grad=True)

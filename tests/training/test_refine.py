@@ -20,6 +20,7 @@ from toolkit.boosters.pixels import choose_turn
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.core.work import Work
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.read import read_image
 from toolkit.models.architectures import build_network
@@ -146,7 +147,7 @@ def test_the_attack_stays_in_the_ball_and_raises_the_loss(colours, tmp_path, mon
 class Quadratic(TrainingTask[torch.Tensor]):
     """½ wᵀ A w, whose gradient is A w."""
 
-    kind = "quadratic"
+    work = Work("quadratic")
 
     def __init__(self):
         self.matrix = torch.diag(torch.tensor([1.0, 4.0, 9.0], dtype=torch.float64))

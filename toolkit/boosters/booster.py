@@ -14,8 +14,8 @@ from toolkit import __version__
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import PixelTask, Target, record_network
 from toolkit.boosters.validation import Validation, list_shares
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.core.work import INPUTS, find_made
 from toolkit.imaging.read import encode_image
 from toolkit.objects.records import Patch, Texture
 from toolkit.training.checkpoint import Checkpoint
@@ -73,7 +73,7 @@ class BoosterTask(PixelTask[Trained]):
     """Training of a booster that has files."""
 
     def __init__(
-        self, config: PixelConfig, size_px: int, targets: list[Target], files: BoosterFiles, inputs_sha256: str,
+        self, config: PixelConfig, size_px: int, targets: list[Target], files: BoosterFiles,
         optimiser: str = "sign",
     ) -> None:  # fmt: skip
         """Begin with random pixels.
@@ -83,11 +83,10 @@ class BoosterTask(PixelTask[Trained]):
             size_px: side of the booster.
             targets: the networks and their classes.
             files: where to write.
-            inputs_sha256: hash of all that decides the booster.
             optimiser: by which rule its pixels are moved.
         """
         super().__init__(config, size_px, targets, optimiser)
-        self.files, self.inputs_sha256 = files, inputs_sha256
+        self.files = files
         self.fit_config = config.fit_config(optimiser)
 
     def record(
@@ -111,7 +110,7 @@ class BoosterTask(PixelTask[Trained]):
             "class_index": self.targets[0].class_index,
             "networks": [record_network(target.classifier) for target in self.targets],
             "data": data, "seed": self.fit_config.seed,
-            "settings": settings | {"inputs_sha256": self.inputs_sha256}, "final": final,
+            "settings": settings | {INPUTS: self.key}, "final": final,
             "toolkit_version": __version__,
         }  # fmt: skip
 
@@ -130,22 +129,17 @@ def train_booster(
     Raises:
         ToolkitError: a checkpoint cannot be used, the loss is not finite, or the disk is full.
     """
-    checkpoint = Checkpoint(task.files.training, task.inputs_sha256, restart, checkpoint_every_s, tuple(shared))
+    checkpoint = Checkpoint(task.files.training, task.key, restart, checkpoint_every_s, tuple(shared))
     fitted = fit(task, task.fit_config, checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
 
 def read_finished(
-    read: Callable[[Path], Booster], files: BoosterFiles, inputs_sha256: str, others: Iterable[Path] = ()
+    read: Callable[[Path], Booster], files: BoosterFiles, key: str, others: Iterable[Path] = ()
 ) -> Booster | None:
-    """The booster, where its files and what else it needs are whole and of these inputs."""
-    if not all(file.is_file() for file in (files.png, files.preview, *others)):
-        return None
-    try:
-        booster = read(files.png)
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return booster if booster.record.settings.get("inputs_sha256") == inputs_sha256 else None
+    """The booster, where its files and what else it needs are whole and of this key."""
+    needed = (files.png, files.preview, *others)
+    return find_made(key, lambda: read(files.png), lambda made: made.record.settings.get(INPUTS), *needed)
 
 
 COLUMNS, ROWS = 4, 4

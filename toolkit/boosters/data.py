@@ -1,6 +1,5 @@
 """All training images of a run, in memory, with a part held out: from folders, or renders of the bare object."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -21,7 +20,7 @@ from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_p
 from toolkit.models.labels import imagenet_wnids, plain_name
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
-from toolkit.training.renders import RENDERS_VERSION
+from toolkit.training.renders import RENDERS
 
 if TYPE_CHECKING:
     import torch
@@ -227,9 +226,16 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     Rendering takes longer than reading, and a GPU driver need not give the same bits twice: a run that goes on must
     see the images that it began with.
     """
-    inputs = _hash_inputs(workspace.object_spec(name), count, seed, how)
+    spec_file = workspace.object_spec(name)
+    spec = read_spec(spec_file)
+    mesh = spec.mesh
+    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
+        mesh = sha256_file(path)
+    # renders of another release may differ: they are not gone on with
+    settings = (count, seed, how.resize_px, how.filter_name, __version__)
+    key = RENDERS.key(spec.model_dump(mode="json"), mesh, *settings)
     # named by its inputs, so that a changed object or seed is rendered anew
-    file = keep / f"renders-{inputs[:16]}.npy"
+    file = keep / f"renders-{key[:16]}.npy"
     record = {"source": f"{RIG}:{name}", "use": "class", "found": count, "used": count}
     kept = _read_kept(file, (count, how.resize_px, how.resize_px, 3))
     if kept is not None:
@@ -252,17 +258,6 @@ def render_object(workspace: Workspace, name: str, count: int, seed: int, image_
             taken.append(picture)
             bar.advance()
     return np.stack(taken)
-
-
-def _hash_inputs(spec_file: Path, count: int, seed: int, how: Preprocessing) -> str:
-    spec = read_spec(spec_file)
-    mesh = spec.mesh
-    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
-        mesh = sha256_file(path)
-    # renders of another version differ: they are not gone on with
-    versions = __version__, RENDERS_VERSION
-    inputs = [spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, *versions]
-    return sha256_bytes(json.dumps(inputs).encode())
 
 
 def _read_kept(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:

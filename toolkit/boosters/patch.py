@@ -43,7 +43,7 @@ from toolkit.boosters.mounted import (
     stack_views,
     validate_mounted,
 )
-from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
+from toolkit.boosters.patch_config import PATCHES, PatchConfig, check_size, list_patch_inputs
 from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, DataConfig, name_files
 from toolkit.boosters.pixels import (
     Network,
@@ -194,21 +194,18 @@ def train_patch(
             raise FieldError("detectors, {weather} and {world} need the object itself: add {sources} rig", {})
     else:
         views, seen_world = _render_views(config, workspace, rig_source, class_names, first, data)
-    # all that decides the pixels is in the hash, by which an interrupted run resumes
-    data_sha256 = data.sha256 + ("" if views is None else views.sha256)
-    inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     kind = PatchTask if detectors is None else DetectorPatchTask
-    task = kind(config, targets, data, views, files, inputs_sha256, seen_world)
+    task = kind(config, targets, data, views, files, seen_world)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s, shared=RENDERS)
 
 
 def hash_patch(
     config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: TrainingData, name: str
 ) -> str:
-    """Hash of the inputs of a patch that is trained on images in memory alone: what its record calls inputs_sha256."""
+    """Key of a patch that is trained on images in memory alone."""
     config, targets = meet_networks(config, networks, class_name)
     config = config.count_steps(len(data.train))
-    return hash_inputs(config, name, list_networks(targets), data.sha256)
+    return PATCHES.key(*list_patch_inputs(config, name, list_networks(targets), data.sha256))
 
 
 def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
@@ -256,29 +253,35 @@ def _render_views(
 class PatchTask(BoosterTask[TrainedPatch]):
     """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
 
-    kind = "patch"
+    work = PATCHES
 
     def __init__(
         self, config: PatchConfig, targets: list[Target], data: TrainingData, views: MountedViews | None,
-        files: BoosterFiles, inputs_sha256: str = "", seen_world: dict[str, Any] | None = None,
+        files: BoosterFiles, seen_world: dict[str, Any] | None = None,
     ) -> None:  # fmt: skip
         """Prepare the images.
 
         Args:
-            config, targets, files, inputs_sha256: see `BoosterTask`.
+            config, targets, files: see `BoosterTask`.
             data: images to train and to validate on.
             views: of the object with its sheet mounted on it, a part of them held out; None where none are wanted.
             seen_world: for the record, where in a world the views of the object were taken.
         """
-        super().__init__(config, config.size_px, targets, files, inputs_sha256)
+        super().__init__(config, config.size_px, targets, files)
         self.config, self._data, self._seen_world = config, data, seen_world
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
         self._images = stack_on_device(data.train, self._device)
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
+        self._views_sha256 = "" if views is None else views.sha256
         if views is not None:
             self._views, self._held_out_views = views.divide()
+
+    def list_inputs(self) -> list[Any]:
+        """See `list_patch_inputs`."""
+        data_sha256 = self._data.sha256 + self._views_sha256
+        return list_patch_inputs(self.config, self.files.png.stem, list_networks(self.targets), data_sha256)
 
     @property
     def _device(self) -> str:
@@ -296,7 +299,7 @@ class PatchTask(BoosterTask[TrainedPatch]):
 
     def find_finished(self) -> TrainedPatch | None:
         """The patch, where its files are whole and of the same inputs."""
-        patch = read_finished(read_patch, self.files, self.inputs_sha256)
+        patch = read_finished(read_patch, self.files, self.key)
         return None if patch is None else TrainedPatch(patch=patch, files=self.files, skipped=self._data.skipped)
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:

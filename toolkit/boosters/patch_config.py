@@ -29,6 +29,7 @@ from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.transforms.transfer import Cutout
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
+from toolkit.core.work import Work
 from toolkit.objects.spec import ObjectSpec, printed_size_mm
 
 if TYPE_CHECKING:
@@ -36,8 +37,7 @@ if TYPE_CHECKING:
 
 
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 9
-"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
+PATCHES = Work("patch", 9, old_at=0)
 LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8
 
@@ -252,16 +252,9 @@ def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
     return {**overrides, "print_process": use_profile(read_print_profile(file))}
 
 
-def hash_inputs(config: PatchConfig, name: str, networks: list[list[object]], data_sha256: str) -> str:
-    """Hash of all that decides a patch's pixels, so that a checkpoint is never continued under other settings.
-
-    Args:
-        config: with its steps counted.
-        name: of the patch's files.
-        networks: see `toolkit.boosters.pixels.list_networks`.
-        data_sha256: of the images.
-    """
-    return config.sha256(METHOD_VERSION, name, networks, data_sha256, config.size_px)
+def list_patch_inputs(config: PatchConfig, name: str, networks: list[list[object]], data_sha256: str) -> list[object]:
+    """All that decides a patch's pixels: `config` with its steps counted, the files' name, `list_networks`, images."""
+    return [name, networks, data_sha256, config.size_px, config.record()]
 
 
 def check_size(size_px: int, image_px: int, field: str = "size_px") -> None:

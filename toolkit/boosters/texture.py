@@ -1,6 +1,5 @@
 """Train a texture (Algorithm 2): what `toolkit train-texture` runs."""
 
-import json
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -33,7 +32,7 @@ from toolkit.boosters.pixels import (
     list_networks,
     quantise,
 )
-from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
+from toolkit.boosters.texture_config import KNOWN, NEAR, TextureConfig
 from toolkit.boosters.texture_objects import (
     TextureInputs,
     choose_class,
@@ -46,7 +45,7 @@ from toolkit.boosters.transforms.transfer import GREY
 from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.files import sha256_bytes
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.atlas import apply_texture
@@ -137,15 +136,8 @@ def train_texture(
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
-    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
-    decides = [
-        METHOD_VERSION, name, list_networks(targets),
-        inputs.sha256(needs_size=config.weather is not None or config.world is not None), config.size_px,
-        config.objects, config.settings(networks[0].preprocessing.crop_px),
-    ]  # fmt: skip
-    inputs_sha256 = sha256_bytes(json.dumps(decides, sort_keys=True).encode())
-    task = TextureTask(config, targets, inputs, choose_files(workspace, out, name), inputs_sha256, workers)
+    task = TextureTask(config, targets, inputs, choose_files(workspace, out, name), workers)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
 
@@ -161,18 +153,20 @@ class SurfaceTask(BoosterTask[Trained]):
     A subclass says what of it is written, and where.
     """
 
+    work: Work = Work("texture", 6, old_at=0)
+
     def __init__(
         self, config: TextureConfig, targets: list[Target], inputs: TextureInputs, files: BoosterFiles,
-        inputs_sha256: str = "", workers: int | None = None,
+        workers: int | None = None,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
-            config, targets, files, inputs_sha256: see `BoosterTask`.
+            config, targets, files: see `BoosterTask`.
             inputs: what it is trained on.
             workers: threads that render ahead; None: a thread for each core; 0: none.
         """
-        super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
+        super().__init__(config, config.size_px, targets, files, config.optimiser)
         self.config, self.inputs, self._workers = config, inputs, workers
         self.title = f"Training {files.training.name}"
         self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
@@ -180,6 +174,10 @@ class SurfaceTask(BoosterTask[Trained]):
         self._metres = [item.metres_per_mm if is_model else 1.0 for item in inputs.objects]
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
         self._allowed: dict[str, Any] = {}
+
+    def hash_pixels(self) -> str:
+        """Hash of what the surface is trained on; real sizes count where there is weather or a world."""
+        return self.inputs.sha256(needs_size=self.config.weather is not None or self.config.world is not None)
 
     def begin(self) -> None:
         """Take the start that is given, or the paint, in place of noise."""
@@ -311,7 +309,13 @@ class SurfaceTask(BoosterTask[Trained]):
 class TextureTask(SurfaceTask[TrainedTexture]):
     """Training of a texture all over its objects."""
 
-    kind = "texture"
+    def list_inputs(self) -> list[Any]:
+        """Name, networks, objects and photographs, and every setting."""
+        config = self.config
+        return [
+            self.files.png.stem, list_networks(self.targets), self.hash_pixels(), config.size_px, config.objects,
+            config.settings(self.image_px),
+        ]  # fmt: skip
 
     @cached_property
     def _glbs(self) -> dict[str, Path]:
@@ -320,7 +324,7 @@ class TextureTask(SurfaceTask[TrainedTexture]):
 
     def find_finished(self) -> TrainedTexture | None:
         """The texture, where its files are whole and of the same inputs."""
-        texture = read_finished(read_texture, self.files, self.inputs_sha256, self._glbs.values())
+        texture = read_finished(read_texture, self.files, self.key, self._glbs.values())
         skipped = self.inputs.backgrounds.skipped
         return None if texture is None else TrainedTexture(
             texture=texture, files=self.files, glbs=self._glbs, skipped=skipped

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from toolkit.rig.views import ViewSettings
 
 METHOD = "unadversarial texture, Algorithm 2"
-METHOD_VERSION = 6
-"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 MIN_PX, MAX_PX = 8, 1024
 CLOUDS_PROBABILITY = 0.5
 """Clouds hide most of what a texture says, and are seen as often as a clear view."""

@@ -13,7 +13,7 @@ from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
-from toolkit.core.files import sha256_bytes
+from toolkit.core.files import sha256_bytes, sha256_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
@@ -118,7 +118,7 @@ def hash_objects(objects: Sequence[TexturedObject]) -> str:
         # nothing where all is trained: then no paint is seen beside the texture
         paint = [hash_paint(item.atlas.mesh.materials[index] for index in kept)] if len(kept) else []
         parts.append([item.name, item.item.shape_sha256, uv, trained, item.atlas.covered.shape, *paint])
-    return sha256_bytes(json.dumps(parts).encode())
+    return sha256_json(parts)
 
 
 def choose_class(class_name: str | int | None, objects: Sequence[TexturedObject]) -> str | int:

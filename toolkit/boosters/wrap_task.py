@@ -1,6 +1,5 @@
 """Train what is on the pieces of a wrap: what `toolkit train-wrap` runs."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,13 +12,13 @@ from toolkit.boosters.detectors import meet_networks
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixels import Network, Target, from_picture, list_networks
 from toolkit.boosters.texture import CHECKPOINT_EVERY_S, SurfaceTask, say_held_out
-from toolkit.boosters.texture_config import METHOD_VERSION, WrapTrainConfig
+from toolkit.boosters.texture_config import WrapTrainConfig
 from toolkit.boosters.texture_objects import TexturedObject, choose_class, load_inputs
 from toolkit.boosters.validation import WeatherValidation
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import write_bytes
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.atlas import GROUND, Atlas
 from toolkit.objects.load import TableObject, load_object, scale_to_world
@@ -259,44 +258,42 @@ def train_wrap(
     config = config.with_overrides(
         {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
     )
-    # all that decides the pixels is in the hash, by which an interrupted run resumes
     inputs = load_inputs(config, [worn], None, networks[0], workspace)
-    decides = [
-        METHOD_VERSION, record.name, list_networks(targets), record.map_sha256, record.texel_mm, record.n_px,
-        inputs.sha256(needs_size=config.weather is not None or config.world is not None),
-        config.settings(networks[0].preprocessing.crop_px),
-    ]  # fmt: skip
-    inputs_sha256 = sha256_bytes(json.dumps(decides, sort_keys=True).encode())
     folder = workspace.wraps_dir
     files = BoosterFiles(
         folder / record.name / RECORD_FILE,
         folder / "previews" / f"{record.name}.png",
         folder / ".training" / record.name,
     )
-    task = WrapTask(config, targets, inputs, files, inputs_sha256, workers)
+    task = WrapTask(config, targets, inputs, files, workers)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
 
 class WrapTask(SurfaceTask[TrainedWrap]):
     """Training of a wrap: only the texels on its pieces are seen."""
 
-    kind = "wrap"
+    work = Work("wrap", SurfaceTask.work.version, old_at=0)
     _ranking: "Sequence[RankedPiece]" = ()
     _kept: Sequence[int] = ()
 
+    def list_inputs(self) -> list[Any]:
+        """Name, networks, the plan, the object and photographs, and every setting."""
+        (worn,) = self.inputs.objects
+        assert isinstance(worn, WrappedObject)
+        record = worn.wrap.record
+        return [
+            record.name, list_networks(self.targets), record.map_sha256, record.texel_mm, record.n_px,
+            self.hash_pixels(), self.config.settings(self.image_px),
+        ]  # fmt: skip
+
     def find_finished(self) -> TrainedWrap | None:
         """The wrap, where its files are whole and of the same inputs."""
-        folder = self.files.png.parent
-        if not (self.files.preview.is_file() and (folder / RECORD_FILE).is_file()):
-            return None
-        try:
-            wrap = read_wrap(folder)
-        except ToolkitError:
-            return None  # a kill while it was written; it is written again
-        trained = wrap.record.booster
-        if trained is None or trained.settings.get("inputs_sha256") != self.inputs_sha256:
-            return None
-        return TrainedWrap(wrap=wrap, files=self.files, skipped=self.inputs.backgrounds.skipped)
+        files, skipped = self.files, self.inputs.backgrounds.skipped
+        wrap = find_made(
+            self.key, lambda: read_wrap(files.png.parent),
+            lambda made: made.record.booster and made.record.booster.settings.get(INPUTS), files.preview, files.png,
+        )  # fmt: skip
+        return None if wrap is None else TrainedWrap(wrap=wrap, files=files, skipped=skipped)
 
     def reduce(self, pixels: np.ndarray) -> np.ndarray:
         """With the object's own paint on pieces that add nothing, where they are ranked."""

@@ -14,6 +14,7 @@ from toolkit.captures.manifest import CaptureRecord, append_record, read_manifes
 from toolkit.captures.read import find_faults
 from toolkit.core.errors import FieldError
 from toolkit.core.records import hold_folder
+from toolkit.core.work import INPUTS
 from toolkit.rig.camera import Camera
 
 SEED = 0
@@ -106,7 +107,7 @@ def _describe(shot: CaptureRecord, path: str, sha256: str, of: str, corruption: 
             "image_sha256": sha256,
             "intrinsics": shot.intrinsics and cut_intrinsics(shot.intrinsics),
             "made": shot.made | made,
-            "inputs_sha256": None,  # a shot of these inputs looks otherwise
+            INPUTS: None,  # a shot of these inputs looks otherwise
         }
     )
 

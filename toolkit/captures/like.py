@@ -11,6 +11,7 @@ import numpy as np
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.captures.read import Selection, read_captures
 from toolkit.captures.shoot import (
+    SHOTS,
     ShootResult,
     ShootSettings,
     Shot,
@@ -19,7 +20,7 @@ from toolkit.captures.shoot import (
     take_shots,
 )
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import real_path, sha256_json
+from toolkit.core.files import real_path
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.objects.load import TableObject, load_object
@@ -198,8 +199,6 @@ def _plan_shot(
     taken.add(path)
     # rounded, so that float noise alone does not ask for a new shot
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
-    inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
+    key = SHOTS.key(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
     made = {"like": f"{real_path(photos_dir).name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
-    return Shot(
-        item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, inputs_sha256=inputs, made=made
-    )
+    return Shot(item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, key=key, made=made)

@@ -98,9 +98,9 @@ def append_record(source_dir: Path, record: CaptureRecord) -> None:
     open_manifest(source_dir).append(record)
 
 
-def is_finished(source_dir: Path, record: CaptureRecord | None, inputs_sha256: str) -> bool:
-    """Whether an image was made from the same inputs before and its file is still whole."""
-    if record is None or record.inputs_sha256 != inputs_sha256:
+def is_finished(source_dir: Path, record: CaptureRecord | None, key: str) -> bool:
+    """Whether an image was made by the same key before and its file is still whole."""
+    if record is None or record.inputs_sha256 != key:
         return False
     file = Path(source_dir) / record.path
     # by content: a file that was changed by hand is shot again

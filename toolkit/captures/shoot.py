@@ -25,6 +25,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Engine, Unit, cut_groups, run_resumable
@@ -52,8 +53,7 @@ FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Shots of one scene that are made together."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
-LOOK_VERSION = 3
-"""Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
+SHOTS = Work("shot", 3, old_at="look")
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class StoredImage:
 
 
 def index_images(source_dir: Path) -> dict[str, StoredImage]:
-    """The images of one source by the hash of their inputs; nothing where there is no manifest.
+    """The images of one source by their key; nothing where there is no manifest.
 
     Raises:
         ToolkitError: the manifest is broken.
@@ -253,7 +253,7 @@ class Shot:
         pose_id: of the plan's pose, None where it is not known; it also draws the noise.
         camera, T_world_camera: from where.
         path: below the source's folder.
-        inputs_sha256: hash of everything that the image depends on.
+        key: of the image, from `SHOTS`.
         made: what the manifest says of it besides how it was rendered.
     """
 
@@ -263,7 +263,7 @@ class Shot:
     camera: Camera
     T_world_camera: np.ndarray
     path: str
-    inputs_sha256: str
+    key: str
     made: dict[str, str] = field(default_factory=dict)
 
 
@@ -386,7 +386,7 @@ def take_shots(
         missing = {
             path: shot
             for path, shot in wanted.items()
-            if not is_finished(source_dir, known.get(path), shot.inputs_sha256)
+            if not is_finished(source_dir, known.get(path), shot.key)
             and not _copy_stored(shot, stored or {}, source_dir)
         }
         for path in wanted.keys() - missing.keys():
@@ -410,7 +410,7 @@ def _load_item(workspace: Workspace, name: str, patch_mm: float | None) -> Table
 
 
 def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path) -> bool:
-    image = stored.get(shot.inputs_sha256)
+    image = stored.get(shot.key)
     return image is not None and copy_image(image, source_dir, shot.path)
 
 
@@ -444,7 +444,7 @@ def plan_scene(
         Shot(
             item, variant, pose.id, camera, stand(pose),
             path=f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
-            inputs_sha256=sha256_json(look | {"pose": pose.model_dump()}),
+            key=SHOTS.key(look | {"pose": pose.model_dump()}),
         )
         for pose in plan.objects[name]
     ]  # fmt: skip
@@ -466,8 +466,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
     look = {
-        "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
-        "variant": variant, **how,
+        "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key), "variant": variant, **how,
     }  # fmt: skip
     booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
@@ -495,7 +494,7 @@ def describe_made(item: TableObject, booster: AppliedBooster | None, settings: S
     rehearsal = settings.rehearsal and settings.rehearsal.describe()
     scene = how | {"studio": studio.name, "light": asdict(studio.key), "rehearsal": rehearsal}
     made = {
-        "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": LOOK_VERSION, "studio": studio.name,
+        "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": SHOTS.version, "studio": studio.name,
         "scene_sha256": sha256_json(scene), "seed": settings.seed, "mesh_sha256": item.mesh_sha256,
         "class": str(item.spec.class_name), **note_booster(booster),
         **({} if settings.rehearsal is None else {"rehearsed": True}),
@@ -511,7 +510,7 @@ def _describe_shot(shot: Shot, booster: AppliedBooster | None, made: Mapping[str
         # six digits: below what any pixel shows, above what float noise changes
         T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
         booster_sha256=booster.sha256 if booster else None, made={**made, **shot.made},
-        inputs_sha256=shot.inputs_sha256,
+        inputs_sha256=shot.key,
     )  # fmt: skip
 
 

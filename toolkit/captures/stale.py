@@ -80,7 +80,7 @@ def _explain(
         shot = shots.get(path)
         if shot is None:
             return SETTINGS["pose_sha256"]
-        if shot.inputs_sha256 == record.inputs_sha256:
+        if shot.key == record.inputs_sha256:
             continue
         booster = settings.find_booster(workspace, item, record.variant)
         difference = find_difference(read_settings(record.made), read_settings(describe_made(item, booster, settings)))

@@ -8,12 +8,10 @@ field of a nested config is named by its path, such as `affine.share`.
 """
 
 import inspect
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
-from hashlib import sha256
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin
@@ -147,10 +145,6 @@ class Config(BaseModel, metaclass=_ShortHelp):
     def record(self) -> dict[str, Any]:
         """All settings as JSON holds them; fields declared with `exclude=True` are not among them."""
         return self.model_dump(mode="json")
-
-    def sha256(self, *inputs: object) -> str:
-        """Hash of the record, after whatever else decides the result, which must be JSON."""
-        return sha256(json.dumps([*inputs, self.record()], sort_keys=True).encode()).hexdigest()
 
     def with_overrides(self: Self, overrides: Mapping[str, Any] | None = None, /, **by_name: Any) -> Self:
         """Another config with some fields changed.

@@ -187,8 +187,3 @@ def _end_last_line(stream: BinaryIO) -> None:
         stream.write(b"\n")
     except ValueError:
         stream.truncate(size - len(last))
-
-
-def list_version(version: int) -> list[int]:
-    """What a key holds of its method's version: nothing of the first, as keys from before there were versions do."""
-    return [version] if version > 1 else []

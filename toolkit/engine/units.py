@@ -169,19 +169,20 @@ GIVE_UP_AFTER = 3
 """Number of first units that must fail for the same reason before the run gives up: the fault is the run's."""
 
 
-class RecordCache(Generic[Key, Value, Record]):
-    """Finished work, in memory and in a log that runs may share.
+class WorkLog(Generic[Key, Value, Record]):
+    """Finished work, in memory and in a log that runs may share; what stood in a broken line is done again.
 
     Attributes:
         known: what the last record of each key says.
     """
 
     def __init__(
-        self, log: RecordLog[Record], entries: Callable[[Record], Iterable[tuple[Key, Value]]], wanted: Collection[Key]
-    ) -> None:
+        self, file: Path, model: type[Record], entries: Callable[[Record], Iterable[tuple[Key, Value]]],
+        wanted: Collection[Key],
+    ) -> None:  # fmt: skip
         """Read from the log the entries, (key, value), that are wanted; raises as `RecordLog.read`."""
-        self._log, self._entries = log, entries
-        self.known = {key: value for record in log.read() for key, value in entries(record) if key in wanted}
+        self._log, self._entries = RecordLog(file, model, required=False, compact=True), entries
+        self.known = {key: value for record in self._log.read() for key, value in entries(record) if key in wanted}
 
     def find_missing(self, wanted: Mapping[Key, Item]) -> dict[Key, Item]:
         """What has no record yet, in order."""

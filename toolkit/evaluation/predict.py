@@ -1,7 +1,5 @@
 """Images in, one prediction each out, in constant memory; no network is asked about an image twice."""
 
-import hashlib
-import json
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -22,8 +20,9 @@ from toolkit.core.child import count_cores
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.records import RecordLog, hold_folder, list_version
-from toolkit.engine.units import RecordCache
+from toolkit.core.records import hold_folder
+from toolkit.core.work import Work
+from toolkit.engine.units import WorkLog
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer, Classifier, check_finite
@@ -345,9 +344,8 @@ CHUNK = 128
 """Images between two writes: what a kill may cost."""
 
 
-VERSION = 2
-"""Raised when the same image and network give other numbers, so that images are asked about again. In the first, the
-last digits depended on the batch."""
+PREDICTIONS = Work("prediction", 2, old_at=5)
+"""In the first version, the last digits depended on the batch."""
 
 
 class CachedPrediction(BaseModel):
@@ -380,14 +378,12 @@ def predict_once(
     Raises:
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
-    keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
-    # a line that is broken (a kill while writing) is worth only its image's time
-    log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
+    keys = [_key(capture, true_classes[capture.object], classifier) for capture in captures]
     # the same image may stand for several values: the first to come is asked about
     first = {key: at for at, key in reversed(list(enumerate(keys)))}
     unread: dict[str, Prediction] = {}
     with hold_folder(cache_file.parent):
-        cache = RecordCache(log, lambda row: [(row.key, row)], first)
+        cache = WorkLog(cache_file, CachedPrediction, lambda row: [(row.key, row)], first)
         todo = sorted(cache.find_missing(first).values())
         with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
             for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
@@ -405,8 +401,8 @@ def predict_once(
     return results, len(todo)
 
 
-def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
-    """Hash of all that a prediction depends on: image, corruption, weights, preprocessing, truth, `VERSION`."""
+def _key(capture: Capture, true_index: int, classifier: Classifier) -> str:
+    """Key of a prediction: of image, corruption, weights, preprocessing and truth."""
     try:
         # one that must not be opened is known by its path alone, and is never kept
         image = capture.path if capture.refused is not None else sha256_file(capture.file)
@@ -414,11 +410,10 @@ def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
         image = capture.path
     # by the weights' hash, not their name: a file may be replaced under its name
     parts = [image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index]
-    parts += list_version(VERSION)
     corruption = find_pending(capture)
     if corruption is not None:  # whose seed is the path
         parts += [*corruption, capture.path_in_source]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    return PREDICTIONS.key(*parts)
 
 
 def _as_line(key: str, one: Prediction) -> CachedPrediction:

@@ -1,12 +1,12 @@
 """The folder of a run: no result is written over another one, and a file that was changed afterwards is found."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import load_json, sha256_bytes, sha256_file, write_json, write_text
+from toolkit.core.files import load_json, sha256_bytes, sha256_file, sha256_json, write_json, write_text
+from toolkit.core.work import INPUTS
 
 SUMMARY = "summary.json"
 PREDICTIONS, DETECTIONS, CELLS, EPISODES = "predictions.csv", "detections.csv", "cells.csv", "episodes.csv"
@@ -14,8 +14,8 @@ TABLES: Mapping[str, str] = {
     f"{name.removesuffix('.csv')}_sha256": name for name in (PREDICTIONS, DETECTIONS, CELLS, EPISODES)
 }
 """Field of the summary -> the table whose hash it holds."""
-CONTENT, INPUTS = "content_sha256", "inputs_sha256"
-"""Hashes of all other fields of a summary, and of what a run was asked to do, if that is known before its result."""
+CONTENT = "content_sha256"
+"""Hash of all other fields of a summary."""
 IsFree = Callable[[Path], bool]
 
 
@@ -34,15 +34,14 @@ def lacks_other_table(name: str, text: str) -> IsFree:
     return lambda folder: not (folder / name).is_file() or (folder / name).read_bytes() == content
 
 
-def lacks_other_inputs(sha256: str) -> IsFree:
-    """Whether a folder holds no finished run, or one that was asked to do the same."""
+def lacks_other_inputs(key: str) -> IsFree:
+    """Whether a folder holds no finished run, or one that was asked to do the same, by its key."""
+    return lambda folder: not (folder / SUMMARY).is_file() or _read_key(folder / SUMMARY) == key
 
-    def is_free(folder: Path) -> bool:
-        file = folder / SUMMARY
-        content = load_json(file) if file.is_file() else {INPUTS: sha256}
-        return isinstance(content, dict) and content.get(INPUTS) == sha256
 
-    return is_free
+def _read_key(summary: Path) -> object:
+    content = load_json(summary)
+    return content.get(INPUTS) if isinstance(content, dict) else None
 
 
 def explain_run_dir(wanted: Path, found: Path) -> tuple[str, ...]:
@@ -76,7 +75,7 @@ def write_run(run_dir: Path, summary: Mapping[str, Any], tables: Mapping[str, st
 def hash_summary(content: Mapping[str, Any]) -> str:
     """SHA-256 of all fields of a summary but this hash, however they are laid out in the file."""
     fields = {key: value for key, value in content.items() if key != CONTENT}
-    return sha256_bytes(json.dumps(fields, sort_keys=True).encode())
+    return sha256_json(fields)
 
 
 def check_run(folder: Path, content: Mapping[str, Any]) -> None:

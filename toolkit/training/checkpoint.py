@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_file, delete_folder, sha256_bytes, write_bytes
+from toolkit.core.work import INPUTS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,14 +23,14 @@ class Checkpoint:
 
     Attributes:
         folder: of the checkpoints of all runs of the same name; a run's file is called by its hash.
-        inputs_sha256: hash of everything that the run depends on; a run with another hash is another run.
+        key: of the run, see `Work`; a run with another key is another run.
         restart: forget what an earlier run left.
         every_s: how much work a kill may cost, seconds.
         shared: patterns of what lies in the folder for all runs; it goes with the last checkpoint.
     """
 
     folder: Path
-    inputs_sha256: str
+    key: str
     restart: bool = False
     every_s: float = 5.0
     shared: tuple[str, ...] = ()
@@ -37,7 +38,7 @@ class Checkpoint:
     @property
     def file(self) -> Path:
         """The run's own."""
-        return self.folder / f"{self.inputs_sha256[:16]}.safetensors"
+        return self.folder / f"{self.key[:16]}.safetensors"
 
     def write(self, arrays: "Mapping[str, np.ndarray]", kind: str, steps_done: int) -> None:
         """Write named arrays in a single rename; the JSON header says what they are, and holds a hash of the numbers.
@@ -53,7 +54,7 @@ class Checkpoint:
         about = {
             "format": FORMAT,
             "kind": kind,
-            "inputs_sha256": self.inputs_sha256,
+            INPUTS: self.key,
             "steps_done": steps_done,
             # a rename is whole, a disk need not be: the numbers have a hash of their own
             "content_sha256": _hash_arrays(arrays),
@@ -75,7 +76,7 @@ class Checkpoint:
             with safe_open(self.file, "np") as stored:
                 about = json.loads((stored.metadata() or {})["toolkit"])
                 arrays = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)
-            found, inputs = (about["format"], about.get("kind")), about["inputs_sha256"]
+            found, inputs = (about["format"], about.get("kind")), about[INPUTS]
             # asked later: a file of another version is said to be that, and not damaged
             is_whole = about["content_sha256"] == _hash_arrays(arrays)
         except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError) as error:
@@ -85,7 +86,7 @@ class Checkpoint:
             raise FieldError(f"checkpoint {self.file} is of another version or kind ({found[0]}): {way_out}", {})
         if not is_whole:
             raise FieldError(f"checkpoint {self.file} is damaged (its numbers do not match its hash): {way_out}", {})
-        if inputs != self.inputs_sha256:
+        if inputs != self.key:
             raise FieldError(f"checkpoint {self.file} is of a run with other inputs: {way_out}", {})
         return arrays
 

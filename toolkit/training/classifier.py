@@ -15,7 +15,7 @@ from toolkit.models.load import load_classifier
 from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, find_weights
 from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.classifier_config import ClassifierConfig, ClassPictures, check_fit, hash_inputs
+from toolkit.training.classifier_config import ClassifierConfig, ClassPictures, check_fit
 from toolkit.training.classifier_task import ClassifierInputs, ClassifierTask
 from toolkit.training.data import (
     DataSource,
@@ -109,14 +109,9 @@ def train_classifier(
     with hold_folder(folder, f".{config.name}.lock"):
         data = load_training_set(sources, classes, stored, training, workers)
     _describe_data(data, sources)
-    # all that decides the weights is in the hash, by which an interrupted run resumes
     inputs = ClassifierInputs(data, classes.used, pictures, init, _name_data(config, sources, pictures, init))
-    inputs_sha256 = hash_inputs(
-        config, pictures, labels=data.labels, data_sha256=data.train.sha256,
-        init_sha256="" if init is None else init.sha256,
-    )  # fmt: skip
-    task = ClassifierTask(config, inputs, folder / f"{config.name}.safetensors", device, inputs_sha256)
-    checkpoint = Checkpoint(training, inputs_sha256, restart, checkpoint_every_s, () if keep_data else RENDERS)
+    task = ClassifierTask(config, inputs, folder / f"{config.name}.safetensors", device)
+    checkpoint = Checkpoint(training, task.key, restart, checkpoint_every_s, () if keep_data else RENDERS)
     fitted = fit(task, config.fit_config(len(data.train.images)), checkpoint)
     return TrainedClassifier(task.file, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)
 

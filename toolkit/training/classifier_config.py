@@ -10,7 +10,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, computed_field, mod
 
 from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
-from toolkit.core.files import sha256_bytes
 from toolkit.core.text import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
@@ -169,8 +168,6 @@ class ClassPictures(Protocol):
 
 
 METHOD = "cross-entropy, SGD with Nesterov momentum, one cycle of the learning rate"
-METHOD_VERSION = 1
-"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 SMALL_PX = 96
 """Networks that see less are shown whole images; larger networks the middle 7/8 of the shorter side, as usual."""
 LEAST_PX, MOST_PX = 16, 1024
@@ -319,16 +316,6 @@ class ClassifierConfig(Config):
         """Every hyper-parameter, as recorded; `pictures` are on the images."""
         patches = {} if pictures is None else {"patches": json.loads(json.dumps(pictures.record))}
         return {"method": METHOD, **self.record(), **patches}
-
-
-def hash_inputs(
-    config: ClassifierConfig, pictures: ClassPictures | None, labels: tuple[str, ...], data_sha256: str,
-    init_sha256: str,
-) -> str:  # fmt: skip
-    """Hash of all that decides the weights, so that a checkpoint is never continued under other settings."""
-    settings = config.settings(pictures)
-    inputs = [METHOD_VERSION, config.name, config.arch, settings, labels, data_sha256, init_sha256]
-    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
 
 
 def check_fit(arch: str, classes: int, image_px: int) -> None:

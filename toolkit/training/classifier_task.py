@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,9 +16,10 @@ from torch.nn.functional import affine_grid, cross_entropy, grid_sample
 from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws, image_seed
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.statistics import wilson_interval
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.corruptions.batch import corrupt, draw_corrupted
 from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
@@ -275,12 +277,10 @@ class ClassifierInputs:
 class ClassifierTask(TrainingTask[ClassifierRecord]):
     """A network goes down the cross-entropy of augmented images of its classes."""
 
-    kind = "classifier"
+    work = Work("classifier", 1, old_at=0)
     recent = 50
 
-    def __init__(
-        self, config: ClassifierConfig, inputs: ClassifierInputs, file: Path, device: str, inputs_sha256: str = ""
-    ) -> None:
+    def __init__(self, config: ClassifierConfig, inputs: ClassifierInputs, file: Path, device: str) -> None:
         """Build the network at its start.
 
         Args:
@@ -288,10 +288,9 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
             inputs: what it is trained on.
             file: of the weights; the record is written beside them.
             device: where it runs, `cpu` or `cuda`.
-            inputs_sha256: hash of all that decides the weights.
         """
         labels, how = inputs.data.labels, config.preprocessing()
-        self.config, self.inputs, self.file, self.inputs_sha256 = config, inputs, file, inputs_sha256
+        self.config, self.inputs, self.file = config, inputs, file
         self.title = f"Training {config.name}"
         self.advice = f"train again with {{restart}} and a lower {{lr}} than {config.lr:g}"
         self._how, self._device, self._precision = how, device, "float32"
@@ -305,6 +304,13 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         if current().count > 1:
             share_norms(self.module)
 
+    def list_inputs(self) -> list[Any]:
+        """Settings, labels, photographs, and the weights that it begins with."""
+        config, inputs = self.config, self.inputs
+        init_sha256 = "" if inputs.init is None else inputs.init.sha256
+        settings = config.settings(inputs.pictures)
+        return [config.name, config.arch, settings, inputs.data.labels, inputs.data.train.sha256, init_sha256]
+
     def parameters(self) -> dict[str, torch.Tensor]:
         """Weights and biases."""
         return dict(self.module.named_parameters())
@@ -315,7 +321,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
 
     def find_finished(self) -> ClassifierRecord | None:
         """The record, where the weights are whole and of the same inputs."""
-        return find_finished(self.file, self.inputs_sha256)
+        return find_finished(self.file, self.key)
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -334,7 +340,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
-        batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
+        batch, classes = self._draw_batch(self.inputs.data.train, step, self.work.kind)
         batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
         if self.config.robust is not None:
             batch = self._attack(batch, wanted, self.config.robust)
@@ -397,7 +403,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         classifier = Classifier(
             config.arch, self.module, labels, how, weights, self._device, is_imagenet=False, name=config.name
         )
-        own = {"precision": self._precision, "inputs_sha256": self.inputs_sha256}
+        own = {"precision": self._precision, INPUTS: self.key}
         record = ClassifierRecord(
             name=config.name, arch=config.arch, trained_on=self.inputs.words[0], labels=labels, resize_px=how.resize_px,
             crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name, data=data.record,
@@ -467,16 +473,13 @@ def choose_images(seed: int, step: int, batch: int, count: int) -> np.ndarray:
     return np.sort(order[k * batch : (k + 1) * batch])
 
 
-def find_finished(file: Path, inputs_sha256: str) -> ClassifierRecord | None:
-    """The record of a classifier that was trained with these inputs before and is whole; else None."""
-    if not (file.is_file() and file.with_suffix(".json").is_file()):
-        return None
-    try:
-        record = read_json(file.with_suffix(".json"), ClassifierRecord)
-    except ToolkitError:
-        return None  # another kind of labels file, or of another version: it is replaced
-    same = record.settings.get("inputs_sha256") == inputs_sha256 and record.sha256 == sha256_file(file)
-    return record if same else None
+def find_finished(file: Path, key: str) -> ClassifierRecord | None:
+    """The record of a classifier that was trained by this key before and is whole; else None."""
+    labels = file.with_suffix(".json")  # another kind of labels file is replaced
+    record = find_made(
+        key, lambda: read_json(labels, ClassifierRecord), lambda made: made.settings.get(INPUTS), file, labels
+    )
+    return None if record is None or record.sha256 != sha256_file(file) else record
 
 
 def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray, what: str) -> HeldOut:

@@ -24,6 +24,7 @@ from toolkit.core.files import (
     write_json,
 )
 from toolkit.core.rooms import ask_room, find_code
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -313,7 +314,7 @@ def load_training_set(
 def _hash_sources(sources: Sequence[DataSource], classes: TrainingClasses, how: Preprocessing) -> str:
     """Address of the packed images: of the files' names, sizes and times, and of all that decides the renders."""
     items = [[source.key, *map(_address, (*source.train, *source.held_out))] for source in sources]
-    return sha256_bytes(json.dumps([items, asdict(how), classes.index_of]).encode())
+    return Work("packed images").key(items, asdict(how), classes.index_of)
 
 
 def _address(item: Item) -> str:

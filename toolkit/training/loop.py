@@ -10,14 +10,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, isfinite, pi
 from time import monotonic
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import delete_file
 from toolkit.core.records import hold_folder
+from toolkit.core.work import Work
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.processes import EndedElsewhere, current, follow, lead
 
@@ -119,7 +121,7 @@ class TrainingTask(ABC, Generic[Made]):
     """What is trained.
 
     Attributes:
-        kind: of the task, a single word; checkpoints are read by the same kind only, and draws are its own.
+        work: kind and version of the task: checkpoints are read by the same kind only, and its draws are its own.
         title: above the progress bar.
         advice: what to do where the loss is no number; fields in braces, see `FieldError`.
         recent: steps whose mean is shown and recorded.
@@ -127,11 +129,20 @@ class TrainingTask(ABC, Generic[Made]):
             process alone can train it.
     """
 
-    kind: str
+    work: Work
     title: str = "Training"
     advice: str = "check the data, or take a lower {lr}"
     recent: int = 10
     batch: int = 0
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the result, by which an interrupted run resumes and a finished one is found."""
+        return self.work.key(*self.list_inputs())
+
+    def list_inputs(self) -> list[Any]:
+        """All that decides the result, as JSON; a result that is not kept needs none."""
+        return []
 
     @abstractmethod
     def parameters(self) -> Mapping[str, "torch.Tensor"]:
@@ -240,7 +251,7 @@ def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | N
     for line in task.describe():
         notice(line)
     # an interrupted run resumes at its checkpoint
-    state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
+    state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.work.kind))
     run = _Fitting(task, config)
     if state is not None:
         run.restore(state)
@@ -275,7 +286,7 @@ def _make_and_keep_steps(run: "_Fitting", checkpoint: Checkpoint | None) -> None
 
     def keep() -> None:
         if checkpoint is not None:
-            checkpoint.write(run.state(), task.kind, len(history))
+            checkpoint.write(run.state(), task.work.kind, len(history))
 
     with progress(task.title, run.config.steps, done=kept) as bar:
         try:
@@ -336,7 +347,7 @@ class _Fitting:
     def _find_gradients(self, step: int) -> dict[str, float]:
         import torch
 
-        draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
+        draw = int(Draws(self.config.seed, step, self.task.work.kind).of("dropout").integers(2**62))
         # of dropout: another mask in each process, the same masks when the run resumes
         torch.manual_seed(draw + current().rank)
         for parameter in self._parameters.values():

@@ -1,6 +1,5 @@
 """Refine a network from its settings to files: what `toolkit refine-network` runs, and its task for the loop."""
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -17,9 +16,10 @@ from torch.nn.utils import clip_grad_norm_
 from toolkit import __version__
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_file, delete_folder, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.records import hold_folder
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
@@ -42,7 +42,7 @@ from toolkit.training.classifier_task import (
 from toolkit.training.data import TrainingSet, keep_classes, load_training_set, open_photographs, store_preprocessing
 from toolkit.training.loop import History, TrainingTask, fit
 from toolkit.training.processes import current
-from toolkit.training.refine_config import HELD_OUT, LONGEST_GRADIENT, METHOD_VERSION, RefineConfig
+from toolkit.training.refine_config import HELD_OUT, LONGEST_GRADIENT, RefineConfig
 
 KEPT = "path-*"
 """What is kept on the way, beside the checkpoints of the training."""
@@ -96,12 +96,10 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
     folded layers too, and nothing updates them.
     """
 
-    kind = "refinement"
+    work = Work("refinement", 1, old_at=0)
     recent = 50
 
-    def __init__(
-        self, config: RefineConfig, inputs: RefineInputs, folder: Path, kept: Path, inputs_sha256: str = ""
-    ) -> None:
+    def __init__(self, config: RefineConfig, inputs: RefineInputs, folder: Path, kept: Path) -> None:
         """Begin with a copy of the teacher.
 
         Args:
@@ -109,10 +107,9 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             inputs: the teacher and its data.
             folder: where the networks are written.
             kept: folder of what is kept on the way.
-            inputs_sha256: hash of all that decides the weights.
         """
         self.config, self.inputs, self.folder, self.kept = config, inputs, folder, kept
-        self.inputs_sha256, self.title = inputs_sha256, f"Refining {config.name}"
+        self.title = f"Refining {config.name}"
         self.advice = f"refine again with {{restart}} and a lower {{lr}} than {config.lr:g}"
         self.batch = min(config.batch, len(inputs.data.train.images))
         self.student = self._copy_teacher(is_trained=True)
@@ -132,6 +129,14 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             teacher.is_imagenet, name=self.config.name,
         )  # fmt: skip
 
+    def list_inputs(self) -> list[Any]:
+        """Settings, the teacher, and the photographs that it answers."""
+        config, teacher, data = self.config, self.inputs.teacher, self.inputs.data
+        return [
+            config.name, config.record(), teacher.arch, teacher.weights.sha256, teacher.preprocessing.describe(),
+            data.train.sha256, data.held_out.sha256,
+        ]  # fmt: skip
+
     def parameters(self) -> dict[str, torch.Tensor]:
         """Weights and biases."""
         return dict(self.student.module.named_parameters())
@@ -142,17 +147,13 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
 
     def find_finished(self) -> list[ClassifierRecord] | None:
         """The records, where all weights are whole and of the same inputs."""
-        found = [find_finished(self._file(name), self.inputs_sha256) for name in self.config.names]
+        found = [find_finished(self._file(name), self.key) for name in self.config.names]
         records = [record for record in found if record is not None]
         if len(records) < len(found):
             return None
-        if len(found) == 1:
-            return records
-        try:
-            whole = read_json(self.folder / f"{self.config.name}.json", NetworkSet)
-        except ToolkitError:
-            return None
-        return records if whole.inputs_sha256 == self.inputs_sha256 else None
+        file = self.folder / f"{self.config.name}.json"
+        is_whole = find_made(self.key, lambda: read_json(file, NetworkSet), lambda made: made.inputs_sha256) is not None
+        return records if is_whole or len(found) == 1 else None
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -184,7 +185,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         pack, teacher = self.inputs.data.train, self.inputs.teacher
         chosen = choose_images(self.config.seed, step, self.config.batch, len(pack.images))
         raw = torch.from_numpy(np.ascontiguousarray(pack.images[chosen].transpose(0, 3, 1, 2))).to(teacher.device)
-        rng = Draws(self.config.seed, step, self.kind).of("augmentation")
+        rng = Draws(self.config.seed, step, self.work.kind).of("augmentation")
         # drawn for the whole batch, and then shared: the number of processes changes no view
         views = current().share(augment_batch(raw, rng, teacher.preprocessing.crop_px, PHOTOGRAPHS))
         middles = torchvision.transforms.functional.center_crop(raw, [teacher.preprocessing.crop_px] * 2)
@@ -215,7 +216,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             write_bytes(self._kept_file(step + 1), _pack(self.student))
 
     def _kept_file(self, step: int) -> Path:
-        return self.kept / f"{KEPT[:-1]}{self.inputs_sha256[:16]}-{step:07d}"
+        return self.kept / f"{KEPT[:-1]}{self.key[:16]}-{step:07d}"
 
     def _file(self, name: str) -> Path:
         return self.folder / f"{name}.safetensors"
@@ -239,7 +240,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
                 write_json(self._file(name).with_suffix(".json"), record.model_dump(mode="json"))
                 records.append(record)
         if len(names) > 1:
-            whole = NetworkSet(name=self.config.name, networks=names, inputs_sha256=self.inputs_sha256)
+            whole = NetworkSet(name=self.config.name, networks=names, inputs_sha256=self.key)
             # a network of this name, of an earlier run, would be found in the place of the set
             delete_file(self._file(self.config.name))
             write_json(self.folder / f"{self.config.name}.json", whole.model_dump(mode="json"))
@@ -300,7 +301,7 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
             before=before.clean, after=after.clean, before_attacked=before.attacked, after_attacked=after.attacked,
             step=step,
         )  # fmt: skip
-        own = {"precision": self._precision, "inputs_sha256": self.inputs_sha256}
+        own = {"precision": self._precision, INPUTS: self.key}
         return ClassifierRecord(
             name=name, arch=teacher.arch, trained_on=self.config.words(teacher.name), labels=list(teacher.labels),
             resize_px=how.resize_px, crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name,
@@ -411,17 +412,9 @@ def refine_network(
         data = load_training_set(sources, classes, stored, training, workers=1, every_class=False)
     held_out = len(data.held_out.images)
     notice(f"data: {len(data.train.images)} photographs to refine with, {held_out} held out")
-    # all that decides the weights is in the hash, by which an interrupted run resumes
-    inputs_sha256 = sha256_bytes(
-        json.dumps(
-            [METHOD_VERSION, config.name, config.record(), teacher.arch, teacher.weights.sha256,
-             teacher.preprocessing.describe(), data.train.sha256, data.held_out.sha256],
-            sort_keys=True,
-        ).encode()
-    )  # fmt: skip
     inputs = RefineInputs(teacher, data, sources[0].held_out_words)
-    task = RefineTask(config, inputs, folder, training, inputs_sha256)
+    task = RefineTask(config, inputs, folder, training)
     fitted = fit(
-        task, config.fit_config(), Checkpoint(training, inputs_sha256, restart, checkpoint_every_s, ("data-*", KEPT))
+        task, config.fit_config(), Checkpoint(training, task.key, restart, checkpoint_every_s, ("data-*", KEPT))
     )
     return RefinedNetworks(config.name, folder, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)

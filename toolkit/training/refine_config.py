@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
 METHOD = "KL to the network's own softened answers, SGD, gradients cut to length 1, given statistics"
-METHOD_VERSION = 1
-"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 HELD_OUT = 0.2
 MOMENTUM = 0.9
 """Momentum of SGD, as in LGV (Gubri et al. 2022, section 3) and in most trainings on ImageNet."""

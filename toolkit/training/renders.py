@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -12,13 +12,13 @@ import numpy as np
 
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import write_bytes
 from toolkit.core.rooms import ask_room
+from toolkit.core.work import Work
 from toolkit.objects.mesh import Mesh
 
 EVERYDAY, RIG = "everyday", "rig"
-RENDERS_VERSION = 2
-"""Raised when the same unit gives other pixels: a shard of an older version is then another's."""
+RENDERS = Work("renders", 2)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RenderUnit:
     @property
     def name(self) -> str:
         """File name of the shard; equal inputs have equal names."""
-        return sha256_bytes(f"{RENDERS_VERSION} {self!r}".encode())[:20] + ".npy"
+        return RENDERS.key(*astuple(self))[:20] + ".npy"
 
 
 def render_unit(unit: RenderUnit) -> np.ndarray:

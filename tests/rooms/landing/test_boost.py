@@ -49,7 +49,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> PadTask:
     regressor = make_regressor(space)
     pad = Pad("own", start_picture(CONFIG, 0), 1.0)
     views = plan_views(CONFIG, regressor, pad, 0)
-    return PadTask(CONFIG, regressor, views, seed=0, folder=space.print_dir / "pads", name="own", inputs="")
+    return PadTask(CONFIG, regressor, views, seed=0, folder=space.print_dir / "pads", name="own")
 
 
 def test_what_is_trained_on_is_the_photograph(task: PadTask) -> None:

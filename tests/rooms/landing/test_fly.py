@@ -13,6 +13,7 @@ from scipy.stats import binomtest
 from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.rooms.landing.config import EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.flight_report import film_episode, group_cells, pair_cells, write_report, write_summary
@@ -65,7 +66,7 @@ def test_flights_of_an_older_method_are_not_mixed_in(
     space = make_workspace(tmp_path / "work")
     shutil.copytree(flown[0].eval_dir, space.eval_dir, dirs_exist_ok=True)
     assert fly_all(space, QUICK, seed=2).made == 0
-    monkeypatch.setattr("toolkit.rooms.landing.fly.VERSION", 2)
+    monkeypatch.setattr("toolkit.rooms.landing.fly.FLIGHTS", Work("episode", 2))
     assert [fly_all(space, QUICK, seed=2).made for _ in range(2)] == [2, 0]
 
 

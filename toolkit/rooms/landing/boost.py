@@ -19,6 +19,7 @@ from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing import PrintSettings
@@ -59,12 +60,12 @@ class PadView:
 class PadTask(TrainingTask[Patch]):
     """The pixels of a pad go down the squared error of a frozen regressor, as a share of the height."""
 
-    kind = "landing-pad"
+    work = Work("landing-pad", 1, old_at=3)
     recent = 20
 
     def __init__(
         self, config: BoostConfig, regressor: Regressor, views: Sequence[PadView], *, seed: int, folder: Path,
-        name: str, inputs: str,
+        name: str,
     ) -> None:  # fmt: skip
         """Start the picture.
 
@@ -74,10 +75,9 @@ class PadTask(TrainingTask[Patch]):
             views: on sites whose pad is `start_picture` of the config.
             seed: of the draws.
             folder, name: where the pad is written.
-            inputs: hash of all that decides it.
         """
         self.config, self.regressor, self.views, self.seed = config, regressor, tuple(views), seed
-        self.folder, self.name, self.inputs = folder, name, inputs
+        self.folder, self.name = folder, name
         self.title = f"Boosting {name}"
         picture = start_picture(config, seed)
         self.theta = torch.from_numpy(picture.transpose(2, 0, 1).copy()).float().div(255).requires_grad_(True)
@@ -97,6 +97,11 @@ class PadTask(TrainingTask[Patch]):
                 bar.advance()
         return made
 
+    def list_inputs(self) -> list[Any]:
+        """The regressor, the world, and every setting."""
+        world_sha256 = self.views[0].site.world.sha256
+        return [self.regressor.record.sha256, world_sha256, self.seed, self.config.record()]
+
     def parameters(self) -> dict[str, torch.Tensor]:
         """The pixels, (3, n, n) sRGB-encoded in [0, 1]."""
         return {"pad": self.theta}
@@ -108,10 +113,10 @@ class PadTask(TrainingTask[Patch]):
     def find_finished(self) -> Patch | None:
         """The pad, where it is whole and of the same inputs."""
         file = self.folder / f"{self.name}.png"
-        if not (file.is_file() and file.with_suffix(".json").is_file()):
-            return None
-        patch = read_patch(file)
-        return patch if patch.record.settings.get("inputs_sha256") == self.inputs else None
+        return find_made(
+            self.key, lambda: read_patch(file), lambda made: made.record.settings.get(INPUTS),
+            file, file.with_suffix(".json"),
+        )  # fmt: skip
 
     def describe(self) -> list[str]:
         """The weather in the loop."""
@@ -129,7 +134,7 @@ class PadTask(TrainingTask[Patch]):
 
     def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Mean square error as a share of the height, and its mean in cm."""
-        draws = Draws(self.seed, step, self.kind)
+        draws = Draws(self.seed, step, self.work.kind)
         chosen = draws.of("views").choice(len(self.views), min(self.config.batch, len(self.views)), replace=False)
         out = self.regressor.outputs(self.photograph(chosen, draws))[:, :2].cpu()
         wanted = torch.from_numpy(np.stack([self.views[int(k)].offset for k in chosen])).float()
@@ -147,7 +152,7 @@ class PadTask(TrainingTask[Patch]):
             "name": self.name, "class_name": CLASS_NAME, "class_index": 0, "size_mm": round(made.size_m * 1000, 3),
             "networks": [NetworkRecord(arch=made.arch, weights=f"{made.name}.safetensors", sha256=made.sha256)],
             "data": {"world": self.config.world, "views": len(self.views)}, "seed": self.seed,
-            "settings": self.config.record() | {"inputs_sha256": self.inputs}, "final": history.recent(self.recent),
+            "settings": self.config.record() | {INPUTS: self.key}, "final": history.recent(self.recent),
             "toolkit_version": __version__,
         }  # fmt: skip
         return write_patch(self.folder, pixels, record)
@@ -227,12 +232,10 @@ def boost_pad(
     name = config.name or f"{regressor.name}-boosted"
     size_m, folder = regressor.record.size_m, space.print_dir / "pads"
     pad = Pad(name, start_picture(config, seed), size_m)
-    world = find_world(config.world, config.world_seed)
-    inputs = config.sha256(regressor.record.sha256, world.sha256, seed, 1)
     views = plan_views(config, regressor, pad, seed)
-    task = PadTask(config, regressor, views, seed=seed, folder=folder, name=name, inputs=inputs)
+    task = PadTask(config, regressor, views, seed=seed, folder=folder, name=name)
     fit_config = FitConfig(config.steps, config.lr, "linear", "sign", seed)
-    fitted = fit(task, fit_config, Checkpoint(folder / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S))
+    fitted = fit(task, fit_config, Checkpoint(folder / ".training" / name, task.key, restart, CHECKPOINT_EVERY_S))
     patch, printing = fitted.made, printing or PadPrintConfig()
     side_mm = 1000 * (printing.print_size_m or min(max(size_m, 0.5), 2.0))
     document = build_pdf(patch, PrintSettings(size_mm=side_mm, paper=printing.paper))

@@ -14,6 +14,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, read_json, sha256_file, write_json
 from toolkit.core.records import hold_folder
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
@@ -45,8 +46,7 @@ from toolkit.rooms.landing.site import (
 from toolkit.rooms.worlds.world import World
 
 MOST_TRIES = 60
-VERSION = 1
-"""Raised when the same inputs give other frames, so that a set that was begun before is not gone on with."""
+FRAMES = Work("landing frames", 1, old_at=3)
 UNIT_FRAMES = 100
 """Frames that are shot together."""
 
@@ -180,7 +180,7 @@ def collect(
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
     """The set's file, of this or an earlier run; what a killed run left half-written is removed."""
     world, pad, settings = collector.world, collector.pad, config.record()
-    inputs = config.sha256(world.sha256, pad.sha256, collector.seed, VERSION)
+    key = FRAMES.key(world.sha256, pad.sha256, collector.seed, settings)
     file = folder / DATASET
     # remove what a restart or a killed run leaves
     if restart:
@@ -191,7 +191,7 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     # a set that is there must have the same settings
     if file.is_file():
         about = read_json(file, DatasetFile)
-        if about.inputs_sha256 != inputs:
+        if about.inputs_sha256 != key:
             raise FieldError(
                 f"{folder} holds a data set of other settings: take another {{name}}, or run again with {{restart}}",
                 {"name": config.folder_name},
@@ -202,7 +202,7 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     for k, place in enumerate(collector.places):
         places["held_out" if k in collector.held_out_places else "train"].append(place.name)
     about = DatasetFile(
-        inputs_sha256=inputs, seed=collector.seed, world=world.name, world_seed=world.seed, pad=pad.name,
+        inputs_sha256=key, seed=collector.seed, world=world.name, world_seed=world.seed, pad=pad.name,
         pad_sha256=pad.sha256, size_m=pad.size_m, camera=config.optics.camera.intrinsics, places=places,
         settings=settings, complete=False, shards=[], toolkit_version=__version__,
     )  # fmt: skip

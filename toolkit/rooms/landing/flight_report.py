@@ -1,6 +1,5 @@
 """What flights show: success with intervals per cell and paired tests, as files, figures, one HTML page and a film."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -15,16 +14,16 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import write_bytes
 from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
+from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.page import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel, write_page
 from toolkit.evaluation.run_files import (
     CELLS,
     EPISODES,
-    INPUTS,
     explain_run_dir,
     find_run_dir,
     lacks_other_inputs,
@@ -35,7 +34,7 @@ from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.episodes import OUTCOMES, Flights
-from toolkit.rooms.landing.fly import TICKS, EpisodeRecord, FlightCell, Flown
+from toolkit.rooms.landing.fly import FLIGHTS, TICKS, EpisodeRecord, FlightCell, Flown
 from toolkit.rooms.landing.regressor import list_regressors, load_regressor
 from toolkit.rooms.landing.site import PadSite, SiteView, find_pad, find_sky, find_world
 from toolkit.rooms.worlds.depth_weather import describe_weathers
@@ -159,17 +158,17 @@ def _compare(result: CellResult, other: CellResult) -> PairResult:
 
 def place_results(config: FlyConfig, flown: Flown, seed: int) -> Flown:
     """The flights with the folder of their results: beside that of another result of the same name."""
-    folder = find_run_dir(flown.folder, lacks_other_inputs(_hash_inputs(config, flown, seed)))
+    folder = find_run_dir(flown.folder, lacks_other_inputs(_name_run(config, flown, seed)))
     for line in explain_run_dir(flown.folder, folder):
         notice(line)
     return replace(flown, folder=folder)
 
 
-def _hash_inputs(config: FlyConfig, flown: Flown, seed: int) -> str:
+def _name_run(config: FlyConfig, flown: Flown, seed: int) -> str:
     # an episode's own hash stands for the world, the pads and the regressors' weights
     asked = {name: value for name, value in config.record().items() if name != "name"}
-    inputs = [asked, seed, sorted({record.inputs for record in flown.records})]
-    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
+    episodes = sorted({record.inputs for record in flown.records})
+    return Work("landing", FLIGHTS.version, old_at=NOWHERE).key(asked, seed, episodes)
 
 
 def write_summary(
@@ -189,7 +188,7 @@ def write_summary(
         "weathers": describe_weathers(config.weathers),
         "settings": config.record(),
         "seed": seed,
-        INPUTS: _hash_inputs(config, flown, seed),
+        INPUTS: _name_run(config, flown, seed),
         "toolkit_version": __version__,
     }
     rows = [result.as_json() for result in results]

@@ -12,10 +12,11 @@ from pydantic import BaseModel, ConfigDict
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, sha256_bytes
-from toolkit.core.records import RecordLog, hold_folder, list_version
+from toolkit.core.records import hold_folder
+from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.engine.units import Engine, RecordCache, Shared, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
 from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
@@ -39,8 +40,7 @@ FINDERS = ("features", "apriltag")
 TICKS = 100_000
 """Pictures of an episode at most; its noise and weather are drawn by index · TICKS + tick."""
 KEPT_TRACKS = 16
-VERSION = 1
-"""Raised when the same inputs give other flights, so that episodes are flown again."""
+FLIGHTS = Work("episode", 1, old_at=NOWHERE)
 
 
 class Pilot:
@@ -227,14 +227,14 @@ class FlightSetup:
     pads: dict[str, Pad]
     predictors: dict[str, Regressor | None]
 
-    def digest(self, cell: FlightCell) -> str:
-        """Hash of all that decides an episode of a cell, but cell and index."""
+    def key(self, cell: FlightCell) -> str:
+        """Key of all that decides an episode of a cell, but cell and index."""
         config, sites = self.config, self.sites
-        inputs = config.episode.sha256(
+        key = FLIGHTS.key(
             config.descent.record(), sites.world.sha256, [(place.centre, place.turn_deg) for place in sites.places],
-            config.time, self.seed, sites.optics.record(), *list_version(VERSION),
-        )[:16]  # fmt: skip
-        return f"{inputs}-{_digest(cell, self.pads, self.predictors)}"
+            config.time, self.seed, sites.optics.record(), config.episode.record(),
+        )  # fmt: skip
+        return f"{key[:16]}-{_digest(cell, self.pads, self.predictors)}"
 
 
 def fly_all(
@@ -278,10 +278,9 @@ Flight = tuple[Episode, Clock]
 
 
 def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, engine: Engine) -> Flown:
-    digests, numbers = {cell: setup.digest(cell) for cell in cells}, range(setup.config.episodes)
+    digests, numbers = {cell: setup.key(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
-    log = RecordLog(file, EpisodeRecord, required=False, compact=True)
-    cache = RecordCache(log, lambda record: [((record.inputs, record.cell, record.index), record)], wanted)
+    cache = WorkLog(file, EpisodeRecord, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
     def keep(key: EpisodeKey, cell: FlightCell, flight: Flight) -> None:

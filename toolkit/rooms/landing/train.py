@@ -16,6 +16,7 @@ from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.load import bundled_file, read_bundled
 from toolkit.models.network import choose_device
@@ -139,11 +140,9 @@ def train_regressor(
     sets = read_sets([find_dataset(space, word) for word in words], config.frames)
     init = find_start(config.arch, config.init)
     name = config.name or "-".join(loaded.name for loaded in sets)
-    digests = [shard.sha256 for loaded in sets for shard in loaded.about.shards]
-    inputs = config.sha256(digests, init.sha256, seed, name, 1)
     file = regressors_dir(space) / f"{name}{SUFFIX}"
-    task = RegressorTask(config, sets, init, seed=seed, file=file, device=device, inputs=inputs)
-    checkpoint = Checkpoint(file.parent / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S)
+    task = RegressorTask(config, sets, init, seed=seed, file=file, device=device)
+    checkpoint = Checkpoint(file.parent / ".training" / name, task.key, restart, CHECKPOINT_EVERY_S)
     fitted = fit(task, config.fit_config(len(task.chosen), seed), checkpoint)
     return TrainedRegressor(file, fitted.made, fitted.resumed_from, fitted.was_finished)
 
@@ -162,16 +161,16 @@ def find_dataset(space: Workspace, word: str) -> Path:
 class RegressorTask(TrainingTask[Regressor]):
     """A network goes down the squared error of the pad's (x, y)."""
 
-    kind = "landing-regressor"
+    work = Work("landing-regressor", 1, old_at=4)
     recent = 20
 
     def __init__(
         self, config: LandingTrainConfig, sets: Sequence[LoadedSet], init: WeightsFile, *, seed: int, file: Path,
-        device: str, inputs: str,
+        device: str,
     ) -> None:  # fmt: skip
         self.config, self.sets, self.init = config, sets, init
         self.train = train = join_samples([loaded.train for loaded in sets])
-        self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
+        self.seed, self.file, self.device = seed, file, device
         self.title = f"Training {file.stem}"
         numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
         aside = round(CALIBRATION_SHARE * len(numbers)) if config.uncertainty else 0
@@ -181,6 +180,11 @@ class RegressorTask(TrainingTask[Regressor]):
         outputs, image_px = 3 if config.uncertainty else 2, train.images.shape[1]
         module = start_module(config.arch, outputs, config.pool, image_px=image_px, init=init, seed=seed)
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def list_inputs(self) -> list[Any]:
+        """The frames, the weights that it begins with, and every setting."""
+        digests = [shard.sha256 for loaded in self.sets for shard in loaded.about.shards]
+        return [digests, self.init.sha256, self.seed, self.file.stem, self.config.record()]
 
     def parameters(self) -> dict[str, torch.Tensor]:
         """Weights and biases."""
@@ -192,14 +196,11 @@ class RegressorTask(TrainingTask[Regressor]):
 
     def find_finished(self) -> Regressor | None:
         """The regressor, where its file is whole and of the same inputs."""
-        record_file = self.file.with_suffix(".json")
-        if not (self.file.is_file() and record_file.is_file()):
-            return None
-        try:
-            record = read_json(record_file, RegressorRecord)
-        except ToolkitError:
-            return None
-        if record.inputs_sha256 != self.inputs or record.sha256 != sha256_file(self.file):
+        file = self.file.with_suffix(".json")
+        record = find_made(
+            self.key, lambda: read_json(file, RegressorRecord), lambda made: made.inputs_sha256, self.file, file
+        )
+        if record is None or record.sha256 != sha256_file(self.file):
             return None
         load_tensors(self.module, read_state_dict(WeightsFile(self.file, record.sha256, self.file.name)))
         return Regressor(record, freeze(self.module, self.device), self.device)
@@ -272,7 +273,7 @@ class RegressorTask(TrainingTask[Regressor]):
         batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
         if self.config.augment:
             # augmentation: quarter turns, exposure, white balance and brightness
-            rng = Draws(self.seed, step, self.kind).of("augmentation")
+            rng = Draws(self.seed, step, self.work.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
             # one gain for all channels, as exposure, and a small gain for each, as white balance
             gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))
@@ -302,7 +303,7 @@ class RegressorTask(TrainingTask[Regressor]):
             pad=about.pad, pad_sha256=about.pad_sha256, size_m=about.size_m,
             started_from=f"{self.init.name} {self.init.sha256[:16]}", data=_describe_sets(self.sets, len(self.chosen)),
             settings=settings | {"seed": self.seed}, final=history.recent(self.recent), held_out=[],
-            inputs_sha256=self.inputs, sha256=sha256_bytes(content), toolkit_version=__version__,
+            inputs_sha256=self.key, sha256=sha256_bytes(content), toolkit_version=__version__,
         )  # fmt: skip
         regressor = Regressor(record, freeze(self.module, self.device), self.device)
         if self.config.uncertainty:
@@ -325,7 +326,7 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
 def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
     """What a record says of the data: of a set, or of each below `sets`."""
     rows = [
-        {"inputs_sha256": loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
+        {INPUTS: loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
          "world_seed": loaded.about.world_seed, "places": loaded.about.places}
         for loaded in sets
     ]  # fmt: skip

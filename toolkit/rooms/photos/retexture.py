@@ -20,6 +20,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
 from toolkit.core.text import is_file_name
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.read import decode_image, encode_image, open_image
@@ -42,8 +43,7 @@ AS_TAKEN = "as-taken"
 CONTROL_GREY = 128
 JPEG_QUALITY = 95
 ORIENTATION = 0x0112
-VERSION = 2
-"""Raised when the same photograph and patches give other pixels."""
+PICTURES = Work("retextured picture", 2)
 
 
 @dataclass(frozen=True)
@@ -107,12 +107,11 @@ def retexture(workspace: Workspace, photos: Sequence[Path], config: RetextureCon
         lambda file: _retexture(root, name, number_of[file], file, found, variants, seed=config.seed, done=done),
     )
     for photo in bare:
-        number = bare_number_of[photo.path]
-        if is_finished(root, done.get(_path(name, "unpatched", number, photo)), photo.sha256):
-            continue
-        made = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
-        content = encode_like(photo, None)
-        _write(root, name, "unpatched", number, photo, content, made=made, inputs_sha256=photo.sha256)
+        number, key = bare_number_of[photo.path], PICTURES.key(photo.sha256)
+        if not is_finished(root, done.get(_path(name, "unpatched", number, photo)), key):
+            _write(
+                root, name, "unpatched", number, photo, encode_like(photo, None), made=_describe_taken(photo), key=key
+            )
     return RetextureRun(root, name, (*variants, AS_TAKEN), tuple(kept), (*skipped, *refused), len(bare), paired)
 
 
@@ -130,17 +129,13 @@ def _retexture(
     """Name and facts of a photograph, its variants written."""
     photo = read_photo(file)
     # pictures of an earlier run are kept if their inputs are the same
-    inputs = {
-        variant: sha256_bytes(
-            repr((VERSION, photo.sha256, [patch_file.sha256 for patch_file in found], patch.sha256, seed)).encode()
-        )
-        for variant, patch in variants.items()
-    }
-    inputs[AS_TAKEN] = photo.sha256
-    records = {variant: done.get(_path(name, variant, number, photo)) for variant in inputs}
-    finished = {variant for variant, record in records.items() if is_finished(root, record, inputs[variant])}
+    known = [patch.sha256 for patch in found]
+    keys = {variant: PICTURES.key(photo.sha256, known, patch.sha256, seed) for variant, patch in variants.items()}
+    keys[AS_TAKEN] = PICTURES.key(photo.sha256)
+    records = {variant: done.get(_path(name, variant, number, photo)) for variant in keys}
+    finished = {variant for variant, record in records.items() if is_finished(root, record, keys[variant])}
     first = records[next(iter(variants))]
-    if first is not None and len(finished) == len(inputs):
+    if first is not None and len(finished) == len(keys):
         return photo.name, dict(first.made[RETEXTURED])
     # fit the look of the photograph, then draw each patch by it
     fitted = fit_photo(file, found)
@@ -151,17 +146,19 @@ def _retexture(
         if variant not in finished:
             content = encode_like(photo, picture)
             _write(
-                root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made,
-                inputs_sha256=inputs[variant],
-            )  # fmt: skip
+                root, name, variant, number, photo, content, booster_sha256=patch.sha256, made=made, key=keys[variant]
+            )
     # the photograph as it was taken, encoded like the others
     if AS_TAKEN not in finished:
-        taken = {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
         _write(
             root, name, AS_TAKEN, number, photo, encode_like(photo, None), booster_sha256=fitted.patch.sha256,
-            made=taken, inputs_sha256=photo.sha256,
+            made=_describe_taken(photo), key=keys[AS_TAKEN],
         )  # fmt: skip
     return photo.name, facts
+
+
+def _describe_taken(photo: Photo) -> dict[str, Any]:
+    return {"with": f"toolkit {__version__}", "original_name": photo.name, "original_sha256": photo.sha256}
 
 
 def _path(name: str, variant: str, number: int, photo: Photo) -> str:
@@ -171,13 +168,13 @@ def _path(name: str, variant: str, number: int, photo: Photo) -> str:
 
 def _write(
     root: Path, name: str, variant: str, number: int, photo: Photo, content: bytes, *,
-    made: dict[str, Any], inputs_sha256: str, booster_sha256: str | None = None,
+    made: dict[str, Any], key: str, booster_sha256: str | None = None,
 ) -> None:  # fmt: skip
     path = _path(name, variant, number, photo)
     write_bytes(root / path, content, root.parent)
     append_record(root, CaptureRecord(
         path=path, object=name, variant=variant, pose_id=number, booster_sha256=booster_sha256,
-        image_sha256=sha256_bytes(content), made=made, inputs_sha256=inputs_sha256,
+        image_sha256=sha256_bytes(content), made=made, inputs_sha256=key,
     ))  # fmt: skip
 
 

@@ -1,7 +1,5 @@
 """In which order to take the photographs: little camera travel, and no drift of the light that looks like a patch."""
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import read_json, write_json
+from toolkit.core.files import read_json, sha256_json, write_json
 from toolkit.core.text import FileName, FolderName
 from toolkit.rig import PAIR, Order
 from toolkit.rig.plan import CapturePlan, PoseId
@@ -236,7 +234,7 @@ def hash_poses(plan: CapturePlan, name: str) -> str:
     """SHA-256 of the plan's camera and one object's poses, whatever else the plan holds; 64 hex digits."""
     camera = plan.model_dump(mode="json", include={"camera"})["camera"]
     content = [camera, [pose.model_dump(mode="json") for pose in plan.objects[name]]]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    return sha256_json(content)
 
 
 def list_shots(plan: CapturePlan, steps: Sequence[ShotStep], seed: int = 0, order: Order = "aba") -> ShotList:

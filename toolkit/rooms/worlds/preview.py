@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import delete_file, read_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.plots import read_font
 from toolkit.imaging.read import encode_image, read_image
@@ -52,8 +52,7 @@ INK_EDGE: Ink = (20, 20, 20)
 LABEL_PX = 17
 BARS_M = (5, 10, 20, 50, 100, 200, 500, 1000)
 RECORD, MAP, FILM, FRAMES = "preview.json", "map.png", "flythrough.mp4", ".frames"
-MADE_AS = 1
-"""Changes with what the same request would look like: older files are made anew."""
+PREVIEWS = Work("world preview", 1)
 QUALITY = 90
 OBJECT_VIEWS = {"object": (35.0, 12.0, 1.4), "object-far": (-50.0, 24.0, 3.5)}
 """Azimuth from its front, elevation and distance of pictures of an object; the distance in its lengths."""
@@ -311,17 +310,17 @@ class _Show:
                 if self.settings.frames:
                     yield _Job(FILM, "film", k)
 
-    def hash_inputs(self, job: _Job) -> str:
-        """Hash of all that decides what a file shows."""
+    def key(self, job: _Job) -> str:
+        """Key of a file: of all that decides what it shows."""
         sky, settings = self.skies[job.sky], self.settings
         painted = crc32(sky.panorama.tobytes())
-        parts: list[object] = [MADE_AS, job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, painted, self.facts]
+        parts: list[object] = [job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, painted, self.facts]
         if job.kind == "picture":
             parts += [settings.resolution, job.weather, settings.seed, job.item]
             parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]
         else:
             parts += [settings.seed, settings.map_px, settings.film_size, settings.film_s]
-        return sha256(repr(parts).encode()).hexdigest()
+        return PREVIEWS.key(*parts)
 
 
 def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
@@ -387,7 +386,7 @@ def preview_world(
                     if content is not None:
                         write_bytes(show.folder / job.file, content)
                     # the record grows with every picture, so that an interrupted run resumes
-                    record[job.file] = (show.hash_inputs(job), sha256_file(show.folder / job.file))
+                    record[job.file] = (show.key(job), sha256_file(show.folder / job.file))
                     _write_record(show, record)
                     bar.advance(0 if job.kind == "film" else _cost(job, settings), job.file)
     made = [job.file for job in missing]
@@ -454,7 +453,7 @@ def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> It
         drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
         yield first, encode_image(drawn, "PNG")
     else:
-        _make_film(show, renderer, advance, show.hash_inputs(first))
+        _make_film(show, renderer, advance, show.key(first))
         yield first, None
 
 
@@ -489,10 +488,8 @@ def encode_jpeg(picture: np.ndarray, quality: int = QUALITY) -> bytes:
 
 
 def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool:
-    file = show.folder / job.file
-    if job.file not in known or known[job.file][0] != show.hash_inputs(job) or not file.is_file():
-        return False
-    return sha256_file(file) == known[job.file][1]
+    file, (key, sha256) = show.folder / job.file, known.get(job.file, ("", ""))
+    return key == show.key(job) and file.is_file() and sha256_file(file) == sha256
 
 
 def _read_record(folder: Path) -> dict[str, tuple[str, str]]:

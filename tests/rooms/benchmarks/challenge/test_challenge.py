@@ -36,7 +36,7 @@ from toolkit.rooms.benchmarks.challenge.score import (
     SCORE_FILE,
     Judge,
     JudgedPicture,
-    check_score,
+    check_scores,
     choose_corruptions,
     read_judged,
     rescore,
@@ -95,16 +95,13 @@ def claim_pixels(file, side_px):
     record.write_text(json.dumps(json.loads(record.read_text()) | changes))
 
 
-def make_up_score(folder, boosted, *, bare=0.25, name=None):
+def make_up_score(folder, boosted, *, bare=0.25, name=None, unseen=UNSEEN_SHA):
     """A score of made-up answers: `boosted` of the pictures of each object are right with the patch."""
     if name is not None:
         edit(folder, name=name)
     read = read_entry(folder)
     trained = read.record.networks[0].sha256
-    judges = [Judge(name=sha[:4], sha256=sha, preprocessing="", seen=sha == trained) for sha in (UNSEEN_SHA, trained)]
-    place = folder / SCORE
-    for item in CLOSED_OBJECTS:
-        write_bytes(place / PICTURES / f"{item}.png", PICTURE)
+    judges = [Judge(name=sha[:4], sha256=sha, preprocessing="", seen=sha == trained) for sha in (unseen, trained)]
     outcomes = [
         JudgedPicture(
             judge_sha256=judge.sha256, object=item, pose=pose, variant=variant, condition=condition, corruption="",
@@ -114,7 +111,7 @@ def make_up_score(folder, boosted, *, bare=0.25, name=None):
         for judge, condition, item, pose in product(judges, CONDITIONS, CLOSED_OBJECTS, range(1, 5))
         for variant, share in (("unpatched", dict.fromkeys(CLOSED_OBJECTS, bare)), ("patched", boosted))
     ]  # fmt: skip
-    return write_score(read, judges, outcomes).score
+    return write_score(read, judges, outcomes, dict.fromkeys(CLOSED_OBJECTS, PICTURE)).score
 
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
@@ -193,7 +190,7 @@ def test_an_object_of_ones_own_goes_into_the_entry_whole(tmp_path):
 ])  # fmt: skip
 def test_a_score_that_cannot_be_read_is_a_fault_of_the_check_alone(entry, spoil):
     make_up_score(entry, EVEN)
-    assert check_score(entry) == []
+    assert check_scores(entry) == []
     spoil(entry / SCORE)
     done = CliRunner().invoke(app, ["challenge", "check", str(entry), "--json"])
     assert done.exit_code == 1 and len(json.loads(done.stdout)["faults"]) == 1, done.output
@@ -266,6 +263,25 @@ def test_a_tampered_score_is_found(entry, tamper):
         (entry / SCORE / OUTCOMES).write_text("\n".join([lines[0], changed, *lines[2:]]) + "\n")
     file.write_text(json.dumps(content))
     assert rescore(entry)
+
+
+def test_a_score_by_other_judges_lies_beside_the_first(entry, tmp_path, capsys):
+    make_up_score(entry, EVEN)
+    first = read_folder(entry / SCORE)
+    make_up_score(entry, EVEN | {"racer": 0.25}, unseen="5" * 64)
+    assert read_folder(entry / SCORE) == first
+    assert "score holds another result, and stays as it is" in capsys.readouterr().err
+    # both are the entry's: they have a place in it, are checked, and can be ranked
+    other = entry / "score-2"
+    assert check_entry(entry) == check_scores(entry) == rescore(entry) == rescore(other) == []
+    assert [read_judged(place).score.rank_gain for place in (entry, other)] == [0.5, 0.375]
+    assert write_board([other], tmp_path / "board")[0][0].score.rank_gain == 0.375
+    (other / PICTURES / "racer.png").unlink()
+    assert len(check_scores(entry)) == 1 and rescore(entry) == [] and rescore(other)
+    # the same judges again: their score is replaced
+    make_up_score(entry, EVEN, unseen="5" * 64)
+    assert read_judged(other).score.rank_gain == 0.5 and rescore(other) == []
+    assert not (entry / "score-3").exists()
 
 
 def test_the_board_ranks_by_the_lower_bound_and_shares_ties(entered, tmp_path):

@@ -11,6 +11,7 @@ from PIL import Image
 
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
+from toolkit.core.work import NOWHERE, Work
 from toolkit.evaluation import predict
 from toolkit.evaluation.predict import predict_captures, predict_once
 from toolkit.models.weights import WeightsFile
@@ -73,9 +74,9 @@ def test_an_image_that_cannot_be_read_is_listed_and_tried_again(captures, rednes
 def test_answers_of_an_older_method_are_asked_for_again(captures, redness, tmp_path, monkeypatch):
     """A key without a version is the first's, so that rows stay good where nothing changed."""
     cache = tmp_path / "kept.jsonl"
-    monkeypatch.setattr(predict, "VERSION", 1)
+    monkeypatch.setattr(predict, "PREDICTIONS", Work("prediction", 1, old_at=NOWHERE))
     predict_once(captures, {"crate": 1}, redness, cache)
     parts = [sha256_file(captures[1].file), redness.weights.sha256, "redness", redness.preprocessing.describe(), 1]
     assert hashlib.sha256(json.dumps(parts).encode()).hexdigest() in cache.read_text()
-    monkeypatch.setattr(predict, "VERSION", 2)
+    monkeypatch.setattr(predict, "PREDICTIONS", Work("prediction", 2, old_at=NOWHERE))
     assert [predict_once(captures, {"crate": 1}, redness, cache)[1] for _ in range(2)] == [2, 0]

@@ -165,11 +165,25 @@ def test_rows_of_other_settings_are_not_mixed_in(space, monkeypatch, capsys):
         return {one.left_out for one in leave_one_out(space, config.with_overrides(**more), networks).rows}
 
     assert left_out() == left_out(left_out=("tiny:2",)) == {"tiny:1", "tiny:2"}
+    # other settings, and another object, have a matrix of their own
+    root = space.eval_dir / "transfer"
+    first = (root / "leave-one-out" / "matrix.json").read_bytes()
     assert left_out(left_out=("tiny:2",), steps=5) == {"tiny:2"}
-    assert "without tiny:1: the answers of tiny:1, tiny:2 are of an earlier run" in capsys.readouterr().err
-    # the same pictures again: nothing is asked, and the rows count for these settings
-    monkeypatch.setattr(experiment, "evaluate_captures", None)
-    assert left_out(steps=5) == {"tiny:1", "tiny:2"}
+    assert f"{root / 'leave-one-out'} holds another result, and stays as it is" in capsys.readouterr().err
+    assert left_out(left_out=("tiny:1",), steps=5) == {"tiny:1", "tiny:2"}
     spec = space.objects_dir / "crate.toml"
-    spec.write_text(spec.read_text().replace("length_mm = 100", "length_mm = 90"))
+    found = spec.read_text()
+    spec.write_text(found.replace("length_mm = 100", "length_mm = 90"))
     assert left_out(left_out=("tiny:2",), steps=5) == {"tiny:2"}
+    assert sorted(path.name for path in root.iterdir()) == [f"leave-one-out{number}" for number in ("", "-2", "-3")]
+    assert (root / "leave-one-out" / "matrix.json").read_bytes() == first
+    # the same pictures again: nothing is asked
+    spec.write_text(found)
+    monkeypatch.setattr(experiment, "evaluate_captures", None)
+    assert left_out() == {"tiny:1", "tiny:2"}
+    # other networks, none of which has a cell there
+    first = (root / "leave-one-out" / "matrix.json").read_bytes()
+    networks[:] = [network(3), network(4)]
+    monkeypatch.setattr(experiment, "evaluate_captures", lambda captures, made, judge, settings: judge.name)
+    assert left_out() == {"tiny:3", "tiny:4"}
+    assert (root / "leave-one-out" / "matrix.json").read_bytes() == first

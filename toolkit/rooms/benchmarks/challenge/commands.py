@@ -38,11 +38,12 @@ def check(
     as_json: options.Json = False,
 ) -> None:
     """Check an entry against every rule, one line for each fault; nothing is changed."""
-    from toolkit.rooms.benchmarks.challenge.entry import check_entry
-    from toolkit.rooms.benchmarks.challenge.score import check_score, rescore
+    from toolkit.rooms.benchmarks.challenge.entry import check_entry, list_score_folders
+    from toolkit.rooms.benchmarks.challenge.score import check_scores, rescore
 
     # an entry that cannot be read is a single fault
-    faults = list(dict.fromkeys(check_entry(entry) + (rescore if again else check_score)(entry)))
+    scores = [rescore(place) for place in list_score_folders(entry) or [entry]] if again else [check_scores(entry)]
+    faults = list(dict.fromkeys(sum(scores, check_entry(entry))))
     if as_json:
         show_json({"entry": str(entry), "faults": faults})
     else:
@@ -83,8 +84,8 @@ def run(
         judged = run_entry(read, networks, space, workers, with_controls=controls)
     score = judged.score
     # a board of this entry alone: the page to look at before others join
-    page = read.folder / SCORE / "page"
-    write_board([read.folder], page)
+    page = judged.folder / "page"
+    write_board([judged.folder], page)
     if as_json:
         show_json(score.model_dump(mode="json"))
         return
@@ -95,8 +96,9 @@ def run(
         interval = format_points_interval(score.rank_ci95)
         points = format_points(score.rank_gain) + (f" (95 % {interval})" if interval else "")
         say(f"gain on networks that it never saw, mean of {len(CONDITIONS)} conditions: {points} points")
-    say(f"score: {read.folder / SCORE}; page: {page / 'index.html'}")
-    say(f"next: toolkit challenge board {quote(entry)} OTHERS… --out FOLDER")
+    say(f"score: {judged.folder}; page: {page / 'index.html'}")
+    shown = entry if judged.folder.name == SCORE else judged.folder
+    say(f"next: toolkit challenge board {quote(shown)} OTHERS… --out FOLDER")
 
 
 def board(

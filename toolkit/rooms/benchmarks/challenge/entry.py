@@ -40,6 +40,8 @@ from toolkit.rooms.benchmarks.challenge import (
 
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
+SCORE_FOLDER = re.compile(rf"{SCORE}(-[1-9]\d{{0,2}})?")
+"""Of the first judges, and of others."""
 MOST_LISTED = 20
 """Largest number of misplaced files that are listed, each on its own line."""
 MOST_LETTERS = 2000
@@ -259,6 +261,11 @@ def _copy_object(folder: Path, name: str, target: Path) -> None:
         write_bytes(target / path, read_bytes(inside(folder, path), MOST_FILE_BYTES), target)
 
 
+def list_score_folders(folder: Path) -> list[Path]:
+    """Folders of an entry's scores."""
+    return sorted(place for place in Path(folder).glob(f"{SCORE}*") if SCORE_FOLDER.fullmatch(place.name))
+
+
 def check_entry(folder: Path) -> list[str]:
     """Every fault of an entry, a line each; none where it may be judged. The entry stays as it is."""
     try:
@@ -310,7 +317,8 @@ def _list_known(entry: ChallengeEntry) -> Iterator[str]:
     yield from (ENTRY, "README", "README.md", "README.txt")
     pictures = (f"{PICTURES}/{name}.png" for name in entry.objects)
     page = (f"page/{name}" for name in ("index.html", "board.csv", f"{entry.record.name}.json"))
-    yield from (f"{SCORE}/{name}" for name in (SCORE_FILE, OUTCOMES, *pictures, *page))
+    names = (SCORE_FILE, OUTCOMES, *pictures, *page)
+    yield from (f"{place.name}/{name}" for place in list_score_folders(entry.folder) for name in names)
     for name in entry.objects:
         own, objects = [entry.file_name(name), f"{BOOSTERS}/{name}.json"], [f"{OBJECTS}/{name}.toml"]
         with suppress(ToolkitError):  # which is a fault of its own
@@ -336,7 +344,9 @@ def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
                 faults.append(f"{name}: a link: expected the file itself")
             elif name in folders and path.is_dir():
                 waiting.append(name)
-            elif name not in known and not (name.startswith(f"{SCORE}/") and name.endswith(".partial")):
+            elif name not in known and not (
+                SCORE_FOLDER.fullmatch(name.partition("/")[0]) and name.endswith(".partial")
+            ):
                 faults.append(f"{name}: has no place in an entry of the {entry.record.division} division: take it out")
             elif not path.is_file():
                 faults.append(f"{name}: is no file: expected a plain one")

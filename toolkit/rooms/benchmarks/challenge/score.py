@@ -37,6 +37,7 @@ from toolkit.engine.units import Engine
 from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change, estimate_difference
 from toolkit.evaluation.predict import predict_once
+from toolkit.evaluation.run_files import explain_run_dir, find_run_dir
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
 from toolkit.imaging.read import decode_image, read_image
@@ -54,9 +55,11 @@ from toolkit.rooms.benchmarks.challenge.entry import (
     PICTURES,
     SCORE,
     SCORE_FILE,
+    SCORE_FOLDER,
     ChallengeEntry,
     EntryRecord,
     check_entry,
+    list_score_folders,
     open_space,
     read_entry,
 )
@@ -199,12 +202,22 @@ class Score(BaseModel):
         judged = tuple(sorted((judge.sha256, judge.preprocessing) for judge in self.judges))
         return self.challenge_version, self.entry.division, self.entry.budget, judged
 
+    def may_replace(self, folder: Path) -> bool:
+        """Whether a folder has no score that can be read, or one of the same judges and variants."""
+        try:
+            there = read_json(folder / SCORE_FILE, Score)
+        except ToolkitError:
+            return True
+        mine, theirs = ((score.class_of, {row.variant for row in score.rows}) for score in (self, there))
+        return mine == theirs
+
 
 @dataclass(frozen=True)
 class Judged:
-    """An entry with its score and what that is counted from."""
+    """An entry, the folder of a score in it, and the score with what it is counted from."""
 
     entry: ChallengeEntry
+    folder: Path
     score: Score
     outcomes: tuple[JudgedPicture, ...]
 
@@ -218,18 +231,28 @@ def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
     return named.model_copy(update={"seen": named.is_seen_by(record)})
 
 
-def write_score(entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture]) -> Judged:
-    """Count what the judges said, and write `outcomes.csv` and `score.json`.
+def write_score(
+    entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture],
+    pictures: Mapping[str, bytes] | None = None,
+) -> Judged:  # fmt: skip
+    """Count what the judges said, and write the board's pictures (PNG by object), `outcomes.csv` and `score.json`.
+
+    The folder is `score`, or `score-2`, … where that holds the score of other judges.
 
     Raises:
         ToolkitError: as `count_score`, or the disk is full.
     """
     cells = ([int(value) if isinstance(value, bool) else value for _, value in outcome] for outcome in outcomes)
-    text, folder = encode_csv(list(JudgedPicture.model_fields), cells), entry.folder / SCORE
+    text = encode_csv(list(JudgedPicture.model_fields), cells)
     score = count_score(entry, judges, outcomes, sha256_bytes(text.encode()))
+    folder = find_run_dir(entry.folder / SCORE, score.may_replace)
+    for note in explain_run_dir(entry.folder / SCORE, folder):
+        notice(note)
+    for name, content in (pictures or {}).items():
+        write_bytes(folder / PICTURES / f"{name}.png", content, entry.folder)
     write_text(folder / OUTCOMES, text, entry.folder)
     write_json(folder / SCORE_FILE, score.model_dump(mode="json"), entry.folder)
-    return Judged(entry, score, tuple(outcomes))
+    return Judged(entry, folder, score, tuple(outcomes))
 
 
 def count_score(
@@ -346,17 +369,20 @@ def build_score_table(score: Score) -> Table:
 
 
 def read_judged(folder: Path) -> Judged:
-    """An entry with its score, as it stands in the files.
+    """An entry with its score, as it stands in the files; `folder` is the entry's, or that of a score in it.
 
     Raises:
         ToolkitError: no entry, no score, or a damaged score.
     """
-    entry = read_entry(folder)
-    files = [entry.folder / SCORE / name for name in (SCORE_FILE, OUTCOMES)]
+    name = Path(folder).name
+    is_score = SCORE_FOLDER.fullmatch(name) is not None and not (Path(folder) / ENTRY).exists()
+    entry = read_entry(Path(folder).parent if is_score else folder)
+    place = entry.folder / (name if is_score else SCORE)
+    files = [place / name for name in (SCORE_FILE, OUTCOMES)]
     for file in files:
         if not file.is_file() or file.is_symlink():
-            raise ToolkitError(f"{file} is missing: 'toolkit challenge run {folder}' makes it")
-    return Judged(entry, read_json(files[0], Score), tuple(_read_outcomes(files[1])))
+            raise ToolkitError(f"{file} is missing: 'toolkit challenge run {entry.folder}' makes it")
+    return Judged(entry, place, read_json(files[0], Score), tuple(_read_outcomes(files[1])))
 
 
 def _read_outcomes(file: Path) -> list[JudgedPicture]:
@@ -379,7 +405,7 @@ def read_picture(judged: Judged, name: str) -> np.ndarray:
     Raises:
         ToolkitError: the picture is missing, another than `outcomes.csv` names, or no picture.
     """
-    file = inside(judged.entry.folder, f"{SCORE}/{PICTURES}/{name}.png")
+    file = inside(judged.entry.folder, f"{judged.folder.name}/{PICTURES}/{name}.png")
     content = read_bytes(file, MOST_PICTURE_BYTES)
     wanted = (name, SHOWN_POSE, judged.entry.record.variant)
     hashes = {
@@ -392,25 +418,26 @@ def read_picture(judged: Judged, name: str) -> np.ndarray:
     return decode_image(content, file)
 
 
-def check_score(folder: Path) -> list[str]:
-    """Why an entry's score cannot be read, a line; none where it can, or where there is none yet."""
-    place = Path(folder) / SCORE
-    if not any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
-        return []
-    try:
-        judged = read_judged(folder)
-        for name in judged.entry.objects:
-            read_picture(judged, name)
-    except ToolkitError as error:
-        return [str(error)]
-    return []
+def check_scores(folder: Path) -> list[str]:
+    """Why scores of an entry cannot be read, a line each; none where all can, or where there are none yet."""
+    faults = []
+    for place in list_score_folders(folder):
+        if not any((place / name).exists() for name in (SCORE_FILE, OUTCOMES)):
+            continue  # it was begun
+        try:
+            judged = read_judged(place)
+            for name in judged.entry.objects:
+                read_picture(judged, name)
+        except ToolkitError as error:
+            faults.append(str(error))
+    return faults
 
 
 def rescore(folder: Path) -> list[str]:
-    """What of an entry's score does not follow from its files, a line each; none where all does."""
+    """What of a score does not follow from its files, a line each; none where all does. `folder` as `read_judged`."""
     try:
         judged = read_judged(folder)
-        sha256 = sha256_file(judged.entry.folder / SCORE / OUTCOMES)
+        sha256 = sha256_file(judged.folder / OUTCOMES)
         record = judged.entry.record
         judges = [judge.model_copy(update={"seen": judge.is_seen_by(record)}) for judge in judged.score.judges]
         again = count_score(judged.entry, judges, judged.outcomes, sha256)
@@ -420,7 +447,7 @@ def rescore(folder: Path) -> list[str]:
         return [str(error)]
     said, found = (score.model_dump(mode="json", exclude={"toolkit_version"}) for score in (judged.score, again))
     return [
-        f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
+        f"{judged.folder.name}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {ENTRY} give: run the entry again"
         for name in found
         if said[name] != found[name]
     ]
@@ -444,7 +471,7 @@ def run_entry(
     entry: ChallengeEntry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
     *, with_controls: bool = True,
 ) -> Judged:  # fmt: skip
-    """Render an entry, let the judges say what they see, and write `score/` in its folder.
+    """Render an entry, let the judges say what they see, and write `score/` in its folder, see `write_score`.
 
     Pictures and answers are kept in `eval/challenge/` of the workspace: a run that was stopped goes on, and bare
     pictures serve all entries.
@@ -466,12 +493,10 @@ def run_entry(
     for judge in judges:
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
-    folder = entry.folder / SCORE
     # the board shows a picture of each object
-    for capture in captures:
-        if (capture.variant, capture.pose_id) == (entry.record.variant, SHOWN_POSE):
-            write_bytes(folder / PICTURES / f"{capture.object}.png", capture.file.read_bytes(), entry.folder)
-    return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes)
+    shown = (entry.record.variant, SHOWN_POSE)
+    pictures = {one.object: one.file.read_bytes() for one in captures if (one.variant, one.pose_id) == shown}
+    return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes, pictures)
 
 
 def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:

@@ -1,6 +1,5 @@
 """The corruption benchmark, from a data set to a results folder and its report: choose, compute, summarise, write."""
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -9,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import write_bytes
 from toolkit.core.tables import encode_csv
+from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import check_run_name
 from toolkit.evaluation.page import RIGHT, WRONG, write_page
 from toolkit.evaluation.run_files import (
-    CELLS,
-    INPUTS,
+    CELLS as CELLS_CSV,
+)
+from toolkit.evaluation.run_files import (
     SUMMARY,
     explain_run_dir,
     find_run_dir,
@@ -41,6 +42,7 @@ from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
     read_summary,
 )
 from toolkit.rooms.benchmarks.corruptions.cells import (
+    CELLS,
     Shard,
     Variant,
     apply_variant,
@@ -147,8 +149,8 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     Raises:
         ToolkitError: the disk is full or may not be written, or two networks have the same name.
     """
-    wanted, inputs = Path(folder), _hash_inputs(benchmark)
-    folder = find_run_dir(wanted, lacks_other_inputs(inputs))
+    wanted, key = Path(folder), _name_run(benchmark)
+    folder = find_run_dir(wanted, lacks_other_inputs(key))
     summary = summarise(replace(benchmark, notes=(*benchmark.notes, *explain_run_dir(wanted, folder))))
     overview = draw_overview(summary)
     figures = {
@@ -162,15 +164,15 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
         files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
     report = write_report(folder / "report.html", summary, overview, figures, examples)
     # last: where it is, the rest is there as well
-    write_run(folder, summary.as_json() | {INPUTS: inputs}, {CELLS: encode_cells(summary)})
-    return BenchmarkFiles(folder / SUMMARY, folder / CELLS, report, tuple(files))
+    write_run(folder, summary.as_json() | {INPUTS: key}, {CELLS_CSV: encode_cells(summary)})
+    return BenchmarkFiles(folder / SUMMARY, folder / CELLS_CSV, report, tuple(files))
 
 
-def _hash_inputs(benchmark: Benchmark) -> str:
-    """Return the hash of the data, networks, patches and conditions, without the toolkit's version."""
+def _name_run(benchmark: Benchmark) -> str:
+    """Return the key of a run: of its data, networks, patches and conditions, without the toolkit's version."""
     about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
     conditions = sorted({(cell.corruption, cell.severity) for cell in benchmark.cells})
-    return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
+    return Work("corruption benchmark", CELLS.version, old_at=NOWHERE).key(about, benchmark.ids, conditions)
 
 
 def encode_cells(summary: Summary) -> str:

@@ -1,6 +1,5 @@
 """Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from toolkit.boosters.apply import boost_images
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import sha256_bytes
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.batch import corrupt, run_each
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
@@ -32,8 +31,7 @@ from toolkit.rooms.benchmarks.corruptions.recognisers import (
 from toolkit.rooms.benchmarks.patch_sets import PatchSet, read_patch_set
 from toolkit.training.images import ImageSet, LabelledImage
 
-METHOD_VERSION = 1
-"""Raised when the same inputs give other ranks, as after a change to a corruption."""
+CELLS = Work("cell", 1, old_at=0)
 FAILED = -1
 """The rank of an image that could not be used."""
 
@@ -173,10 +171,10 @@ def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
         yield Shard(part, tuple(images.hash_image(image.id) for image in part))
 
 
-def make_key(
+def name_cell(
     shard: Shard, variant: Variant, recogniser: Recogniser, condition: Condition, config: CorruptEvalConfig
 ) -> str:
-    """Hash of everything that the ranks of a shard's images in a cell depend on."""
+    """Key of the ranks of a shard's images in a cell."""
     how = variant.classifier.preprocessing
     patches = variant.patches
     # by the pictures' hashes: a set that is trained anew has other cells
@@ -190,13 +188,11 @@ def make_key(
         # the numbers themselves, not only the severity: other parameters are another cell
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     # bare images have no placement, and without a corruption no draws at all: their answers serve every seed
-    inputs = [
-        METHOD_VERSION, [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(),
-        pictures, None if patches is None else config.placement.model_dump(),
-        None if patches is given is None else config.seed, given,
-        recogniser.identity,
-    ]  # fmt: skip
-    return sha256_bytes(json.dumps(inputs).encode())
+    return CELLS.key(
+        [[image.id, image.class_index] for image in shard.images], shard.hashes, how.describe(), pictures,
+        None if patches is None else config.placement.model_dump(), None if patches is given is None else config.seed,
+        given, recogniser.identity,
+    )  # fmt: skip
 
 
 CUDA_PART = 128

@@ -14,10 +14,10 @@ from toolkit.captures.capture import UNPATCHED
 from toolkit.core.console import progress
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
-from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.records import hold_folder
 from toolkit.corruptions.catalogue import choose_parameters, find_note
 from toolkit.engine.local import InProcess
-from toolkit.engine.units import Engine, Ran, RecordCache, Shared, Unit, run_resumable
+from toolkit.engine.units import Engine, Ran, Shared, Unit, WorkLog, run_resumable
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.identity import describe_network
 from toolkit.rooms.benchmarks.corruptions import CLEAN, Condition, CorruptEvalConfig
@@ -30,7 +30,7 @@ from toolkit.rooms.benchmarks.corruptions.cells import (
     apply_variant,
     cut_shards,
     load_shard,
-    make_key,
+    name_cell,
     rank_images,
 )
 from toolkit.rooms.benchmarks.corruptions.doubts import find_misnamed, list_doubts
@@ -139,7 +139,7 @@ class Cell(NamedTuple):
 def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine) -> Benchmark:
     shards = _hash_shards(grid)
     keys = {
-        Cell(s, v, condition, r): make_key(shard, variant, recogniser, condition, grid.config)
+        Cell(s, v, condition, r): name_cell(shard, variant, recogniser, condition, grid.config)
         for s, shard in enumerate(shards)
         for v, variant in enumerate(grid.variants)
         for r, recogniser in enumerate(variant.recognisers)
@@ -147,8 +147,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
     }
     # cells of equal inputs share a key, and are computed once
     wanted = {key: cell for cell, key in keys.items()}
-    log = RecordLog(cells_file, CellLine, required=False, compact=True)
-    cache = RecordCache(log, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
+    cache = WorkLog(cells_file, CellLine, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
     missing = cache.find_missing(wanted)
 
     def keep(key: str, cell: Cell, ranks: np.ndarray) -> None:

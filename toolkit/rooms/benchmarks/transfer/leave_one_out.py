@@ -4,10 +4,9 @@ Every step is kept and taken up again: training by its checkpoints, captures by 
 what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
 """
 
-import hashlib
-import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -24,15 +23,16 @@ from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import read_json, sha256_file, sha256_json, write_json, write_text
-from toolkit.core.records import list_version
+from toolkit.core.files import read_json, sha256_file, write_json, write_text
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
+from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.detect import DetectionRun, evaluate_detector
 from toolkit.evaluation.evaluate import Evaluation, evaluate_captures
 from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.run_files import explain_run_dir, find_run_dir
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.models.network import Classifier
 from toolkit.objects.load import load_object
@@ -43,8 +43,7 @@ from toolkit.rooms.benchmarks.transfer import FOR_CLASSIFIERS, Kind, TransferCon
 
 BOOSTED = {variant: noun for variant, noun in NOUNS.items() if noun in get_args(Kind)}
 SOURCE = "sim"
-JUDGING_VERSION = 1
-"""Raised when the same pictures and networks give other rows, so that networks are asked again."""
+JUDGED = Work("judged rows", old_at=NOWHERE)
 Judge = Classifier | DetectorNetwork
 
 
@@ -86,7 +85,7 @@ class JudgedCell(BaseModel):
 
     Attributes:
         key: hash of all that it depends on.
-        settings_sha256: hash of the settings, poses, objects and networks of the run that asked; empty in older files.
+        settings_sha256: key of the settings, poses, objects and networks of the run; empty in older files.
         rows: by source, object and kind.
     """
 
@@ -167,8 +166,9 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     """Train without each network in turn, and let all of them judge.
 
     What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
-    in `eval/transfer/RUN/matrix.json` and `.md`. Nothing is trained on classifiers and detectors at once: where there
-    are both, all detectors are left out, then all classifiers, and each kind judges what was trained on the other.
+    in `eval/transfer/RUN/matrix.json` and `.md`. A run of other settings writes to `RUN-2`. Nothing is trained on
+    classifiers and detectors at once: where there are both, all detectors are left out, then all classifiers, and each
+    kind judges what was trained on the other.
 
     Args:
         workspace: whose objects and plan are meant, and whose `eval/` is written to.
@@ -179,59 +179,59 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
             training, shooting and judging raise.
     """
-    by_name = {network.name: network for network in networks}
     # two networks of the same name would share a folder
-    if len(by_name) < max(2, len(networks)):
-        raise FieldError("expected at least two networks, each once", {"model": [network.name for network in networks]})
-    groups = group_networks(networks)
+    names = [network.name for network in networks]
+    if len(set(names)) < max(2, len(names)):
+        raise FieldError("expected at least two networks, each once", {"model": names})
+    trained_on = group_networks(networks)
     if any(isinstance(network, DetectorNetwork) for network in networks):
         refuse_for_detectors([name for name in FOR_CLASSIFIERS if getattr(config, name) is not None])
     for name in config.left_out:
-        if name not in groups:
-            raise one_of("network", name, list(groups))
+        if name not in trained_on:
+            raise one_of("network", name, list(trained_on))
     objects = list(config.objects) or names_with_mesh(workspace)
     plan = open_plan(workspace, objects)
     shown = _describe_objects(workspace, plan, objects)
-    folder = workspace.eval_dir / "transfer" / config.run
-    for left_out in config.left_out or groups:
+    # the files of the matrix's cells, and the keys of their settings
+    cells = {
+        _name_cell(left_out, judge): _hash_settings(config, judge, others, shown)
+        for left_out, others in trained_on.items()
+        for judge in networks
+    }
+    wanted = workspace.eval_dir / "transfer" / config.run
+    folder = find_run_dir(wanted, lambda folder: _lacks_other_cells(folder, cells))
+    for note in explain_run_dir(wanted, folder):
+        notice(note)
+    for left_out in config.left_out or trained_on:
         notice(f"without {left_out}")
-        others = [network for name, network in by_name.items() if name not in groups[left_out]]
+        others = trained_on[left_out]
         # a workspace of its own: its boosters are called as those that were trained without another network
-        space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
+        space = copy_objects(workspace, folder / f"without-{name_folder(left_out)}")
+        write_plan(space.plan_file, plan)
         for name in objects:
             for kind in config.kinds:
                 _train(space, kind, name, others, config)
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
-            _judge(space, judge, left_out, others, config, _hash_settings(config, judge, others, shown))
+            _judge(space, judge, left_out, others, config, cells[_name_cell(left_out, judge)])
     # also of networks that an earlier run left out
-    rows: list[JudgedRow] = []
-    for left_out in groups:
-        others = [network for name, network in by_name.items() if name not in groups[left_out]]
-        rows += _read_rows(folder, left_out, {
-            judge.name: _hash_settings(config, judge, others, shown) for judge in networks
-        })  # fmt: skip
+    files = [folder / name for name in cells]
+    rows = [row for file in files if file.is_file() for row in read_json(file, JudgedCell).rows]
     about = {"run": config.run, "settings": config.record(), "networks": {
-        name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
+        network.name: {"arch": network.arch, "weights": network.weights.name, "sha256": network.weights.sha256}
         | ({"kind": "detector"} if isinstance(network, DetectorNetwork) else {})
-        for name, network in by_name.items()
+        for network in networks
     }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
 
 
-def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
-    """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
-    kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
-    for network in networks:
-        kinds["detectors" if isinstance(network, DetectorNetwork) else "classifiers"].append(network.name)
-    return kinds if all(kinds.values()) else {network.name: [network.name] for network in networks}
-
-
-def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
-    """A workspace with the objects and the plan of another."""
-    space = copy_objects(workspace, folder)
-    write_plan(space.plan_file, plan)
-    return space
+def group_networks(networks: Sequence[Judge]) -> dict[str, list[Judge]]:
+    """The networks that train, by what is left out: each network alone, but all of a kind where there are both."""
+    detectors = [network for network in networks if isinstance(network, DetectorNetwork)]
+    classifiers = [network for network in networks if not isinstance(network, DetectorNetwork)]
+    if detectors and classifiers:
+        return {"detectors": [*classifiers], "classifiers": [*detectors]}
+    return {left_out.name: [network for network in networks if network is not left_out] for left_out in networks}
 
 
 def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
@@ -263,12 +263,12 @@ def _describe_objects(workspace: Workspace, plan: CapturePlan, objects: Sequence
 
 
 def _hash_settings(config: TransferConfig, judge: Judge, others: Sequence[Judge], shown: list[Any]) -> str:
-    """Hash of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
+    """Key of what a cell's rows rest on, so that rows of an earlier run count only if they rest on the same."""
     settings = {name: value for name, value in config.record().items() if name not in ("run", "left_out")}
     networks = [
         (network.name, network.weights.sha256, network.preprocessing.describe()) for network in (judge, *others)
     ]
-    return sha256_json([settings, networks, shown])
+    return Work("transfer settings", JUDGED.version, old_at=NOWHERE).key(settings, networks, shown)
 
 
 def _judge(
@@ -279,20 +279,14 @@ def _judge(
     captures = space.captures_dir / SOURCE
     seen = [network.name for network in others]
     # the manifest's hash stands for all images: it holds theirs
-    parts = (
+    key = JUDGED.key(
         sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
-        config.objects, config.corruptions, *list_version(JUDGING_VERSION),
+        config.objects, config.corruptions,
     )  # fmt: skip
-    key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-    file = _cell_file(space.root, judge.name)
-    try:
-        earlier = read_json(file, JudgedCell)
-        if earlier.key == key:
-            # the same pictures, as this run's settings make them
-            write_json(file, earlier.model_copy(update={"settings_sha256": settings_sha256}).model_dump())
+    file = space.root.parent / _name_cell(left_out, judge)
+    with suppress(ToolkitError):  # none yet, or damaged
+        if read_json(file, JudgedCell).key == key:
             return
-    except ToolkitError:
-        pass  # none yet, or of another version
     settings = EvalConfig(
         run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
         corruptions=config.corruptions,
@@ -309,26 +303,14 @@ def name_folder(network: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
 
 
-def _cell_file(root: Path, judge: str) -> Path:
-    return root / f"judged-by-{name_folder(judge)}.json"
+def _name_cell(left_out: str, judge: Judge) -> str:
+    return f"without-{name_folder(left_out)}/judged-by-{name_folder(judge.name)}.json"
 
 
-def _read_rows(folder: Path, left_out: str, settings: dict[str, str]) -> list[JudgedRow]:
-    """Rows of a left-out network; `settings` is the hash that each judge's rows must rest on to count."""
-    rows: list[JudgedRow] = []
-    others = []
-    for judge, sha256 in settings.items():
-        file = _cell_file(folder / f"without-{name_folder(left_out)}", judge)
-        if not file.is_file():
-            continue
-        cell = read_json(file, JudgedCell)
-        if cell.settings_sha256 == sha256:
-            rows += cell.rows
-        else:
-            others.append(judge)
-    if others:
-        notice(
-            f"without {left_out}: the answers of {', '.join(others)} are of an earlier run with other settings, and "
-            "the matrix leaves them out: leave this network out again to make them new"
-        )
-    return rows
+def _lacks_other_cells(folder: Path, cells: Mapping[str, str]) -> bool:
+    """Whether all cells in a folder are those of a run, by the keys of its settings."""
+    for file in folder.glob("without-*/judged-by-*.json"):
+        with suppress(ToolkitError):  # damaged: it is judged again
+            if read_json(file, JudgedCell).settings_sha256 != cells.get(file.relative_to(folder).as_posix()):
+                return False
+    return True

@@ -1,6 +1,5 @@
 """The gates over a capture folder: photograph by photograph, then over the whole set; what to retake."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +16,7 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import delete_file, sha256_file, write_text
 from toolkit.core.records import RecordLog, hold_folder
+from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
@@ -32,23 +32,22 @@ from toolkit.rooms.photos.locate import locate_by_board
 from toolkit.rooms.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rooms.photos.shot_order import ShotStep, read_shots
 
-VERSION = 4
-"""Version of the measures; photographs that another version judged are judged again."""
+GATES = Work("gates", 4)
+"""Photographs that another version of the measures judged are judged again."""
 
 
 def hash_setup(workspace: Workspace) -> str:
-    """Hash of all but the image that a photograph's results follow from: the rig, patches, objects, measures."""
-    digest = hashlib.sha256(f"gates {VERSION}".encode())
-    for file in (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file):
-        digest.update(file.read_bytes() if file.is_file() else b"none")
+    """Key of all but the image that a photograph's results follow from: the rig, patches, objects."""
+    rig = (board_file(workspace), workspace.root / "rig" / "lens.json", workspace.plan_file)
     wraps = {f"wrap {name}": folder / RECORD_FILE for name, folder in workspace.wraps().items()}
-    for name, file in sorted({**workspace.patches(), **wraps}.items()):
-        digest.update(f"{name} {sha256_file(file)}".encode())
+    boosters = sorted({**workspace.patches(), **wraps}.items())
     # meshes may be large: their size and time tell a change
-    for file in sorted(workspace.objects_dir.glob("*")):
-        found = file.stat()
-        digest.update(f"{file.name} {found.st_size} {found.st_mtime_ns}".encode())
-    return digest.hexdigest()
+    meshes = [(file.name, file.stat()) for file in sorted(workspace.objects_dir.glob("*"))]
+    return GATES.key(
+        [sha256_file(file) if file.is_file() else None for file in rig],
+        [[name, sha256_file(file)] for name, file in boosters],
+        [[name, found.st_size, found.st_mtime_ns] for name, found in meshes],
+    )
 
 
 class CheckLine(BaseModel):

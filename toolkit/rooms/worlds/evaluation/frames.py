@@ -1,18 +1,14 @@
 """Pictures of an object in its place from the grid's cameras: a render for all weathers, and the answers to them."""
 
-import hashlib
-import json
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.core.records import RecordLog
-from toolkit.engine.units import RecordCache
+from toolkit.core.work import Work
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
@@ -25,8 +21,7 @@ from toolkit.rooms.worlds.place import Placed
 from toolkit.rooms.worlds.sky import Sky
 from toolkit.rooms.worlds.world import World
 
-METHOD_VERSION = 1
-"""Raised when the same inputs give other answers."""
+FRAMES = Work("world frame", 1, old_at=0)
 WeatherKey = tuple[str, int]
 """Name and severity."""
 Answer = tuple[int, float, float, int]
@@ -46,6 +41,10 @@ class FrameAnswers(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     frame: str = Field(pattern=r"^[0-9a-f]{64}$")
     answers: dict[str, Answer]
+
+    def entries(self) -> list[tuple["AnswerKey", Answer]]:
+        """Each answer with its key."""
+        return [((self.frame, name), answer) for name, answer in self.answers.items()]
 
 
 @dataclass(frozen=True)
@@ -87,21 +86,8 @@ def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -
     return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
 
 
-def hash_inputs(*inputs: object) -> str:
-    """Hash of a list that JSON can hold."""
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-
-
 AnswerKey = tuple[str, str]
 """Hash of a frame, and what `name_weather` calls the weather."""
-
-
-def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
-    """The answers that are wanted and there; those of a line that is broken are computed again."""
-    log = RecordLog(file, FrameAnswers, required=False, compact=True)
-    return RecordCache(
-        log, lambda line: [((line.frame, name), answer) for name, answer in line.answers.items()], wanted
-    )
 
 
 class PictureTask(NamedTuple):

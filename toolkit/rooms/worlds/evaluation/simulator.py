@@ -9,7 +9,8 @@ import numpy as np
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_bytes
+from toolkit.core.files import sha256_json, write_bytes
+from toolkit.core.work import NOWHERE, Work
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays
@@ -19,7 +20,7 @@ from toolkit.rooms.worlds.conditions import CLEAR
 from toolkit.rooms.worlds.depth_weather import to_airsim
 from toolkit.rooms.worlds.evaluation import ABSENT
 from toolkit.rooms.worlds.evaluation.cameras import PlaceCameras
-from toolkit.rooms.worlds.evaluation.frames import OBJECT_ID, SKY_ID, Frame, PictureTask, Stage, hash_inputs
+from toolkit.rooms.worlds.evaluation.frames import OBJECT_ID, SKY_ID, Frame, PictureTask, Stage
 from toolkit.rooms.worlds.evaluation.keep import KeptFrames, ShotFrames, choose_shown, encode_frame, pose_of
 from toolkit.rooms.worlds.world import SceneClass
 
@@ -66,16 +67,14 @@ def shoot_missing(
     """
     name = kept.object_name
     write_objects(kept.folder.parent / "objects", stage, name)
-    camera, meshes = (
-        stage.camera.intrinsics,
-        {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()},
-    )
-    shared = hash_inputs(list(astuple(address)), stage.world.sha256, camera)
+    camera = stage.camera.intrinsics
+    meshes = {key: hash_mesh(stage_variant.mesh) for key, stage_variant in stage.variants.items()}
+    shared = Work("simulator frame", old_at=NOWHERE).key(list(astuple(address)), stage.world.sha256, camera)
     missing = []
     for task in tasks:
         stand = stage.places[task.place].stand
         where = list(stand.place), stand.turn_deg, task.camera.T_world_camera.tolist()
-        frame = task._replace(frame=hash_inputs(shared, meshes[task.variant], *where), is_kept=True)
+        frame = task._replace(frame=sha256_json([shared, meshes[task.variant], *where]), is_kept=True)
         # weather by weather: a run that was stopped leaves a part of a frame's
         weathers = tuple(weather for weather in task.weathers if kept.lacks(frame._replace(weathers=(weather,))))
         missing += [frame._replace(weathers=weathers)] if weathers else []

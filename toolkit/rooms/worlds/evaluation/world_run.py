@@ -12,16 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolkit.captures.shoot import LOOK_VERSION
+from toolkit.captures.shoot import SHOTS
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import sha256_bytes
+from toolkit.core.files import sha256_bytes, sha256_json
 from toolkit.core.records import hold_folder
+from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Ran, Shared, Unit, WorkLog, cut_groups, run_resumable
 from toolkit.evaluation.predict import CPU_PART, classify_stream
-from toolkit.evaluation.run_files import INPUTS, explain_run_dir, find_run_dir, lacks_other_inputs
+from toolkit.evaluation.run_files import explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object, scale_to_world
@@ -34,7 +35,7 @@ from toolkit.rooms.worlds.airsim import Address
 from toolkit.rooms.worlds.evaluation import ABSENT, WorldEvalConfig
 from toolkit.rooms.worlds.evaluation.cameras import PlaceCameras, plan_cameras
 from toolkit.rooms.worlds.evaluation.frames import (
-    METHOD_VERSION,
+    FRAMES,
     Answer,
     AnswerKey,
     Frame,
@@ -45,10 +46,8 @@ from toolkit.rooms.worlds.evaluation.frames import (
     ViewAnswers,
     WeatherKey,
     WorldVariant,
-    hash_inputs,
     make_answer,
     name_weather,
-    read_answers,
     render_frames,
 )
 from toolkit.rooms.worlds.evaluation.keep import KeptFrames, ShotFrames, encode_frame
@@ -98,25 +97,23 @@ class Asked:
         )  # fmt: skip
         # frames of the default renderer keep their hash
         other = () if stage.renderer == RAYCAST else (stage.renderer, RENDERERS[stage.renderer].version)
-        shared = hash_inputs(
-            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network, *other
+        shared = FRAMES.key(
+            SHOTS.version, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network, *other
         )
         meshes = {name: hash_mesh(variant.mesh) for name, variant in stage.variants.items()}
         tasks = []
         for k, place in enumerate(self.places):
             stand = place.placed.stand
             for name in stage.variants:
-                there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
+                there = sha256_json([shared, meshes[name], list(stand.place), stand.turn_deg])
                 for grid_camera in place.cameras:
                     item = k * 1_000_000_000 + grid_camera.number  # a grid has at most a million points
-                    frame = hash_inputs(there, grid_camera.T_world_camera.tolist(), item)
+                    frame = sha256_json([there, grid_camera.T_world_camera.tolist(), item])
                     tasks.append(PictureTask(frame, k, name, item, grid_camera, self.weathers, False))
         if self.shots is None:
             return tasks
         # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
-        return [
-            task._replace(frame=hash_inputs(METHOD_VERSION, *network, self.shots.hash_pictures(task))) for task in tasks
-        ]
+        return [task._replace(frame=FRAMES.key(*network, self.shots.hash_pictures(task))) for task in tasks]
 
 
 def _hash_sky(sky: Sky) -> str:
@@ -147,7 +144,8 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     tasks = asked.tasks()
     wanted = {task.frame: task for task in tasks}  # a simulator may give the same pictures twice
     names = {weather: name_weather(weather) for weather in asked.weathers}
-    cache = read_answers(log, {(frame, name) for frame in wanted for name in names.values()})
+    keys = {(frame, name) for frame in wanted for name in names.values()}
+    cache = WorkLog(log, FrameAnswers, FrameAnswers.entries, keys)
 
     def find_rest(task: PictureTask) -> PictureTask:
         """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
@@ -310,8 +308,9 @@ def evaluate_world(
     wanted = workspace.eval_dir / (config.run or name_run(config, classifier))
     # known before the work: pictures of another result must not be replaced either
     network = describe_network(classifier)["network_id"]
-    inputs = hash_inputs(config.record(), network, [[task.frame, task.weathers] for task in asked.tasks()])
-    run_dir = find_run_dir(wanted, lacks_other_inputs(inputs))
+    run = Work("world evaluation", FRAMES.version, old_at=NOWHERE)
+    key = run.key(config.record(), network, [[task.frame, task.weathers] for task in asked.tasks()])
+    run_dir = find_run_dir(wanted, lacks_other_inputs(key))
     worlds_dir = workspace.eval_dir / "worlds"
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
         everything = config.keep or config.is_simulated
@@ -326,7 +325,7 @@ def evaluate_world(
     results = WorldResults(
         config, classifier, asked.item, asked.true_index, asked.stage, places=places, answers=answers, renderer=renderer
     )
-    about = {INPUTS: inputs, "notes": explain_run_dir(wanted, run_dir)}
+    about = {INPUTS: key, "notes": explain_run_dir(wanted, run_dir)}
     return WorldRun(results, write_results(run_dir, results, kept, about), ran.made, ran.kept, ran.failed)
 
 

@@ -1,6 +1,5 @@
 """Make the patch sets of a baseline, class by class: what is finished is kept, what is missing is made."""
 
-import json
 from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,8 @@ from toolkit.core.child import count_cores
 from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.files import read_json
+from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
@@ -48,8 +48,7 @@ from toolkit.training.images import ImageSet, LabelledImage, choose_classes, ope
 BATCH = 64
 MAX_DECODERS = 8
 Skipped = list[tuple[str, str]]
-METHOD_VERSION = 1
-"""Raised when the same inputs give another picture."""
+BASELINES = Work("baseline", 1, old_at=0)
 
 
 class _Photos(Baseline):
@@ -311,7 +310,8 @@ def _make_pictures(
     made: list[tuple[_Place, bool]] = []
     skipped: list[tuple[str, str]] = []
     for index in classes:
-        name, key = name_class(labels, index), _hash_inputs(baseline, labels[index], index)
+        name, inputs = name_class(labels, index), baseline.list_inputs(index)
+        key = BASELINES.key(_describe_way(baseline), labels[index], index, inputs)
         # all sizes of a class together: choosing is the work, drawing another size is not
         finished = {place: _find_finished(place, name, key, baseline) for place in places}
         records = [record for record in finished.values() if record is not None]
@@ -356,7 +356,7 @@ def _check_same_way(place: _Place, baseline: Baseline) -> None:
         except ToolkitError:
             continue  # it is written anew, or the set's reader names it
         # what is the picture's own is left out: the rest is what a set has in common
-        settings = {key: value for key, value in record.settings.items() if key not in ("code", "inputs_sha256")}
+        settings = {key: value for key, value in record.settings.items() if key not in ("code", INPUTS)}
         there = settings | {"seed": record.seed, "network": _name_weights(record.networks)}
         wanted = _describe_way(baseline)
         # the method first: where it differs, what else does follows from it
@@ -380,20 +380,10 @@ def _name_weights(networks: list[NetworkRecord]) -> str:
     return " ".join(f"{network.arch} {network.sha256[:12]}" for network in networks)
 
 
-def _hash_inputs(baseline: Baseline, label: str, index: int) -> str:
-    inputs = [METHOD_VERSION, _describe_way(baseline), label, index, baseline.list_inputs(index)]
-    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
-
-
 def _find_finished(place: _Place, name: str, key: str, baseline: Baseline) -> PatchRecord | None:
     file = place.folder / f"{name}.png"
-    if not file.is_file():
-        return None
-    try:
-        record = read_patch(file).record
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return record if record.settings.get("inputs_sha256") == key and baseline.is_current(record) else None
+    record = find_made(key, lambda: read_patch(file).record, lambda made: made.settings.get(INPUTS), file)
+    return record if record is not None and baseline.is_current(record) else None
 
 
 def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:
@@ -409,7 +399,7 @@ def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choic
             "networks": baseline.networks,
             "data": choice.data,
             "seed": baseline.seed,
-            "settings": {"method": baseline.method, **baseline.settings, **code, "inputs_sha256": key},
+            "settings": {"method": baseline.method, **baseline.settings, **code, INPUTS: key},
             "final": choice.final,
             "toolkit_version": __version__,
         },
