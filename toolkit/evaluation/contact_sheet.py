@@ -13,7 +13,8 @@ from toolkit.captures.capture import Capture
 from toolkit.core.child import count_cores
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
-from toolkit.evaluation.predict import Prediction, choose_batch_size, decode_ahead, find_pending
+from toolkit.evaluation.prediction import Prediction
+from toolkit.evaluation.read_pixels import read_ahead
 from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
@@ -23,6 +24,8 @@ RADIUS = 100.0
 LARGEST_DOT, SMALLEST_DOT, DOT_SHARE = 11.0, 2.5, 46.0
 SIDE_PX = 240
 MAX_BYTES = 12_000
+AHEAD = 8
+"""Corrupted images that are read in advance."""
 QUALITIES = (80, 65, 50, 35, 20)
 Item = TypeVar("Item")
 MAX_PICTURES = 600
@@ -154,15 +157,15 @@ def make_thumbnails(
     left out.
     """
     wanted = list({capture.path: capture for capture in captures}.values())
-    corrupted = [capture for capture in wanted if find_pending(capture) is not None]
-    plain = [capture for capture in wanted if find_pending(capture) is None]
+    corrupted = [capture for capture in wanted if capture.pending_corruption is not None]
+    plain = [capture for capture in wanted if capture.pending_corruption is None]
     with ThreadPoolExecutor(min(8, count_cores())) as pool:
         made = pool.map(lambda prediction: _make(prediction, side_px), plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
-    shown = decode_ahead(corrupted, classifier, choose_batch_size(classifier)) if classifier else ()
-    for capture, pixels in zip(corrupted, shown, strict=classifier is not None):
-        if not isinstance(pixels, str):
-            uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)
+    if classifier is not None:
+        for capture, pixels in read_ahead(corrupted, classifier.preprocessing, classifier.device, AHEAD):
+            if not isinstance(pixels, str):
+                uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)
     return uris
 
 

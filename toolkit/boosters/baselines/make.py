@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 
 from toolkit import __version__
@@ -42,6 +41,7 @@ from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.training.images import ImageSet, LabelledImage, choose_classes, open_images
 
@@ -193,12 +193,10 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
     Raises:
         ToolkitError: the network's output is not finite.
     """
-    batch = torch.from_numpy(pixels).to(classifier.device).permute(0, 3, 1, 2).float().div_(255)
-    with torch.inference_mode():
-        # double precision: the best of many images may differ from the next by little
-        losses = -classifier.logits(batch).double().log_softmax(dim=1)[:, index].cpu().numpy()
+    # double precision: the best of many images may differ from the next by little
+    losses = -predict(list(pixels), classifier).log_softmax(dim=1)[:, index].numpy()
     if not np.isfinite(losses).all():
-        raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")
+        raise ToolkitError(f"{classifier.weights.name}: the network gives class {index} no probability at all")
     return losses
 
 

@@ -41,6 +41,7 @@ from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
     read_summary,
 )
 from toolkit.rooms.benchmarks.corruptions.cells import (
+    METHOD_VERSION,
     Shard,
     Variant,
     apply_variant,
@@ -167,10 +168,11 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
 
 def _hash_inputs(benchmark: Benchmark) -> str:
-    """Return the hash of the data, networks, patches and conditions, without the toolkit's version."""
+    """Return the hash of the data, networks, patches, conditions and method, without the toolkit's version."""
     about = {key: value for key, value in benchmark.about.items() if key != "toolkit_version"}
     conditions = sorted({(cell.corruption, cell.severity) for cell in benchmark.cells})
-    return sha256_bytes(json.dumps([about, benchmark.ids, conditions], sort_keys=True).encode())
+    inputs = [about, benchmark.ids, conditions, METHOD_VERSION]
+    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
 
 
 def encode_cells(summary: Summary) -> str:
@@ -232,7 +234,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
         pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
         images = apply_variant(pixels, shard, usable, variant, grid.config)
         for panel, condition in zip(row, conditions, strict=True):
-            shown = corrupt_images(images, slice(None), condition)[0].permute(1, 2, 0).numpy()
+            shown = corrupt_images(images, [0], condition)[0].permute(1, 2, 0).numpy()
             panel.imshow(shown, interpolation="antialiased")
             rank = ranks[variant.name, variant.classifier.name, condition][number]
             for spine in panel.spines.values():

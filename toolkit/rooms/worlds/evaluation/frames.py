@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
 from toolkit.engine.units import RecordCache
+from toolkit.models.predict import Answer, read_answer
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import map_frames
@@ -25,12 +26,13 @@ from toolkit.rooms.worlds.place import Placed
 from toolkit.rooms.worlds.sky import Sky
 from toolkit.rooms.worlds.world import World
 
+if TYPE_CHECKING:
+    import torch
+
 METHOD_VERSION = 1
 """Raised when the same inputs give other answers."""
 WeatherKey = tuple[str, int]
 """Name and severity."""
-Answer = tuple[int, float, float, int]
-"""First guess, its probability, the truth's probability, and the truth's rank from 1."""
 OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
 """In segmentations, beside the numbers of `SceneClass`: the object, what boosts it, and the sky."""
 
@@ -79,12 +81,12 @@ def name_weather(weather: WeatherKey) -> str:
     return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
 
 
-def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -> Answer:
-    """From classes by falling probability and the probability of each; six digits are kept."""
-    first = int(order[0])
-    rank = int(np.flatnonzero(order == true_index)[0]) + 1
+def make_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+    """From (classes,) logits; six digits of a probability are kept."""
+    found = read_answer(logits, true_index)
     # rounded before they are kept, so that an answer is the same from the log as from the network
-    return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
+    top1, true = (float(f"{prob:.6g}") for prob in (found.top1_prob, found.true_prob))
+    return found._replace(top1_prob=top1, true_prob=true)
 
 
 def hash_inputs(*inputs: object) -> str:

@@ -20,10 +20,10 @@ from toolkit.core.records import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, cut_groups, run_resumable
-from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.evaluation.run_files import INPUTS, explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
+from toolkit.models.predict import CPU_PART, Answer, predict_stream
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
@@ -35,7 +35,6 @@ from toolkit.rooms.worlds.evaluation import ABSENT, WorldEvalConfig
 from toolkit.rooms.worlds.evaluation.cameras import PlaceCameras, plan_cameras
 from toolkit.rooms.worlds.evaluation.frames import (
     METHOD_VERSION,
-    Answer,
     AnswerKey,
     Frame,
     FrameAnswers,
@@ -254,8 +253,8 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
                 yield (at, weather, files), picture
 
     answers: dict[str, Answer] = {}
-    for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
-        answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
+    for (at, weather, files), logits in predict_stream(show(), setup.classifier, setup.batch_size):
+        answers[name_weather(weather)] = make_answer(logits, setup.true_index)
         # the last of its weathers makes a frame whole
         if weather == tasks[at].weathers[-1]:
             yield answers, files
