@@ -209,7 +209,7 @@ def test_ties_go_to_the_lower_index_on_every_path(put, workspace, colour_classif
 
 
 def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeypatch):
-    """Memory stays level: never more decoded images than a batch waiting, a batch ahead and the workers."""
+    """Memory stays level: never more decoded images than a batch waiting and those that are read ahead."""
     for pose in range(80):
         put(f"real/racer/unpatched/{pose}.png", "racer")
     alive, most, lock = 0, 0, threading.Lock()
@@ -233,7 +233,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
     captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)
     assert len(found) == 160 and all(one.correct_top1 for one in found)
-    assert most <= 4 + 4 + read_pixels.MAX_DECODERS + 1
+    assert most <= 4 + read_pixels.AHEAD + 1
 
 
 def test_an_answer_depends_on_its_image_alone(put, workspace, colour_classifier):

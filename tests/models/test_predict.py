@@ -14,7 +14,6 @@ from toolkit.models.predict import (
     CPU_PART,
     CUDA_PART,
     ask_in_parts,
-    choose_batch_size,
     predict,
     predict_stream,
     rank_true,
@@ -68,7 +67,7 @@ def test_a_pass_runs_on_one_thread_however_many_there_are(network, images):
         for count in (1, 2):
             torch.set_num_threads(count)
             predict(images, network)
-            assert choose_batch_size("cpu") == count * CPU_PART and torch.get_num_threads() == count
+            assert torch.get_num_threads() == count
     finally:
         torch.set_num_threads(threads)
     assert {used for _, used in network.module.passes} == {1}
@@ -79,18 +78,14 @@ def test_a_gpu_takes_whole_parts_as_well():
     rows = ask_in_parts(lambda part: asked.append(part) or torch.tensor(part), CUDA_PART + 2, "cuda")
     assert [len(part) for part in asked] == [CUDA_PART] * 2
     assert torch.cat(rows).tolist() == list(range(CUDA_PART + 2))
-    assert choose_batch_size("cuda", 1) == CUDA_PART and choose_batch_size("cuda", CUDA_PART + 1) == 2 * CUDA_PART
 
 
-def test_a_batch_is_whole_parts():
-    assert [choose_batch_size("cpu", size) for size in (1, 4, 5)] == [4, 4, 8]
-
-
-def test_no_more_images_are_taken_than_a_batch(network, images):
+@pytest.mark.parametrize(("size", "count"), [(1, 4), (4, 4), (5, 8), (None, CPU_PART * torch.get_num_threads())])
+def test_no_more_images_are_held_than_a_batch_of_whole_parts(network, images, size, count):
     taken = []
-    stream = predict_stream(((k, taken.append(k) or image) for k, image in enumerate(images)), network, 4)
+    stream = predict_stream(((k, taken.append(k) or image) for k, image in enumerate(images)), network, size)
     next(stream)
-    assert taken == [0, 1, 2, 3]
+    assert taken == list(range(11))[:count]
 
 
 def test_a_bad_answer_names_the_image(network, images):

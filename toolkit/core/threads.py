@@ -1,10 +1,18 @@
-"""Work on as many threads as torch may use, each step on its own thread alone."""
+"""Work on several threads: steps of torch, each on its own thread alone; what is read or drawn ahead of its use."""
 
 import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
+from typing import TypeVar
+
+from toolkit.core.child import count_cores
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+_starting = threading.Lock()
 
 
 @lru_cache(maxsize=2)
@@ -43,4 +51,36 @@ def run_each(work: Callable[[int], object], count: int) -> None:
         for index in range(count):
             work(index)
     else:
-        list(_pool(workers, os.getpid()).map(work, range(count)))
+        with _starting:
+            pool = _pool(workers, os.getpid())
+        list(pool.map(work, range(count)))
+
+
+def map_ahead(
+    make: Callable[[Item], Made], items: Iterable[Item], threads: int | None = None, ahead: int | None = None
+) -> Generator[Made]:
+    """Yield `make` of each item, in order, made on threads of their own.
+
+    Args:
+        make: is called on several threads at once.
+        items: are taken as they are needed.
+        threads: by default one for each core; one thread is the caller's own, which makes each when it is asked for.
+        ahead: items that are made in advance, by default two for each thread, so that a long list fills no memory.
+    """
+    threads = threads or count_cores()
+    if threads == 1:
+        yield from map(make, items)
+        return
+    # threads, not processes: decoders, kernels and torch run without the interpreter's lock, and share memory
+    waiting: deque[Future[Made]] = deque()
+    with ThreadPoolExecutor(threads, "ahead") as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(make, item))
+                if len(waiting) > (ahead or 2 * threads):
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()

@@ -2,19 +2,20 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import asin, atan2, cos, degrees, pi, radians, sin, sqrt
 from typing import TypeVar
 
+import numpy as np
 from PIL import Image
 
 from toolkit.captures.capture import Capture
 from toolkit.core.child import count_cores
+from toolkit.core.threads import map_ahead
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
 from toolkit.evaluation.prediction import Prediction
-from toolkit.evaluation.read_pixels import read_ahead
+from toolkit.evaluation.read_pixels import MAX_DECODERS, read_pixels
 from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
@@ -24,8 +25,6 @@ RADIUS = 100.0
 LARGEST_DOT, SMALLEST_DOT, DOT_SHARE = 11.0, 2.5, 46.0
 SIDE_PX = 240
 MAX_BYTES = 12_000
-AHEAD = 8
-"""Corrupted images that are read in advance."""
 QUALITIES = (80, 65, 50, 35, 20)
 Item = TypeVar("Item")
 MAX_PICTURES = 600
@@ -156,25 +155,22 @@ def make_thumbnails(
     An image that is corrupted when it is read is shown as the network sees it, resized and cut; without a network it is
     left out.
     """
-    wanted = list({capture.path: capture for capture in captures}.values())
-    corrupted = [capture for capture in wanted if capture.pending_corruption is not None]
-    plain = [capture for capture in wanted if capture.pending_corruption is None]
-    with ThreadPoolExecutor(min(8, count_cores())) as pool:
-        made = pool.map(lambda prediction: _make(prediction, side_px), plain)
-        uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
-    if classifier is not None:
-        for capture, pixels in read_ahead(corrupted, classifier.preprocessing, classifier.device, AHEAD):
-            if not isinstance(pixels, str):
-                uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)
-    return uris
 
+    def make(capture: Capture) -> str | None:
+        if capture.pending_corruption is None:
+            try:
+                pixels: np.ndarray | str = read_image(capture.file, side_px)
+            except UnreadableImage as error:
+                pixels = error.reason
+        elif classifier is not None:
+            pixels = read_pixels(capture, classifier.preprocessing, classifier.device)
+        else:
+            return None
+        return None if isinstance(pixels, str) else encode_jpeg(Image.fromarray(pixels), side_px)
 
-def _make(capture: Capture, side_px: int) -> str | None:
-    try:
-        image = Image.fromarray(read_image(capture.file, side_px))
-    except UnreadableImage:
-        return None
-    return encode_jpeg(image, side_px)
+    wanted = {capture.path: capture for capture in captures}
+    made = map_ahead(make, wanted.values(), min(MAX_DECODERS, count_cores()))
+    return {path: uri for path, uri in zip(wanted, made, strict=True) if uri}
 
 
 def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:

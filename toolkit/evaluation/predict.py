@@ -18,7 +18,7 @@ from toolkit.engine.units import RecordCache
 from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.read_pixels import read_ahead
 from toolkit.models.network import Classifier
-from toolkit.models.predict import choose_batch_size, predict_stream, read_answer
+from toolkit.models.predict import predict_stream, read_answer
 
 
 def predict_captures(
@@ -27,24 +27,22 @@ def predict_captures(
 ) -> list[Prediction]:  # fmt: skip
     """Classify images; the order of the result is that of `captures`.
 
-    Decoding runs in threads beside the network: Pillow and torch both release the interpreter's lock. At most one batch
-    is decoded ahead, so memory does not grow with the number of images. The numbers depend neither on the batch nor on
-    the threads. A corruption that is pending is one of the crop, see `read_pixels`.
+    Images are read ahead by threads beside the network, few enough that memory does not grow with their number. Answers
+    depend neither on the batch nor on the threads. A corruption that is pending is one of the crop, see `read_pixels`.
 
     Args:
         captures: the images.
         true_classes: class index of each object.
         classifier: answers.
-        batch_size: images that are gathered before the network is asked; by default as `choose_batch_size` finds it.
+        batch_size: images that are gathered before the network is asked; by default as `predict_stream` finds it.
         look: called with each image and its (crop, crop, 3) uint8 pixels.
 
     Raises:
         ToolkitError: as `toolkit.models.predict.predict`.
     """
-    labels, size = classifier.labels, choose_batch_size(classifier.device, batch_size)
-    trues = [true_classes[capture.object] for capture in captures]
+    labels, trues = classifier.labels, [true_classes[capture.object] for capture in captures]
     found = [Prediction(capture, true, labels[true]) for capture, true in zip(captures, trues, strict=True)]
-    pictures = read_ahead(captures, classifier.preprocessing, classifier.device, size)
+    pictures = read_ahead(captures, classifier.preprocessing, classifier.device)
 
     def show() -> Iterator[tuple[int, np.ndarray]]:
         for k, (capture, pixels) in enumerate(pictures):

@@ -1,10 +1,7 @@
 """Pixels of captures as networks see them: read ahead by threads, corrupted where they shall be."""
 
 import warnings
-from collections import deque
 from collections.abc import Generator, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
 
 import numpy as np
 from PIL import Image
@@ -13,10 +10,11 @@ from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import SEED
 from toolkit.captures.read import read_crop
 from toolkit.core.child import count_cores
+from toolkit.core.threads import map_ahead
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage, read_image
 
-MAX_DECODERS = 8
+MAX_DECODERS, AHEAD = 8, 32
 
 
 def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.ndarray | str:
@@ -48,27 +46,12 @@ def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.
 
 
 def read_ahead(
-    captures: Iterable[Capture], how: Preprocessing | None, device: str, ahead: int
+    captures: Iterable[Capture], how: Preprocessing | None, device: str, ahead: int = AHEAD
 ) -> Generator[tuple[Capture, np.ndarray | str]]:
-    """Yield each image with its `read_pixels`, in order; `ahead` images and one for each thread are read in advance."""
-    workers = min(MAX_DECODERS, count_cores())
-    pool = ThreadPoolExecutor(workers, thread_name_prefix="decode")
-    rest = iter(captures)
-    queue: deque[tuple[Capture, Future[np.ndarray | str]]] = deque()
-
-    def begin(count: int) -> None:
-        queue.extend((one, pool.submit(read_pixels, one, how, device)) for one in islice(rest, count))
-
+    """Yield each image with its `read_pixels`, in order; `ahead` images are read in advance, by threads."""
     with warnings.catch_warnings():
         # read_image has its own, stricter limit; other decoders' warnings end in `status` when they matter
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         warnings.filterwarnings("ignore", module=r"PIL\..*")
-        try:
-            begin(ahead + workers)
-            while queue:
-                capture, reading = queue.popleft()
-                pixels = reading.result()
-                begin(1)
-                yield capture, pixels
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+        threads = min(MAX_DECODERS, count_cores())
+        yield from map_ahead(lambda one: (one, read_pixels(one, how, device)), captures, threads, ahead)

@@ -14,9 +14,9 @@ from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import FlipList
 from toolkit.evaluation.prediction import Prediction
-from toolkit.evaluation.read_pixels import read_ahead
+from toolkit.evaluation.read_pixels import AHEAD, read_ahead
 from toolkit.models.network import Classifier
-from toolkit.models.predict import ask_in_parts, choose_batch_size
+from toolkit.models.predict import ask_in_parts
 
 if TYPE_CHECKING:
     import torch
@@ -152,16 +152,13 @@ class Saliency:
     reason: str = ""
 
 
-def draw_saliency(
-    flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None, batch_size: int | None = None
-) -> Saliency:
+def draw_saliency(flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None) -> Saliency:
     """Grad-CAM for the true class on both images of every flip shown.
 
     Args:
         flips: from `list_flips`.
         classifier: the network that was evaluated.
         wanted: yes, no, or where None: when there are at most 200 flips.
-        batch_size: images that are gathered before the network is asked.
     """
     shown = [pair for flip in flips for pair in flip.shown]
     n = sum(flip.n for flip in flips)
@@ -174,7 +171,7 @@ def draw_saliency(
         {prediction.capture.path: prediction for pair in shown for prediction in (pair.first, pair.second)}.values()
     )
     try:
-        seen = _compute_maps(images, classifier, choose_batch_size(classifier.device, batch_size))
+        seen = _compute_maps(images, classifier)
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
@@ -209,18 +206,16 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
     return Image.fromarray(np.round(base + alpha * (colour - base)).astype(np.uint8))
 
 
-def _compute_maps(
-    images: Sequence[Prediction], classifier: Classifier, size: int
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """(pixels, map) of each image by its path; an image that does not decode any more is left out."""
     import torch
 
     feature_map = find_feature_map(classifier)
     classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    pictures = read_ahead((image.capture for image in images), classifier.preprocessing, classifier.device, size)
+    pictures = read_ahead((image.capture for image in images), classifier.preprocessing, classifier.device)
     with progress("saliency", len(images)) as ticker, closing(pictures):
-        while batch := list(islice(pictures, size)):
+        while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:
                 tensor = (

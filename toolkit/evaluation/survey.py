@@ -11,6 +11,7 @@ import torch
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
+from toolkit.core.threads import map_ahead
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.models.architectures import list_architectures
 from toolkit.models.detector import Detector
@@ -177,7 +178,8 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:
-        crops = ((image, resize_and_crop(images.read(image), classifier.preprocessing)) for image in images.images)
+        how = classifier.preprocessing
+        crops = map_ahead(lambda image: (image, resize_and_crop(images.read(image), how)), images.images)
         for image, logits in predict_stream(crops, classifier):
             correct += int(logits.argmax()) == image.class_index
             ticker.advance()

@@ -124,16 +124,6 @@ def ask_in_parts(
     return [rows[number] for number in range(len(parts))]
 
 
-def choose_batch_size(device: str, batch_size: int | None = None) -> int:
-    """Images that are gathered before a network is asked: whole parts, by default as many as keep its device busy."""
-    import torch
-
-    size = CPU_PART if device == "cpu" else CUDA_PART
-    # a part for each thread: what more are held costs memory alone
-    parts = torch.get_num_threads() if device == "cpu" else GPU_PARTS
-    return size * (-(-batch_size // size) if batch_size else parts)
-
-
 def predict_stream(
     images: Iterable[tuple[Tag, np.ndarray]], network: LogitNetwork, batch_size: int | None = None,
     name_of: Callable[[Tag], str] | None = None,
@@ -143,14 +133,21 @@ def predict_stream(
     Args:
         images: (what shall come back with the answer, (h, w, 3) uint8 sRGB).
         network: answers.
-        batch_size: images that are gathered before the network is asked.
+        batch_size: images that are gathered before the network is asked, made up to whole parts; by default as many as
+            keep its device busy.
         name_of: the image's name by its tag, for errors.
 
     Raises:
         ToolkitError: as `predict`.
     """
-    rest = iter(images)
-    while batch := list(islice(rest, choose_batch_size(network.device, batch_size))):
+    import torch
+
+    on_cpu, rest = network.device == "cpu", iter(images)
+    part = CPU_PART if on_cpu else CUDA_PART
+    # a part for each thread: what more are held costs memory alone
+    parts = torch.get_num_threads() if on_cpu else GPU_PARTS
+    size = part * (-(-batch_size // part) if batch_size else parts)
+    while batch := list(islice(rest, size)):
         names = [name_of(tag) for tag, _ in batch] if name_of else []
         answers = predict([image for _, image in batch], network, names)
         yield from ((tag, answer) for (tag, _), answer in zip(batch, answers, strict=True))

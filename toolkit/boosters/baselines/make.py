@@ -3,9 +3,9 @@
 import json
 from collections import defaultdict
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,11 @@ from toolkit.boosters.baselines.drawn import (
 )
 from toolkit.boosters.patch_sets import name_class
 from toolkit.boosters.pixels import record_network
-from toolkit.core.child import count_cores
 from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.threads import map_ahead
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
@@ -46,7 +46,6 @@ from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, writ
 from toolkit.training.images import ImageSet, LabelledImage, choose_classes, open_images
 
 BATCH = 64
-MAX_DECODERS = 8
 Skipped = list[tuple[str, str]]
 METHOD_VERSION = 1
 """Raised when the same inputs give another picture."""
@@ -142,15 +141,13 @@ class BestImages(_Photos):
             except UnreadableImage as error:
                 return error.reason
 
-        with ThreadPoolExecutor(min(MAX_DECODERS, count_cores()), thread_name_prefix="decode") as pool:
-            for first in range(0, len(images), BATCH):
-                part = images[first : first + BATCH]
-                loaded = list(pool.map(load, part))
-                skipped += [(image.id, what) for image, what in zip(part, loaded, strict=True) if isinstance(what, str)]
-                usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]
-                if usable:
-                    yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
-                advance(len(part))
+        loaded = zip(images, map_ahead(load, images), strict=True)
+        while part := list(islice(loaded, BATCH)):
+            skipped += [(image.id, what) for image, what in part if isinstance(what, str)]
+            usable = [(image, pixels) for image, pixels in part if not isinstance(pixels, str)]
+            if usable:
+                yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
+            advance(len(part))
 
 
 class RandomImages(_Photos):

@@ -334,8 +334,11 @@ def _same_scene(
 
 def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]:
     """By network, its first answer."""
-    answers = {network: predict([resize_and_crop(image, network.preprocessing)], network) for network in classifiers}
-    return {network.name: network.labels[int(logits.argmax())] for network, logits in answers.items()}
+    crops = [resize_and_crop(image, network.preprocessing) for network in classifiers]
+    return {
+        network.name: network.labels[int(predict([crop], network).argmax())]
+        for network, crop in zip(classifiers, crops, strict=True)
+    }
 
 
 def predict_texels(

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from toolkit.captures.capture import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
+from toolkit.core.threads import map_ahead
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
@@ -234,8 +234,7 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
         except UnreadableImage:
             return None
 
-    with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
-        loaded = list(pool.map(load, shard.images))
+    loaded = list(map_ahead(load, shard.images))
     usable = np.array([pixels is not None for pixels in loaded])
     empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
     return (np.stack([pixels for pixels in loaded if pixels is not None]) if usable.any() else empty), usable

@@ -12,11 +12,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
+from toolkit.core.threads import map_ahead
 from toolkit.engine.units import RecordCache
 from toolkit.models.predict import Answer, read_answer
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RAYCAST
 from toolkit.rooms.worlds.depth_weather import make_weather
@@ -205,7 +205,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
         for task in tasks:
             yield task, open_renderer(stage, task.place, task.variant)
 
-    return map_frames(lambda pair: render_frame(stage, *pair), prepare())
+    return map_ahead(lambda pair: render_frame(stage, *pair), prepare())
 
 
 @lru_cache(maxsize=1)
