@@ -32,7 +32,7 @@ def run() -> dict[str, float | str]:
 
 def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
-    from toolkit.rig.raycast import map_frames
+    from toolkit.core.threads import map_ahead
     from toolkit.rig.shading import tone_map
     from toolkit.rooms.landing.collect import Collector
     from toolkit.rooms.landing.config import CollectConfig
@@ -55,9 +55,9 @@ def _collect() -> dict[str, float | str]:
     with TemporaryDirectory() as folder:
         for turn in range(ROUNDS + 1):
             start = perf_counter()
-            list(map_frames(render, range(FRAMES)))
+            list(map_ahead(render, range(FRAMES)))
             middle = perf_counter()
-            write_shard(Path(folder) / "shard.tar", map_frames(shoot, range(FRAMES)))
+            write_shard(Path(folder) / "shard.tar", map_ahead(shoot, range(FRAMES)))
             if turn:  # the first turn warms caches and kernels
                 bare.append(middle - start)
                 whole.append(perf_counter() - middle)

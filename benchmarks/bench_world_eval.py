@@ -32,7 +32,7 @@ def run() -> dict[str, float]:
     import torch
 
     from toolkit.core.workspace import Workspace
-    from toolkit.evaluation.predict import classify_stream
+    from toolkit.models.predict import predict_stream
     from toolkit.rooms.worlds.evaluation import WorldEvalConfig
     from toolkit.rooms.worlds.evaluation.frames import render_frame
     from toolkit.rooms.worlds.evaluation.world_run import plan_run
@@ -51,7 +51,7 @@ def run() -> dict[str, float]:
         frame = render_frame(asked.stage, task, renderer)
         marks.append(process_time())
         pictures = frame.pictures[:PASS]
-        list(classify_stream([(0, picture) for picture in pictures], classifier, PASS))
+        list(predict_stream([(0, picture) for picture in pictures], classifier, PASS))
         marks.append(process_time())
         batch = torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float().div(255)
         with torch.inference_mode():

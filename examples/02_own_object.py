@@ -42,7 +42,7 @@ pictures = tk.render(added.item, poses, camera)
 
 network = tk.load_classifier("rig18")
 batch = torch.stack([network.preprocess(picture) for picture in pictures])
-probabilities = network.logits(batch).softmax(dim=1)
+probabilities = tk.predict(batch, network).softmax(dim=1)
 for pose, row in zip(poses, probabilities, strict=True):
     guess = int(row.argmax())
     where = f"azimuth {pose.azimuth_deg:3.0f}°, elevation {pose.elevation_deg:2.0f}°"

@@ -30,7 +30,7 @@ seeds = [tk.image_seed(0, file.name) for file in files]
 rows = [clean]
 for name in ("fog", "motion_blur", "contrast", "jpeg_compression"):
     rows.append(tk.corrupt(clean, name, 3, seeds))
-    guesses = network.logits(rows[-1]).argmax(dim=1)
+    guesses = tk.predict(rows[-1], network).argmax(dim=1)
     said = [f"{file.parent.name} is a {network.labels[k]}" for file, k in zip(files, guesses, strict=True)]
     print(f"{name}, severity 3: {', '.join(said)}")
 sheet = lab.root / "corrupted.png"

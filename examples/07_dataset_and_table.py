@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-import torch
 from torch.utils.data import DataLoader
 
 import toolkit as tk
@@ -17,13 +16,12 @@ tk.shoot_plan(lab, plan, [NAME], ["unpatched", "patched"], source="far")  # phot
 # (image, target, info): images as the network wants them, (3, s, s) in [0, 1]; info says what is known of each.
 dataset = tk.load_captures(lab, network, sources=["far"])
 right: dict[str, list[bool]] = {}
-with torch.no_grad():
-    for images, targets, info in DataLoader(dataset, batch_size=8, num_workers=2):
-        foggy = tk.corrupt(images, "fog", 1, [tk.image_seed(0, path) for path in info["path"]])
-        for what, batch in (("clear", images), ("fog", foggy)):
-            guesses = network.logits(batch).argmax(dim=1)
-            for variant, is_right in zip(info["variant"], (guesses == targets).tolist(), strict=True):
-                right.setdefault(f"{variant}, {what}", []).append(is_right)
+for images, targets, info in DataLoader(dataset, batch_size=8, num_workers=2):
+    foggy = tk.corrupt(images, "fog", 1, [tk.image_seed(0, path) for path in info["path"]])
+    for what, batch in (("clear", images), ("fog", foggy)):
+        guesses = tk.predict(batch, network).argmax(dim=1)
+        for variant, is_right in zip(info["variant"], (guesses == targets).tolist(), strict=True):
+            right.setdefault(f"{variant}, {what}", []).append(is_right)
 for what, answers in right.items():
     print(f"{what}: right on {sum(answers)} of {len(answers)}")
 

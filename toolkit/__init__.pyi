@@ -11,6 +11,7 @@ from toolkit.objects.load import load_object as load_object
 from toolkit.models.load import load_classifier as load_classifier
 from toolkit.models.programs import wrap_module as wrap_module
 from toolkit.models.network import Classifier as Classifier
+from toolkit.models.predict import predict as predict
 from toolkit.models.load_detector import load_detector as load_detector
 from toolkit.boosters.train import train_patch as train_patch
 from toolkit.boosters.train import train_texture as train_texture

@@ -18,6 +18,7 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict
 from toolkit.training.classifier_config import Attack, ClassifierConfig
 from toolkit.training.classifier_task import find_worst_images
 from toolkit.training.images import open_images
@@ -37,8 +38,7 @@ def attack_network(space: Workspace, data: str, name: str, attack: Attack) -> di
         batch = torch.stack([classifier.preprocess(images.read(one)) for one in images.images[part]])
         classes = torch.from_numpy(truth[part])
         worst = find_worst_images(batch, partial(measure_losses, classifier, classes), attack)
-        with torch.no_grad():
-            clean[part], attacked[part] = (classifier.logits(x).argmax(1).numpy() for x in (batch, worst))
+        clean[part], attacked[part] = (predict(x, classifier).argmax(1).numpy() for x in (batch, worst))
     n, robust = len(truth), record.settings.get("robust")
     counts = {f"{key}correct": int((found == truth).sum()) for key, found in (("", clean), ("attacked_", attacked))}
     return {

@@ -18,6 +18,7 @@ from toolkit.core.files import write_json
 from toolkit.core.statistics import wilson_interval
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict
 from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.rig.shading import tone_map
 from toolkit.rooms.worlds.own import build_world
@@ -75,8 +76,6 @@ def draw_view(world: World, seed: int, item: int) -> np.ndarray:
 
 def measure(world: World, classifier: Classifier, views: int, time: str = "afternoon", seed: int = 0) -> dict:
     """How often an urban class is in the top-5, how many different answers there are, and which."""
-    import torch
-
     renderer, urban = make_renderer(leave_empty(world, make_sky(time))), urban_indices(classifier.labels)
     side = classifier.preprocessing.crop_px
     camera, hits, answers = Camera.from_fov(side, side, FOV_DEG), 0, Counter()
@@ -85,9 +84,7 @@ def measure(world: World, classifier: Classifier, views: int, time: str = "after
             items = range(start, min(start + BATCH, views))
             poses = [(camera, draw_view(world, seed, item)) for item in items]
             pictures = [tone_map(x, (seed, k)) for k, x in zip(items, renderer.render_many(poses), strict=True)]
-            batch = torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255
-            with torch.inference_mode():
-                top = classifier.logits(batch).topk(5).indices.tolist()
+            top = predict(pictures, classifier).topk(5).indices.tolist()
             hits += sum(bool(urban & set(five)) for five in top)
             answers.update(classifier.labels[five[0]] for five in top)
             bar.advance(len(top))

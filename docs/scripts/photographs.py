@@ -23,6 +23,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.colour import LINEAR_OF_CODE, delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import decode_image, encode_image, read_image
 from toolkit.rig.board import CharucoBoard, MarkerGrid
 from toolkit.rooms.photos.board_pose import find_board
@@ -169,17 +170,19 @@ def compare_rig(folders: dict[str, list[Path]]) -> dict[str, object]:
 def answer_real() -> dict[str, object]:
     """How many photographs as they were taken each network names rightly, by size, place and what lies there."""
     from toolkit.models.load import load_classifier
+    from toolkit.models.predict import predict
 
     told: dict[str, object] = {}
     for arch in ARCHS:
         network = load_classifier(arch, SHARED / "weights" / f"{arch}-imagenet.pth")
+        how = network.preprocessing
         keyboard = network.class_index("computer keyboard")
         counts: dict[str, list[int]] = {}
         for file in sorted(STICKERS.glob("*.jpg")):
             name, _, place = file.stem.partition("_")
             what = "bare" if name == "clean" else ("picture" if name.endswith("control") else "sticker")
             row = counts.setdefault(f"{what} {place}".strip(), [0, 0])
-            answer = network.logits(network.preprocess(read_image(file, network.preprocessing.resize_px))[None])
+            answer = predict([resize_and_crop(read_image(file, how.resize_px), how)], network)
             row[0] += int(answer.argmax() == keyboard)
             row[1] += 1
         told[arch] = counts
@@ -365,11 +368,13 @@ CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def check_stickers() -> dict[str, object]:
     """Stickers predicted from photographs of others in one place; how steady networks' answers on the true ones are."""
     from toolkit.models.load import load_classifier
+    from toolkit.models.predict import predict
 
     networks = {arch: load_classifier(arch, SHARED / "weights" / f"{arch}-imagenet.pth") for arch in ARCHS}
 
     def ask(image: np.ndarray) -> dict[str, np.ndarray]:
-        return {arch: net.logits(net.preprocess(image)[None])[0].detach().numpy() for arch, net in networks.items()}
+        crops = {arch: resize_and_crop(image, network.preprocessing) for arch, network in networks.items()}
+        return {arch: predict([crops[arch]], network)[0].numpy() for arch, network in networks.items()}
 
     known = [KnownPatch(file.stem, read_image(file)) for file in PATCHES]
     photos = {one.name: sorted(STICKERS.glob(f"{one.name}_*.jpg")) for one in known}

@@ -10,9 +10,10 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wri
 from watched_patch import train_watched
 
 from toolkit.boosters.patch_config import PATCHES, list_patch_inputs
-from toolkit.boosters.pixels import PER_THREAD, Target, choose_turn, judge_ensemble, judge_photos, list_networks
+from toolkit.boosters.pixels import Target, choose_turn, judge_ensemble, judge_photos, list_networks
 from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.draws import Draws
+from toolkit.models.predict import CPU_PART
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import fit
 
@@ -80,7 +81,7 @@ def test_one_network_alone_is_as_before(ensemble):
 
 def test_a_network_is_asked_about_few_photographs_at_a_time_and_answers_as_about_all(monkeypatch):
     """What it keeps for the way back is the largest part of a training's memory."""
-    part = PER_THREAD * torch.get_num_threads()
+    part = CPU_PART * torch.get_num_threads()
     target, photos = doubled(), grey_noise(2 * part + 1, 3, IMAGE_PX, IMAGE_PX).requires_grad_(True)
     asked: list[int] = []
     whole, hits = judge_photos(photos, [target])

@@ -174,7 +174,7 @@ class GreenTarget:
     class_index = 1
     classifier = SimpleNamespace(device="cpu")
 
-    def logits(self, photos):
+    def predict(self, photos):
         return torch.stack([torch.zeros(len(photos)), 10 * (photos[:, 1] - photos[:, 0]).mean((1, 2))], dim=1)
 
 

@@ -10,7 +10,7 @@ from toolkit.captures.capture import Capture
 from toolkit.evaluation import metrics
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import rank_variant
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.verdict import EITHER, STICKER, ask_help, ask_this
 from toolkit.rig.variants import CONTROLS_OF, VARIANTS

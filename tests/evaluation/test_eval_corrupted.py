@@ -12,7 +12,7 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.captures.read import read_captures
+from toolkit.captures.read import Selection, read_captures
 from toolkit.core.draws import image_seed
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt
@@ -20,7 +20,8 @@ from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
-from toolkit.evaluation.predict import decode_ahead, predict_captures
+from toolkit.evaluation.predict import predict_captures
+from toolkit.evaluation.read_pixels import read_ahead, read_pixels
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import read_image
 from toolkit.models.network import Classifier
@@ -107,9 +108,22 @@ def test_neither_order_nor_batch_matters(textured, seeing):
     whole = {one.capture.path: one for one in predict_captures(folder.captures, {"racer": 0}, seeing)}
     for one in predict_captures(mixed, {"racer": 0}, seeing, batch_size=3):
         assert one.top1_prob == pytest.approx(whole[one.capture.path].top1_prob, abs=1e-6)
-    crops = dict(zip(whole, decode_ahead(folder.captures, seeing, 32), strict=True))
-    for capture, pixels in zip(mixed, decode_ahead(mixed, seeing, 3), strict=True):
+    how = seeing.preprocessing
+    crops = {capture.path: pixels for capture, pixels in read_ahead(folder.captures, how, "cpu", 32)}
+    assert [capture for capture, _ in read_ahead(mixed, how, "cpu", 3)] == mixed
+    for capture, pixels in read_ahead(mixed, how, "cpu", 3):
         assert np.array_equal(pixels, crops[capture.path])
+
+
+def test_a_classifiers_crop_is_corrupted_and_a_detectors_whole_picture(textured, seeing):
+    folder = add_corrupted(read_captures(textured.captures_dir, Selection(sources=("sim",))), [FOG])
+    capture = next(one for one in folder.captures if one.pending_corruption)
+    seeds, picture = [image_seed(0, capture.path_in_source)], read_image(capture.file)
+    crop = resize_and_crop(picture, seeing.preprocessing)
+    whole, own = (to_bytes(corrupt(from_bytes(one[None]), *FOG, seeds))[0] for one in (picture, crop))
+    assert np.array_equal(read_pixels(capture, None, "cpu"), whole)
+    assert np.array_equal(read_pixels(capture, seeing.preprocessing, "cpu"), own)
+    assert not np.array_equal(resize_and_crop(whole, seeing.preprocessing), own)
 
 
 def test_a_folder_that_has_the_name_keeps_it(put, workspace, colour_classifier):

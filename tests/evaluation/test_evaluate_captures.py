@@ -13,11 +13,13 @@ from PIL import Image
 
 from toolkit.captures.read import read_captures, read_crop
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation import EvalConfig, predict
+from toolkit.evaluation import EvalConfig, read_pixels
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import COLUMNS
+from toolkit.models.network import Classifier
+from toolkit.models.predict import predict_stream
 
 
 def read_rows(result):
@@ -207,11 +209,11 @@ def test_ties_go_to_the_lower_index_on_every_path(put, workspace, colour_classif
 
 
 def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeypatch):
-    """Memory stays level: never more decoded images than a batch waiting, a batch ahead and the workers."""
+    """Memory stays level: never more decoded images than a batch waiting and those that are read ahead."""
     for pose in range(80):
         put(f"real/racer/unpatched/{pose}.png", "racer")
     alive, most, lock = 0, 0, threading.Lock()
-    real_crop, real_classify = predict.read_crop, predict.classify_images
+    real_crop, real_logits = read_pixels.read_crop, Classifier.logits
 
     def crop(*args):
         nonlocal alive, most
@@ -220,18 +222,18 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
             most = max(most, alive)
         return real_crop(*args)
 
-    def classify(images, classifier):
+    def logits(classifier, batch):
         nonlocal alive
         with lock:
-            alive -= len(images)
-        return real_classify(images, classifier)
+            alive -= len(batch)
+        return real_logits(classifier, batch)
 
-    monkeypatch.setattr(predict, "read_crop", crop)
-    monkeypatch.setattr(predict, "classify_images", classify)
+    monkeypatch.setattr(read_pixels, "read_crop", crop)
+    monkeypatch.setattr(Classifier, "logits", logits)
     captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)
     assert len(found) == 160 and all(one.correct_top1 for one in found)
-    assert most <= 4 + 4 + predict.MAX_DECODERS + 1
+    assert most <= 4 + read_pixels.AHEAD + 1
 
 
 def test_an_answer_depends_on_its_image_alone(put, workspace, colour_classifier):
@@ -252,8 +254,8 @@ def test_an_answer_depends_on_its_image_alone(put, workspace, colour_classifier)
         assert predict_captures(captures, {"racer": 0}, network, batch_size=size) == whole
     assert [one for capture in captures for one in predict_captures([capture], {"racer": 0}, network)] == whole
     pixels = [read_crop(capture, network.preprocessing) for capture in captures]
-    streamed = predict.classify_stream(enumerate(pixels), network, 3)
-    assert [float(probabilities.max()) for _, _, probabilities in streamed] == [one.top1_prob for one in whole]
+    streamed = predict_stream(enumerate(pixels), network, 3)
+    assert [float(logits.softmax(0).max()) for _, logits in streamed] == [one.top1_prob for one in whole]
 
 
 def test_warnings_of_decoders_do_not_reach_the_user(put, workspace, colour_classifier, monkeypatch):

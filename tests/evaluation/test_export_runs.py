@@ -13,7 +13,7 @@ from toolkit.core.files import write_json, write_text
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import write_csv, write_fiftyone, write_parquet
-from toolkit.evaluation.predict import Detection
+from toolkit.evaluation.prediction import Detection
 from toolkit.evaluation.predictions_csv import (
     DETECTION_COLUMNS,
     encode_detections,

@@ -198,3 +198,17 @@ def test_swin_of_timm_has_maps_of_rows_and_columns(wrap):
     classifier = seeing(wrap(timm.create_model("swin_tiny_patch4_window7_224", num_classes=4, **how)), 224)
     maps = compute_gradcam(classifier, find_feature_map(classifier), torch.rand(1, 3, 224, 224), [2])
     assert maps.shape == (1, 28, 28)
+
+
+def test_a_map_depends_on_its_image_alone(wrap):
+    class ByShape(Tail):
+        def forward(self, batch):
+            return super().forward(batch) * len(batch)
+
+    classifier, images = wrap(ByShape(smooth=True)), torch.rand(6, 3, 28, 28)
+    module, classes = find_feature_map(classifier), [0, 1, 2, 3, 0, 1]
+    whole = compute_gradcam(classifier, module, images, classes)
+    assert whole.max() > 0
+    for k in range(6):
+        alone = compute_gradcam(classifier, module, images[k : k + 1], classes[k : k + 1])
+        assert np.array_equal(alone[0], whole[k])

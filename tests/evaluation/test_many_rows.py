@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from toolkit.captures.capture import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.summaries import Run
 

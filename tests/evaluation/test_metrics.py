@@ -19,7 +19,7 @@ from toolkit.evaluation.metrics import (
     index_poses,
     pair_variants,
 )
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.tables import list_unpaired
 from toolkit.evaluation.verdict import ONE_WAY_FLIPS, write_headlines
 

@@ -119,7 +119,7 @@ def photograph(seed):
 
 def look_at(pictures):
     """A finder that has seen {path: pixels}, and the predictions of them."""
-    from toolkit.evaluation.predict import Prediction
+    from toolkit.evaluation.prediction import Prediction
 
     finder, predictions = TwinFinder(), []
     for path, pixels in pictures.items():

@@ -21,7 +21,7 @@ from toolkit.evaluation.contact_sheet import (
 )
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.tables import build_tables
 from toolkit.rig.camera import orbit_pose
 

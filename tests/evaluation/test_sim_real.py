@@ -13,7 +13,7 @@ from scipy.stats import binomtest, spearmanr
 from toolkit.captures.capture import Capture
 from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
 from toolkit.evaluation.evaluate import MAX_CARDS, SIDE, evaluate_captures, place_prob, view_sim_real
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.sim_real import compare_sim_real, place_of
 from toolkit.evaluation.tables import print_sim_real

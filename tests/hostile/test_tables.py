@@ -18,7 +18,7 @@ from toolkit.core.workspace import make_workspace
 from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.compare_tables import CLUSTER, GUESS, IMAGE, RIGHT, TRUTH, compare_tables
 from toolkit.evaluation.metrics import index_poses, list_flips
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.summaries import Run

@@ -6,10 +6,11 @@ import time
 import numpy as np
 import pytest
 
+from toolkit.core.threads import map_ahead
 from toolkit.rig import raycast
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 
 CAMERA = Camera.from_fov(48, 36, 40)
@@ -52,13 +53,13 @@ def test_views_of_several_sizes_come_in_order(renderer):
 
 
 def test_frames_come_in_order_when_the_first_takes_longest():
-    assert list(map_frames(lambda i: time.sleep(0.05 * (i == 0)) or i, range(20), threads=8)) == list(range(20))
+    assert list(map_ahead(lambda i: time.sleep(0.05 * (i == 0)) or i, range(20), threads=8)) == list(range(20))
 
 
 def test_frames_are_made_side_by_side():
     """Each waits for the other: one thread alone would never end."""
     both = threading.Barrier(2, timeout=10)
-    assert sorted(map_frames(lambda i: both.wait() * 0 + i, range(4), threads=2)) == [0, 1, 2, 3]
+    assert sorted(map_ahead(lambda i: both.wait() * 0 + i, range(4), threads=2)) == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("threads", [1, 2, 8])
@@ -72,7 +73,7 @@ def test_an_error_in_one_frame_reaches_the_caller_after_the_frames_before_it(thr
         return i
 
     with pytest.raises(ValueError, match=r"^frame 5$"):
-        for i in map_frames(make, range(1000), threads):
+        for i in map_ahead(make, range(1000), threads):
             seen.append(i)
     assert seen == [0, 1, 2, 3, 4]
     assert len(made) < 6 + 3 * threads + 1  # and the rest is not made
@@ -84,7 +85,7 @@ def test_an_error_among_the_views_reaches_the_caller():
         raise KeyError("views")
 
     with pytest.raises(KeyError, match="views"):
-        list(map_frames(str, views(), threads=2))
+        list(map_ahead(str, views(), threads=2))
 
 
 def test_a_bad_camera_in_a_batch_is_the_one_clear_line_of_a_single_frame(renderer):
@@ -107,7 +108,7 @@ def test_a_batch_that_is_left_early_stops_working():
             yield i
 
     before = threading.active_count()
-    frames = map_frames(lambda i: made.append(i) or i, views(), threads=2)
+    frames = map_ahead(lambda i: made.append(i) or i, views(), threads=2)
     assert [next(frames), next(frames)] == [0, 1]
     frames.close()
     count = len(made)
@@ -118,5 +119,5 @@ def test_a_batch_that_is_left_early_stops_working():
 
 def test_nothing_is_made_before_it_is_asked_for():
     made = []
-    map_frames(made.append, range(5), threads=2)
+    map_ahead(made.append, range(5), threads=2)
     assert made == []

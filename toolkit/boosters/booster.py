@@ -17,6 +17,7 @@ from toolkit.boosters.validation import Validation, list_shares
 from toolkit.core.files import write_bytes
 from toolkit.core.work import INPUTS, find_made
 from toolkit.imaging.read import encode_image
+from toolkit.models.predict import predict
 from toolkit.objects.records import Patch, Texture
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
@@ -188,8 +189,7 @@ def write_preview(file: Path, sheet: np.ndarray) -> None:
 def _draw_photos(
     sheet: Image.Image, photos: torch.Tensor, target: Target, top_px: int, gap_px: int, side_px: int
 ) -> None:
-    with torch.inference_mode():
-        chances = target.classifier.logits(photos).float().softmax(1).cpu()
+    chances = predict(photos, target.classifier).softmax(1)
     for k, (photo, chance) in enumerate(zip(photos, chances, strict=True)):
         row, column = divmod(k, COLUMNS)
         corner = (gap_px + column * (side_px + gap_px), top_px + row * (side_px + CAPTION_PX + gap_px))

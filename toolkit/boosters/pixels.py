@@ -16,14 +16,15 @@ from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import is_program
 from toolkit.models.identity import hash_network_tensors
-from toolkit.models.network import AnyNetwork, Classifier, fold_normalisation
+from toolkit.models.network import Classifier, fold_normalisation
 from toolkit.models.precision import mixed_precision
+from toolkit.models.predict import CPU_PART, LogitNetwork, predict
 from toolkit.objects import records
 from toolkit.training.loop import Made, TrainingTask
 from toolkit.training.processes import current
 
 
-class Network(AnyNetwork, Protocol):
+class Network(LogitNetwork, Protocol):
     """What boosters ask of a classifier; `toolkit.models.network.Classifier` is one."""
 
     @property
@@ -34,15 +35,8 @@ class Network(AnyNetwork, Protocol):
     def is_imagenet(self) -> bool:
         """Whether the labels are the 1000 of ImageNet."""
 
-    def logits(self, batch: torch.Tensor) -> torch.Tensor:
-        """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""
-
     def class_index(self, name: str | int) -> int:
         """Index of a class by label, index or WordNet id."""
-
-
-PER_THREAD = 4
-"""Photographs for each of a CPU's threads that a network is asked about at a time: more are no faster."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +69,13 @@ class Target:
             return self
         return replace(self, classifier=fold_normalisation(network))
 
+    def predict(self, photos: torch.Tensor) -> torch.Tensor:
+        """(b, classes) float64 on the CPU of (b, 3, m, m) photographs, without gradient, see `predict`."""
+        return predict(resize_photos(photos, self.classifier.preprocessing.crop_px), self.classifier)
+
     def count_hits(self, photos: torch.Tensor) -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
-        return sum(int((self.logits(part).argmax(1) == self.class_index).sum()) for part in _in_parts(photos))
-
-
-def _in_parts(photos: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Split (b, 3, m, m) photographs into the parts of a forward pass; a GPU takes all of them at once."""
-    return photos.split(PER_THREAD * torch.get_num_threads()) if photos.device.type == "cpu" else (photos,)
+        return int((self.predict(photos).argmax(1) == self.class_index).sum())
 
 
 def resize_photos(photos: torch.Tensor, side: int) -> torch.Tensor:
@@ -193,7 +186,9 @@ def judge_in_parts(photos: torch.Tensor, target: Target, objective: str) -> tupl
         return judge_photos(photos, [target], objective)
     value, recognised = photos.new_zeros(()), 0.0
     gradients: list[torch.Tensor] = []
-    for part in _in_parts(photos.detach()):
+    # a part for each of a CPU's threads: more are no faster; a GPU takes all at once
+    size = CPU_PART * torch.get_num_threads() if photos.device.type == "cpu" else len(photos)
+    for part in photos.detach().split(size):
         loss, hits = judge_photos(part.requires_grad_(True), [target], objective)
         share = len(part) / len(photos)
         gradients += torch.autograd.grad(loss * share, part)

@@ -222,7 +222,7 @@ def _judge(canvas: np.ndarray, batches: "Sequence[ViewBatch]", targets: Sequence
         for batch in batches:
             photos = show_texture(texture, batch)
             for target in targets:
-                logits = target.logits(photos)
+                logits = target.predict(photos)
                 sure.append(logits.log_softmax(1)[:, target.class_index])
                 right.append(logits.argmax(1) == target.class_index)
     # rounded, so that float noise does not decide between equal pieces

@@ -84,6 +84,11 @@ class Capture:
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     @property
+    def pending_corruption(self) -> tuple[str, int] | None:
+        """(name, severity) that the image gets whenever it is read; None if its file has it, or there is none."""
+        return None if self.cut_px is not None else self.corruption
+
+    @property
     def path_in_source(self) -> str:
         """OBJECT/VARIANT/FILE."""
         return self.path.split("/", 1)[1]

@@ -1,54 +1,15 @@
 """Corrupt a batch of images."""
 
 import math
-import os
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
 
 from toolkit.core.draws import RandomStreams
 from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.threads import run_each
 from toolkit.corruptions.catalogue import choose_parameters, find_corruption
-
-
-@lru_cache(maxsize=2)
-def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
-    # by process: the threads of a pool do not survive a fork, as of a data loader's workers
-    # all threads are started, and pinned to a thread each, before the process's own setting is put back
-    ready = threading.Barrier(workers + 1)
-
-    def keep_to_one_thread() -> None:
-        torch.get_num_threads()  # a thread takes over the process's setting on first use
-        ready.wait()
-        torch.set_num_threads(1)
-        ready.wait()
-
-    pool = ThreadPoolExecutor(workers, "corrupt", keep_to_one_thread)
-    for _ in range(workers):
-        pool.submit(int)
-    ready.wait()
-    ready.wait()
-    # OpenMP keeps the setting by thread, torch also a setting for the process, which the workers have just changed
-    torch.set_num_threads(workers)
-    return pool
-
-
-def run_each(work: Callable[[int], object], count: int) -> None:
-    """Call `work(0)` … `work(count - 1)` on as many threads as torch may use, and return when all are done.
-
-    The steps of `work` run on its own thread alone. It must not call `run_each` in its turn.
-    """
-    workers = torch.get_num_threads()
-    if workers == 1:
-        for index in range(count):
-            work(index)
-    else:
-        list(_pool(workers, os.getpid()).map(work, range(count)))
-
 
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2

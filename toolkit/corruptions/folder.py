@@ -15,7 +15,8 @@ from toolkit.core.draws import image_seed
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, real_path, sha256_file, write_bytes, write_json
 from toolkit.core.records import RecordLog, hold_folder
-from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
+from toolkit.core.threads import run_each
+from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt
 from toolkit.corruptions.catalogue import IMAGENET, choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop

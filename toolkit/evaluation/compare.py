@@ -40,7 +40,7 @@ from toolkit.evaluation.metrics import (
 )
 from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, hash_images, read_predictions
 from toolkit.evaluation.run_files import SUMMARY
 from toolkit.evaluation.summaries import Run, describe_condition, tell_networks_apart

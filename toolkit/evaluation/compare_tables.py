@@ -15,7 +15,7 @@ from toolkit.core.foreign_tables import ForeignTable, read_foreign_table
 from toolkit.core.statistics import mcnemar_p
 from toolkit.evaluation.compare import RunComparison
 from toolkit.evaluation.metrics import Comparison, Pair
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.run_files import SUMMARY, TABLES, check_run
 from toolkit.evaluation.summaries import Run
 from toolkit.models.labels import plain_name

@@ -2,18 +2,20 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import asin, atan2, cos, degrees, pi, radians, sin, sqrt
 from typing import TypeVar
 
+import numpy as np
 from PIL import Image
 
 from toolkit.captures.capture import Capture
 from toolkit.core.child import count_cores
+from toolkit.core.threads import map_ahead
 from toolkit.evaluation.metrics import FlipList, rank_variant
 from toolkit.evaluation.page import embed_picture
-from toolkit.evaluation.predict import Prediction, choose_batch_size, decode_ahead, find_pending
+from toolkit.evaluation.prediction import Prediction
+from toolkit.evaluation.read_pixels import MAX_DECODERS, read_pixels
 from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
@@ -153,25 +155,22 @@ def make_thumbnails(
     An image that is corrupted when it is read is shown as the network sees it, resized and cut; without a network it is
     left out.
     """
-    wanted = list({capture.path: capture for capture in captures}.values())
-    corrupted = [capture for capture in wanted if find_pending(capture) is not None]
-    plain = [capture for capture in wanted if find_pending(capture) is None]
-    with ThreadPoolExecutor(min(8, count_cores())) as pool:
-        made = pool.map(lambda prediction: _make(prediction, side_px), plain)
-        uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
-    shown = decode_ahead(corrupted, classifier, choose_batch_size(classifier)) if classifier else ()
-    for capture, pixels in zip(corrupted, shown, strict=classifier is not None):
-        if not isinstance(pixels, str):
-            uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)
-    return uris
 
+    def make(capture: Capture) -> str | None:
+        if capture.pending_corruption is None:
+            try:
+                pixels: np.ndarray | str = read_image(capture.file, side_px)
+            except UnreadableImage as error:
+                pixels = error.reason
+        elif classifier is not None:
+            pixels = read_pixels(capture, classifier.preprocessing, classifier.device)
+        else:
+            return None
+        return None if isinstance(pixels, str) else encode_jpeg(Image.fromarray(pixels), side_px)
 
-def _make(capture: Capture, side_px: int) -> str | None:
-    try:
-        image = Image.fromarray(read_image(capture.file, side_px))
-    except UnreadableImage:
-        return None
-    return encode_jpeg(image, side_px)
+    wanted = {capture.path: capture for capture in captures}
+    made = map_ahead(make, wanted.values(), min(MAX_DECODERS, count_cores()))
+    return {path: uri for path, uri in zip(wanted, made, strict=True) if uri}
 
 
 def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:

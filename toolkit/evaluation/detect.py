@@ -4,7 +4,6 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -36,12 +35,12 @@ from toolkit.evaluation.metrics import (
 )
 from toolkit.evaluation.origin import Origin, find_origin
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
+from toolkit.evaluation.prediction import Detection, Prediction
 from toolkit.evaluation.predictions_csv import encode_detections, make_detected
+from toolkit.evaluation.read_pixels import read_ahead, read_pixels
 from toolkit.evaluation.results import describe_unseen, find_training, list_corrupted
 from toolkit.evaluation.run_files import DETECTIONS, explain_run_dir, find_run_dir, lacks_other_table, write_run
 from toolkit.evaluation.summaries import begin_summary
-from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.models.identity import hash_network_tensors
 from toolkit.objects.spec import read_spec
@@ -325,15 +324,14 @@ def detect_captures(
     """
     found: list[DetectedImage] = []
     # the next images are read while the network looks at these: both release the interpreter's lock
-    pictures = read_ahead(captures, partial(_read, device=detector.device), BATCH)
+    # and corrupted as they were taken, before the detector resizes them
+    pictures = read_ahead(captures, None, detector.device, BATCH)
     with progress("detecting", len(captures)) as ticker, closing(pictures):
-        for start in range(0, len(captures), BATCH):
-            part = captures[start : start + BATCH]
-            read = list(islice(pictures, len(part)))
-            pixels = [one for one in read if not isinstance(one, str)]
+        while part := list(islice(pictures, BATCH)):
+            pixels = [one for _, one in part if not isinstance(one, str)]
             # images that were not read have no answer: the others take theirs in turn
             seen = iter(detector.detect(pixels) if pixels else [])
-            for capture, one in zip(part, read, strict=True):
+            for capture, one in part:
                 index, truth = classes[capture.object], truths[capture.file]
                 image = DetectedImage(capture, index, detector.labels[index], truth, None)
                 if isinstance(one, str):
@@ -347,16 +345,6 @@ def detect_captures(
                     found.append(replace(image, seen=next(seen)))
             ticker.advance(len(part))
     return found
-
-
-def _read(capture: Capture, device: str) -> np.ndarray | str:
-    if capture.refused is not None:
-        return capture.refused
-    try:
-        pixels = read_image(capture.file)
-    except UnreadableImage as error:
-        return error.reason
-    return pixels if find_pending(capture) is None else corrupt_images([capture], [pixels], device)[0]
 
 
 def group_detections(images: Sequence[DetectedImage]) -> list[DetectionGroup]:
@@ -439,12 +427,9 @@ def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
     if one.seen is None:
         return None
-    try:
-        pixels = read_image(one.capture.file)
-    except UnreadableImage:
+    pixels = read_pixels(one.capture, None, detector.device)
+    if isinstance(pixels, str):
         return None
-    if find_pending(one.capture) is not None:
-        pixels = corrupt_images([one.capture], [pixels], detector.device)[0]
     image = Image.fromarray(np.ascontiguousarray(pixels))
     ImageDraw.Draw(image).rectangle(one.truth.box, outline=TRUTH_COLOUR, width=_line_px(image))
     pen_boxes(image, one.seen, detector.labels, one.true_index)

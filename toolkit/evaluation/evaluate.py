@@ -157,7 +157,7 @@ def write_evaluation(
     Raises:
         ToolkitError: the folder cannot be written.
     """
-    maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
+    maps = draw_saliency(findings.flips, classifier, config.saliency)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     # predictions decide whether it is the same result: all else follows from them
     table = encode_predictions(findings.predictions)

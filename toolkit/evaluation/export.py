@@ -14,7 +14,7 @@ from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.origin import explain_replaced
-from toolkit.evaluation.predict import Box, Detection, Prediction
+from toolkit.evaluation.prediction import Box, Detection, Prediction
 from toolkit.evaluation.predictions_csv import (
     COLUMNS,
     DETECTION_COLUMNS,

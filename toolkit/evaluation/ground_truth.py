@@ -86,8 +86,8 @@ def _mark_gates(folder: CaptureFolder) -> CaptureFolder:
 def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> CaptureFolder:
     """The folder with each source once more under each corruption: `sim` in fog of severity 3 is source `sim-fog-3`.
 
-    Nothing is read here: an image is corrupted whenever it is read, see `toolkit.evaluation.predict`. A source of the
-    folder that has the name already keeps it, and the other gets a `+`. Files that are corrupted already, by the
+    Nothing is read here: an image is corrupted whenever it is read, see `read_pixels`. A source of the folder that has
+    the name already keeps it, and the other gets a `+`. Files that are corrupted already, by the
     manifest, are not corrupted again; a note says so.
 
     Args:

@@ -25,7 +25,7 @@ from toolkit.core.statistics import (
     sign_flip_p,
     wilson_interval,
 )
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.rig.variants import CONTROLS, CONTROLS_OF, NOUNS, VARIANTS
 
 NO_SPREAD = 1e-12

@@ -11,7 +11,7 @@ from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import load_json, sha256_bytes
 from toolkit.core.text import count_of, list_some
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import hash_images
 from toolkit.evaluation.run_files import SUMMARY
 from toolkit.evaluation.summaries import Run

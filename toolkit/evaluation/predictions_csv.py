@@ -19,7 +19,7 @@ from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
 from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.text import shorten
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.predict import OK, Detection, Prediction
+from toolkit.evaluation.prediction import OK, Detection, Prediction
 from toolkit.evaluation.run_files import DETECTIONS, PREDICTIONS
 from toolkit.evaluation.summaries import Run
 

@@ -29,7 +29,7 @@ from toolkit.evaluation.metrics import (
     list_flips,
 )
 from toolkit.evaluation.origin import Origin
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
 from toolkit.evaluation.verdict import Verdict, write_headlines

@@ -1,7 +1,10 @@
 """Where a network finds the evidence for a class (Grad-CAM), for the flips that the report shows."""
 
+import threading
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +13,10 @@ from PIL import Image
 from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import FlipList
-from toolkit.evaluation.predict import Prediction, batch_pixels, choose_batch_size
+from toolkit.evaluation.prediction import Prediction
+from toolkit.evaluation.read_pixels import AHEAD, read_ahead
 from toolkit.models.network import Classifier
+from toolkit.models.predict import ask_in_parts
 
 if TYPE_CHECKING:
     import torch
@@ -82,7 +87,8 @@ def compute_gradcam(
 
     The channels of the feature map, each weighted by the mean over all places of the gradient of the class's logit,
     summed and cut at zero (Selvaraju et al. 2017, equations 1 and 2). The graph starts at the feature map: no gradient
-    runs through the layers before it, and the cost is little more than that of the forward pass.
+    runs through the layers before it, and the cost is little more than that of the forward pass. A map depends on its
+    own image alone.
 
     Args:
         classifier: the network.
@@ -91,34 +97,38 @@ def compute_gradcam(
         classes: index of the class to look for in each image.
 
     Raises:
-        NoSaliency: the feature map does not lead to the output, or the batch does not fit the GPU's memory.
+        NoSaliency: the feature map does not lead to the output.
+        ToolkitError: as `ask_in_parts`.
     """
     import torch
 
-    seen: list[torch.Tensor] = []
+    seen = threading.local()  # parts of the batch are asked at the same time, each on its thread
 
     def start_graph(_: torch.nn.Module, __: tuple, output: torch.Tensor) -> torch.Tensor:
         leaf = output.detach().requires_grad_()
-        seen.append(leaf)
+        seen.features = leaf
         return leaf.clone()  # what follows may work in place, which a leaf of the graph does not allow
+
+    def ask(chosen: list[int]) -> torch.Tensor:
+        with torch.enable_grad():
+            logits = classifier.logits(batch[chosen])
+            # each image's logit depends on that image alone: the gradient of the sum holds all gradients
+            target = logits[torch.arange(len(chosen)), torch.tensor([classes[k] for k in chosen])].sum()
+            gradient = None
+            if target.requires_grad:
+                (gradient,) = torch.autograd.grad(target, seen.features, allow_unused=True)
+        if gradient is None:
+            raise NoSaliency(UNUSED.format(arch=classifier.arch))
+        with torch.no_grad():
+            # Grad-CAM (Selvaraju et al. 2017, equations 1 and 2): channels weighted by their mean gradient, then ReLU
+            weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
+            return (weights * _channels_first(seen.features).double()).sum(1).relu().float().cpu()
 
     hook = feature_map.register_forward_hook(start_graph)
     try:
-        with torch.enable_grad():
-            logits = classifier.logits(batch)
-            # each image's logit depends on that image alone: the gradient of the sum holds all gradients
-            target = logits[torch.arange(len(batch)), torch.tensor(classes)].sum()
-            gradient = torch.autograd.grad(target, seen[-1], allow_unused=True)[0] if target.requires_grad else None
-    except torch.cuda.OutOfMemoryError:
-        raise NoSaliency(f"{len(batch)} images do not fit the GPU's memory: make batch_size smaller") from None
+        return torch.cat(ask_in_parts(ask, len(batch), classifier.device)).numpy()
     finally:
         hook.remove()
-    if gradient is None:
-        raise NoSaliency(UNUSED.format(arch=classifier.arch))
-    with torch.no_grad():
-        # Grad-CAM (Selvaraju et al. 2017, equations 1 and 2): channels weighted by their mean gradient, then ReLU
-        weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
-        return (weights * _channels_first(seen[-1]).double()).sum(1).relu().float().cpu().numpy()
 
 
 MAX_UNASKED = 200
@@ -142,16 +152,13 @@ class Saliency:
     reason: str = ""
 
 
-def draw_saliency(
-    flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None, batch_size: int | None = None
-) -> Saliency:
+def draw_saliency(flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None) -> Saliency:
     """Grad-CAM for the true class on both images of every flip shown.
 
     Args:
         flips: from `list_flips`.
         classifier: the network that was evaluated.
         wanted: yes, no, or where None: when there are at most 200 flips.
-        batch_size: images per pass.
     """
     shown = [pair for flip in flips for pair in flip.shown]
     n = sum(flip.n for flip in flips)
@@ -164,7 +171,7 @@ def draw_saliency(
         {prediction.capture.path: prediction for pair in shown for prediction in (pair.first, pair.second)}.values()
     )
     try:
-        seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))
+        seen = _compute_maps(images, classifier)
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
@@ -199,17 +206,16 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
     return Image.fromarray(np.round(base + alpha * (colour - base)).astype(np.uint8))
 
 
-def _compute_maps(
-    images: Sequence[Prediction], classifier: Classifier, size: int
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """(pixels, map) of each image by its path; an image that does not decode any more is left out."""
     import torch
 
     feature_map = find_feature_map(classifier)
     classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    with progress("saliency", len(images)) as ticker:
-        for batch in batch_pixels([image.capture for image in images], classifier, size):
+    pictures = read_ahead((image.capture for image in images), classifier.preprocessing, classifier.device)
+    with progress("saliency", len(images)) as ticker, closing(pictures):
+        while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:
                 tensor = (

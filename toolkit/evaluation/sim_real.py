@@ -19,7 +19,7 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.evaluation.metrics import OWNERS, Comparison, Pair, gather, name_booster, rank_row, rank_variant
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.summaries import list_reasons
 from toolkit.evaluation.verdict import Verdict
 

@@ -11,7 +11,7 @@ import torch
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
-from toolkit.evaluation.predict import classify_stream
+from toolkit.core.threads import map_ahead
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.models.architectures import list_architectures
 from toolkit.models.detector import Detector
@@ -20,6 +20,7 @@ from toolkit.models.labels import read_labels_file
 from toolkit.models.load import bundled_file, load_classifier
 from toolkit.models.load_detector import is_detector, load_detector
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict_stream
 from toolkit.models.weights import cache_dir, find_local
 from toolkit.training.images import open_images
 
@@ -184,8 +185,9 @@ def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:
-        crops = ((image, resize_and_crop(images.read(image), classifier.preprocessing)) for image in images.images)
-        for image, order, _ in classify_stream(crops, classifier):
-            correct += int(order[0]) == image.class_index
+        how = classifier.preprocessing
+        crops = map_ahead(lambda image: (image, resize_and_crop(images.read(image), how)), images.images)
+        for image, logits in predict_stream(crops, classifier):
+            correct += int(logits.argmax()) == image.class_index
             ticker.advance()
     return len(images.images), correct

@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.captures.capture import UNPATCHED, Capture
 from toolkit.captures.reconcile import SetAside
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 
 SIDE = 16
 """Pictures are compared as SIDE × SIDE block means of what the network sees."""

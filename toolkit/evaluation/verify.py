@@ -9,7 +9,7 @@ from toolkit.core.files import load_json
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
 from toolkit.evaluation.evaluate import ASKED, judge_captures
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.predictions_csv import encode_predictions, read_predictions
 from toolkit.evaluation.results import summarise
 from toolkit.evaluation.summaries import SUMMARY, Run, begin_summary, open_run

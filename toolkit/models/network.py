@@ -78,10 +78,10 @@ class BadAnswer(FieldError):
 
 
 def check_finite(answers: "torch.Tensor", arch: str, weights: WeightsFile) -> None:
-    """Raise `BadAnswer` for the first of (b, classes) answers that is not finite."""
+    """Raise `BadAnswer` for the first of (b, classes) answers whose best is not finite; -∞ excludes a class alone."""
     import torch
 
-    is_bad = ~torch.isfinite(answers).all(1)
+    is_bad = ~torch.isfinite(answers.amax(1))
     if is_bad.any():
         reason = f"{weights.name}: the network's output is not a number: its weights are damaged"
         raise BadAnswer(reason, arch, int(is_bad.nonzero()[0, 0]))

@@ -4,16 +4,13 @@ Light that does not change with the camera is baked once; what is left per frame
 texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
 
-from toolkit.core.child import count_cores
+from toolkit.core.threads import map_ahead
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.bake_cache import (
     NO_PICTURE,
@@ -116,13 +113,13 @@ class RaycastRenderer(Renderer):
 
     def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
         """`render` of each (camera, `T_world_camera`), in order, on all cores; the same pictures."""
-        return map_frames(lambda view: self.render(*view), views)
+        return map_ahead(lambda view: self.render(*view), views)
 
     def render_linear_many(
         self, camera: Camera, poses: Iterable[np.ndarray], texture: np.ndarray
     ) -> Iterator[LinearView]:
         """`render_linear` from each pose, in order, on all cores; the same views."""
-        return map_frames(lambda pose: self.render_linear(camera, pose, texture), poses)
+        return map_ahead(lambda pose: self.render_linear(camera, pose, texture), poses)
 
     def render_linear(self, camera: Camera, T_world_camera: np.ndarray, texture: np.ndarray) -> LinearView:
         """What `render` shows, linear in the colours of those of the mesh's materials that share a texture.
@@ -192,35 +189,6 @@ class RaycastRenderer(Renderer):
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
         left, top = max(left, 0), max(top, 0)
         return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
-
-
-V = TypeVar("V")
-F = TypeVar("F")
-
-
-def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None = None) -> Iterator[F]:
-    """`make` of each view, in order, on `threads` threads (by default one for each core); a few are made ahead.
-
-    One thread is the caller's own, which makes each when it is asked for.
-    """
-    threads = threads or count_cores()
-    if threads == 1:
-        yield from map(make, views)
-        return
-    # threads, not processes: kernels run without the interpreter's lock, and share the scene's memory
-    waiting: deque[Future[F]] = deque()
-    with ThreadPoolExecutor(threads, "frames") as pool:
-        try:
-            for view in views:
-                # two for each thread are under way: all are busy, and a long list fills no memory
-                waiting.append(pool.submit(make, view))
-                if len(waiting) > 2 * threads:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
 
 
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:

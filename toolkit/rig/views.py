@@ -16,10 +16,10 @@ import numpy as np
 
 from toolkit.core.child import count_cores
 from toolkit.core.draws import Draws
+from toolkit.core.threads import map_ahead
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RAYCAST, make_renderer
 from toolkit.rig.scene import Scene, Stand
@@ -235,11 +235,11 @@ def render_pictures(
         settings: how they are drawn; each `per_studio` share a setting.
         seed: of all draws.
         setting: where they are taken.
-        threads: see `map_frames`.
+        threads: see `map_ahead`.
     """
     for start in range(0, count, settings.per_studio):
         block = ViewBlock(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
-        yield from map_frames(block.take, range(min(settings.per_studio, count - start)), threads)
+        yield from map_ahead(block.take, range(min(settings.per_studio, count - start)), threads)
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ def render_block(
         block: its number.
         setting: where views are taken.
         with_depth: whether views shall have their depth, for weather.
-        threads: see `map_frames`; one where blocks are what is spread over the cores.
+        threads: see `map_ahead`; one where blocks are what is spread over the cores.
     """
     draws = Draws(seed, block, kind)
     subject = subjects[block % len(subjects)].for_block(draws)
@@ -294,7 +294,7 @@ def render_block(
         kept_light = light.astype(np.float16) if with_depth else None
         return RenderedView(block % len(subjects), view, shown.develop(light, number), kept_light)
 
-    return list(map_frames(render, range(settings.per_studio), threads))
+    return list(map_ahead(render, range(settings.per_studio), threads))
 
 
 def find_depth(renderer: Renderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:

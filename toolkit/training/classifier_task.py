@@ -25,6 +25,7 @@ from toolkit.models.architectures import build_network
 from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
+from toolkit.models.predict import predict
 from toolkit.models.vision import torchvision
 from toolkit.models.weights import WeightsFile, read_state_dict, unwrap_names
 from toolkit.training.classifier_config import Attack, Augmentation, ClassifierConfig, ClassPictures, Corrupting
@@ -37,7 +38,7 @@ GREY_WEIGHTS = (0.299, 0.587, 0.114)
 AUXILIARY_WEIGHT = 0.3
 """Loss weight of the side outputs that GoogLeNet and Inception have during training."""
 UNFOLD_BATCHES = 8
-TEST_BATCH, TEST_STEPS = 64, 20
+TEST_BATCH, TEST_PART, TEST_STEPS = 64, 16, 20
 """Images at a time, and steps of the attack that a robust network is tested under."""
 MOST_CONFUSIONS = 12
 
@@ -427,12 +428,10 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
             for start in range(0, len(pack.images), TEST_BATCH):
                 part = slice(start, start + TEST_BATCH)
                 batch, classes = self._show_held_out(classifier, part)
-                with torch.no_grad():
-                    answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
+                answers[part] = predict(batch, classifier, part=TEST_PART).argmax(1).numpy()
                 if attack is not None:
                     worst = find_worst_images(batch, partial(measure_losses, classifier, classes), attack)
-                    with torch.no_grad():
-                        attacked[part] = classifier.logits(worst).argmax(1).cpu().numpy()
+                    attacked[part] = predict(worst, classifier, part=TEST_PART).argmax(1).numpy()
                 bar.advance(len(batch))
         found = summarise_answers(classifier.labels, pack.classes, answers, self.inputs.words[1])
         if attack is None or not found.n:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -24,6 +23,7 @@ from toolkit.core.files import (
     write_json,
 )
 from toolkit.core.rooms import ask_room, find_code
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
@@ -233,7 +233,6 @@ def keep_classes(sources: Sequence[DataSource], classifier: Classifier, field: s
     return TrainingClasses(tuple(classifier.labels), index_of)
 
 
-BLOCK = 256
 PACKS = ("train", "held_out")
 
 
@@ -368,17 +367,13 @@ def _read_items(
     advance: Callable[[int], None],
 ) -> Iterator[tuple[str, np.ndarray]]:  # fmt: skip
     """(label, (k, s, s, 3) uint8) of each item in order; a file that cannot be read goes to `skipped`."""
-    with ThreadPoolExecutor() as pool:
-        # by blocks: a pool would else hold the pictures of a whole data set at once
-        for start in range(0, len(items), BLOCK):
-            block = items[start : start + BLOCK]
-            for item, found in zip(block, pool.map(read, block), strict=True):
-                if isinstance(item, LabelledFile):
-                    advance(1)
-                    if isinstance(found, str):
-                        skipped.append((item.shown, found))
-                if not isinstance(found, str):
-                    yield item.label, found
+    for item, found in zip(items, map_ahead(read, items), strict=True):
+        if isinstance(item, LabelledFile):
+            advance(1)
+            if isinstance(found, str):
+                skipped.append((item.shown, found))
+        if not isinstance(found, str):
+            yield item.label, found
 
 
 def _read_item(shards: Path, how: Preprocessing, item: Item) -> np.ndarray | str:

@@ -25,11 +25,13 @@ from toolkit.models.architectures import list_architectures
 from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
+from toolkit.models.predict import predict
 from toolkit.models.vision import torchvision
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier import CHECKPOINT_EVERY_S
 from toolkit.training.classifier_config import PHOTOGRAPHS, Attack
 from toolkit.training.classifier_task import (
+    TEST_PART,
     augment_batch,
     choose_images,
     find_finished,
@@ -278,16 +280,14 @@ class RefineTask(TrainingTask[list[ClassifierRecord]]):
         for start in range(0, n, TEST_BATCH):
             part = slice(start, start + TEST_BATCH)
             batch = torch.stack([network.preprocess(image) for image in pack.images[part]]).to(network.device)
-            with torch.no_grad():
-                clean[part] = network.logits(batch).argmax(1).cpu().numpy()
+            clean[part] = predict(batch, network, part=TEST_PART).argmax(1).numpy()
             advance(len(batch))
             # the attack costs many times an answer: the first photographs alone are moved
             some = batch[: max(most - start, 0)]
             if len(some):
                 classes = torch.from_numpy(np.array(pack.classes[part][: len(some)])).to(network.device)
                 worst = find_worst_images(some, partial(measure_losses, network, classes), self.test_attack)
-                with torch.no_grad():
-                    moved[start : start + len(some)] = network.logits(worst).argmax(1).cpu().numpy()
+                moved[start : start + len(some)] = predict(worst, network, part=TEST_PART).argmax(1).numpy()
                 advance(len(some))
         taught = clean if taught is None else taught
         return Tested(clean, _count(clean, pack.classes, taught), _count(moved, pack.classes[:most], taught[:most]))

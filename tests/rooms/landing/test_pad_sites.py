@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.threads import map_ahead
 from toolkit.core.workspace import make_workspace
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RENDERERS, RendererKind
 from toolkit.rooms.landing.config import CameraConfig
@@ -88,7 +88,7 @@ def test_fog_fades_it_and_the_same_view_has_the_same_bytes(site: PadSite) -> Non
     clear, fog = (site.photograph(SiteView(pose, 3, 7, weather)) for weather in (("clear", 0), ("fog", 5)))
     assert fog.std() < 0.5 * clear.std()
     # on all cores, as data sets and flights take them
-    again = list(map_frames(site.photograph, [SiteView(pose, 3, 7, ("fog", 5)), SiteView(pose, 3, 7)]))
+    again = list(map_ahead(site.photograph, [SiteView(pose, 3, 7, ("fog", 5)), SiteView(pose, 3, 7)]))
     assert again[0].tobytes() == fog.tobytes()
     assert again[1].tobytes() == clear.tobytes()
     assert site.photograph(SiteView(pose, 3, 8)).tobytes() != clear.tobytes()

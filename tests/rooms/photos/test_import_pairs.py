@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.evaluation.metrics import compare_unpatched, index_poses
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.prediction import Prediction
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rooms.photos.config import ImportSettings
 from toolkit.rooms.photos.gates.check_captures import check_captures

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from toolkit.core.console import progress
+from toolkit.core.threads import map_ahead
 from toolkit.core.workspace import Workspace
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.collect import Collector
 from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import SampleSet, open_dataset, read_split
@@ -131,7 +131,7 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
     collector.light_pads(numbers)
     images = []
     with progress("Shooting AprilTag frames", len(numbers)) as bar:
-        for sample in map_frames(collector.shoot, numbers):
+        for sample in map_ahead(collector.shoot, numbers):
             images.append(sample.image)
             bar.advance()
     tagged = SampleSet(np.stack(images), samples.truths)

@@ -19,12 +19,12 @@ from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing import PrintSettings
 from toolkit.printing.document import build_pdf
-from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.rooms.landing.episodes import place_cameras
 from toolkit.rooms.landing.regressor import Regressor, load_regressor
@@ -92,7 +92,7 @@ class PadTask(TrainingTask[Patch]):
             return view.site.renderer.render_linear(view.site.camera, view.pose, texture), view.site.look(view.pose)[0]
 
         with progress("Rendering views", len(self.views)) as bar:
-            for linear_view in map_frames(render, self.views):
+            for linear_view in map_ahead(render, self.views):
                 made.append(linear_view)
                 bar.advance()
         return made
@@ -260,7 +260,7 @@ def compare_pads(
                     (worn[id(view.site)], SiteView(view.pose, seed, 500_000 + k, weather))
                     for k, view in enumerate(plan)
                 ]
-                images = np.stack(list(map_frames(lambda pair: pair[0].photograph(pair[1]), views)))
+                images = np.stack(list(map_ahead(lambda pair: pair[0].photograph(pair[1]), views)))
                 errors = np.linalg.norm(regressor.predict(images) - np.stack([view.offset for view in plan]), axis=1)
                 share = float((errors / [view.height for view in plan]).mean())
                 found[pad.name]["clear" if weather[0] == "clear" else f"{weather[0]}:{weather[1]}"] = round(share, 5)

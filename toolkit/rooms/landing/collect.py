@@ -14,11 +14,11 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, read_json, sha256_file, write_json
 from toolkit.core.records import hold_folder
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, cut_groups, run_resumable
-from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import (
     DATASET,
@@ -264,7 +264,7 @@ def shoot_unit(shared: Shared[Collector], indices: Sequence[int]) -> Iterator[En
     """The work of a unit: frames as they lie in a shard."""
     collector = shared.get()
     collector.light_pads(indices)  # before threads ask for them
-    yield from map_frames(lambda index: encode_sample(collector.shoot(index)), indices)
+    yield from map_ahead(lambda index: encode_sample(collector.shoot(index)), indices)
 
 
 def plan_shards(config: CollectConfig, collector: Collector) -> list[tuple[str, Split, list[int]]]:

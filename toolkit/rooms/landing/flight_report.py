@@ -17,6 +17,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.metrics import describe_change
@@ -31,7 +32,6 @@ from toolkit.evaluation.run_files import (
 )
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
-from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.episodes import OUTCOMES, Flights
 from toolkit.rooms.landing.fly import FLIGHTS, TICKS, EpisodeRecord, FlightCell, Flown
@@ -473,7 +473,7 @@ def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: Epis
         flights.tick, flights.state.position[:, 0] = tick, site.centre + np.array(place)
         pose = flights.camera_poses(np.array([0]))[0]
         views.append(SiteView(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
-    pictures = list(map_frames(site.photograph, views))
+    pictures = list(map_ahead(site.photograph, views))
     title = f"{record.cell.words}, episode {record.index}"
     last, hz = len(record.track) - 1, config.episode.camera_hz
     order = [*range(len(record.track)), *[last] * round(hz)]

@@ -13,11 +13,11 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, sha256_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Shared, Unit, WorkLog, cut_groups, run_resumable
-from toolkit.rig.raycast import map_frames
 from toolkit.rooms.landing.baselines import make_apriltag, make_features
 from toolkit.rooms.landing.config import CameraConfig, DescentConfig, FlyConfig, parse_gains
 from toolkit.rooms.landing.episodes import Episode, Flights, Look
@@ -422,7 +422,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
             (sites[int(index)], SiteView(pose, seed, int(index) * TICKS + tick, weather))
             for index, pose in zip(indices, poses, strict=True)
         ]
-        images = np.stack(list(map_frames(lambda pair: pair[0].photograph(pair[1]), views)))
+        images = np.stack(list(map_ahead(lambda pair: pair[0].photograph(pair[1]), views)))
         seen = perf_counter()
         answers = finder.predict(images)
         clock.rendering += seen - begun

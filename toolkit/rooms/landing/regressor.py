@@ -16,14 +16,15 @@ from toolkit.core.workspace import Workspace
 from toolkit.evaluation.page import SKY
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.models.architectures import build_network
+from toolkit.models.predict import ask_in_parts
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.rooms.landing.config import CameraConfig, Pool
 from toolkit.rooms.landing.dataset import Sample, SampleSet, find_shard, open_dataset, read_shard
 from toolkit.training.classifier_task import load_tensors
 
 SUFFIX = ".safetensors"
-CHUNK = 16
-"""Pictures that are answered together, always so many: the last digits of a sum depend on the size of a batch."""
+PART = 16
+"""Pictures in a pass, as `toolkit.models.predict` has them."""
 STRIDE = 32
 """Stride of the last features of a ResNet, pixels."""
 SHOWN = 6
@@ -130,17 +131,18 @@ class Regressor:
             raise ToolkitError(
                 f"{self.name} takes pictures of {self.record.image_px} px, found {images.shape[2]} × {images.shape[1]}"
             )
+
+        def ask(chosen: list[int]) -> torch.Tensor:
+            with torch.inference_mode():
+                return self.outputs(as_batch(images[chosen])).double().cpu()
+
         found = np.full((len(images), 3), np.nan)
-        with torch.no_grad():
-            for start in range(0, len(images), CHUNK):
-                some = images[start : start + CHUNK]
-                # filled up with black pictures, whose answers are dropped
-                padded = np.concatenate([some, np.zeros((CHUNK - len(some), *some.shape[1:]), np.uint8)])
-                out = self.outputs(as_batch(padded)).double().cpu().numpy()[: len(some)]
-                found[start : start + len(some), :2] = out[:, :2]
-                if self.record.sigma_scale is not None:
-                    # the network gives the logarithm of the deviation, so that it is positive
-                    found[start : start + len(some), 2] = np.exp(out[:, 2]) * self.record.sigma_scale
+        if len(images):
+            out = torch.cat(ask_in_parts(ask, len(images), self.device, part=PART)).numpy()
+            found[:, :2] = out[:, :2]
+            if self.record.sigma_scale is not None:
+                # the network gives the logarithm of the deviation, so that it is positive
+                found[:, 2] = np.exp(out[:, 2]) * self.record.sigma_scale
         return found
 
     def check(self, optics: CameraConfig) -> None:

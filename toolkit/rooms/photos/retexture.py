@@ -23,8 +23,10 @@ from toolkit.core.text import is_file_name
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
+from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import decode_image, encode_image, open_image
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict
 from toolkit.rooms.photos.config import RetextureConfig
 from toolkit.rooms.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.rooms.photos.prints.find import rectify_patch
@@ -329,14 +331,11 @@ def _same_scene(
 
 def _ask(classifiers: Sequence[Classifier], image: np.ndarray) -> dict[str, str]:
     """By network, its first answer."""
-    import torch
-
-    found = {}
-    with torch.inference_mode():
-        for network in classifiers:
-            batch = network.preprocess(image)[None].to(network.device)
-            found[network.name] = network.labels[int(network.logits(batch).argmax())]
-    return found
+    crops = [resize_and_crop(image, network.preprocessing) for network in classifiers]
+    return {
+        network.name: network.labels[int(predict([crop], network).argmax())]
+        for network, crop in zip(classifiers, crops, strict=True)
+    }
 
 
 def predict_texels(

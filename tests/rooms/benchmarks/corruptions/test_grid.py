@@ -1,6 +1,7 @@
 """The grid: its answers against a loop over single images, what is computed again and what is not, and bad input."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -80,7 +81,7 @@ def test_nothing_is_asked_twice_and_a_killed_run_goes_on(place, monkeypatch):
         evaluate(place)
     monkeypatch.undo()
     second, network = evaluate(place)
-    assert (second.kept, second.computed, network.module.seen) == (2 * 9, 6 * 9, 6 * 9)
+    assert (second.kept, second.computed, network.module.seen) == (2 * 9, 6 * 9, 6 * 12)  # passes are whole
     third, network = evaluate(place)
     assert (third.kept, third.computed, network.module.seen) == (8 * 9, 0, 0)
     fresh, _ = evaluate((*place[:2], place[2].with_name("other.jsonl")))
@@ -202,3 +203,17 @@ def _relabel(space):
     write_set(space, "bad")
     file = space.root / "print/patches/bad/green.json"
     file.write_text(file.read_text().replace('"class_name": "green"', '"class_name": "lime"'))
+
+
+def test_ranks_do_not_depend_on_the_size_of_a_shard(place, monkeypatch):
+    class ByShape(torch.nn.Module):
+        def forward(self, batch):  # the best class is another in a pass of another size
+            return batch.mean((2, 3)) + torch.nn.functional.one_hot(torch.tensor(len(batch) % 3), 3)
+
+    def ask(size):
+        monkeypatch.setattr(grid, "SHARD_IMAGES", size)
+        classifier = replace(make_hue_classifier(), module=ByShape())
+        found, _ = evaluate((*place[:2], place[2].with_name(f"{size}.jsonl")), classifier=classifier)
+        return [one.ranks.tolist() for one in found.cells]
+
+    assert ask(9) == ask(1) == ask(5)

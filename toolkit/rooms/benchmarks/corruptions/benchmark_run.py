@@ -234,7 +234,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
         pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
         images = apply_variant(pixels, shard, usable, variant, grid.config)
         for panel, condition in zip(row, conditions, strict=True):
-            shown = corrupt_images(images, slice(None), condition)[0].permute(1, 2, 0).numpy()
+            shown = corrupt_images(images, [0], condition)[0].permute(1, 2, 0).numpy()
             panel.imshow(shown, interpolation="antialiased")
             rank = ranks[variant.name, variant.classifier.name, condition][number]
             for spine in panel.spines.values():

@@ -1,7 +1,6 @@
 """Variants, and the cells of the grid: a shard's images in a variant, corrupted and ranked, by their inputs' hash."""
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +11,15 @@ from toolkit.boosters.apply import boost_images
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.draws import image_seed
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
-from toolkit.corruptions.batch import corrupt, run_each
+from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
-from toolkit.evaluation.predict import CPU_PART
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.network import BadAnswer, Classifier
+from toolkit.models.network import Classifier
+from toolkit.models.predict import ask_in_parts
 from toolkit.rooms.benchmarks.corruptions import NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.rooms.benchmarks.corruptions.recognisers import (
     Reader,
@@ -31,7 +31,8 @@ from toolkit.rooms.benchmarks.corruptions.recognisers import (
 from toolkit.rooms.benchmarks.patch_sets import PatchSet, read_patch_set
 from toolkit.training.images import ImageSet, LabelledImage
 
-CELLS = Work("cell", 1, old_at=0)
+CELLS = Work("cell", 2, old_at=0)
+"""In the first version, the last digits of an answer could depend on the size of its shard."""
 FAILED = -1
 """The rank of an image that could not be used."""
 
@@ -195,10 +196,6 @@ def name_cell(
     )  # fmt: skip
 
 
-CUDA_PART = 128
-"""Number of images in a computation; on a CPU `CPU_PART`, in a single thread."""
-
-
 @dataclass(frozen=True)
 class ShardImages:
     """The images of a shard that can be used, in a variant.
@@ -233,8 +230,7 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
         except UnreadableImage:
             return None
 
-    with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
-        loaded = list(pool.map(load, shard.images))
+    loaded = list(map_ahead(load, shard.images))
     usable = np.array([pixels is not None for pixels in loaded])
     empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
     return (np.stack([pixels for pixels in loaded if pixels is not None]) if usable.any() else empty), usable
@@ -260,28 +256,25 @@ def apply_variant(
     patches = variant.patches
     if patches is None:
         return ShardImages(bare, classes, seeds, ids, [], usable)
-    boosted = torch.empty_like(bare)
-    parts = _cut(len(used), CPU_PART)
 
-    def place(index: int) -> None:
-        part = parts[index]
+    def place(part: list[int]) -> torch.Tensor:
         pictures = torch.from_numpy(patches.stack(classes[part]))
         with torch.inference_mode():
             images = bare[part].float().div_(255)
             # rounded, as a file of the picture would be: the corruption begins from 8 bits
-            boosted[part] = _round(boost_images(images, pictures, config.placement, seeds[part])).byte()
+            return _round(boost_images(images, pictures, config.placement, [seeds[k] for k in part])).byte()
 
-    run_each(place, len(parts))
+    boosted = torch.cat([bare[:0], *ask_in_parts(place, len(used), "cpu")])
     texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
     return ShardImages(boosted, classes, seeds, ids, texts, usable)
 
 
-def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> torch.Tensor:
+def corrupt_images(images: ShardImages, part: Sequence[int], condition: Condition, device: str = "cpu") -> torch.Tensor:
     """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
-    batch = images.pixels[part].to(device).float().div_(255)
+    batch = images.pixels[list(part)].to(device).float().div_(255)
     if condition == NOT_CORRUPTED:
         return batch
-    return _round(corrupt(batch, *condition, images.seeds[part])).div_(255)
+    return _round(corrupt(batch, *condition, [images.seeds[k] for k in part])).div_(255)
 
 
 def rank_images(
@@ -292,32 +285,19 @@ def rank_images(
     Raises:
         ToolkitError: a network's output is not finite.
     """
-    ranks = [np.zeros(len(images.classes), np.int32) for _ in recognisers]
-    parts = _cut(len(images.classes), CPU_PART if device == "cpu" else CUDA_PART)
 
-    def work(index: int) -> None:
-        part = parts[index]
+    def work(part: list[int]) -> torch.Tensor:
+        texts = [images.texts[k] for k in part] if images.texts else []
         with torch.inference_mode():
             batch = corrupt_images(images, part, condition, device)
-            for recogniser, row in zip(recognisers, ranks, strict=True):
-                try:
-                    row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
-                except BadAnswer as error:
-                    raise error.at(images.ids[part]) from None
+            found = [one.rank(batch, images.classes[part], texts) for one in recognisers]
+        return torch.from_numpy(np.stack(found, axis=1))
 
-    # on a CPU parts share the cores; a GPU takes them in turn
-    if device == "cpu":
-        run_each(work, len(parts))
-    else:
-        for index in range(len(parts)):
-            work(index)
-    return ranks
+    nothing = torch.zeros(0, len(recognisers), dtype=torch.int32)
+    ranks = torch.cat([nothing, *ask_in_parts(work, len(images.ids), device, images.ids)])
+    return list(ranks.numpy().T)
 
 
 def _round(images: torch.Tensor) -> torch.Tensor:
     """Values in [0, 1] to whole levels 0 … 255, still float."""
     return images.mul(255).round_()
-
-
-def _cut(count: int, size: int) -> list[slice]:
-    return [slice(start, start + size) for start in range(0, count, size)]

@@ -12,6 +12,7 @@ import torch
 from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
 from toolkit.models.network import Classifier, check_finite
+from toolkit.models.predict import rank_true
 from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
 
 NETWORK, READER = "network", "reader"
@@ -64,12 +65,7 @@ def rank_classes(network: Classifier, images: torch.Tensor, classes: np.ndarray,
     """
     logits = network.logits(images).float()
     check_finite(logits, network.arch, network.weights)
-    true = torch.from_numpy(classes).to(logits.device)[:, None]
-    own = logits.gather(1, true)
-    earlier = torch.arange(logits.shape[1], device=logits.device) < true
-    # counting who is ahead costs less than sorting a thousand classes
-    ahead = (logits > own) | ((logits == own) & earlier)
-    return (ahead.sum(1) + 1).int().cpu().numpy()
+    return rank_true(logits, torch.from_numpy(classes)).int().cpu().numpy()
 
 
 @dataclass(frozen=True)

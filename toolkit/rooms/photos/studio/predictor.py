@@ -10,7 +10,8 @@ from toolkit.captures.capture import Capture
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.ground_truth import class_of_spec
-from toolkit.evaluation.predict import Prediction, predict_captures
+from toolkit.evaluation.predict import predict_captures
+from toolkit.evaluation.prediction import Prediction
 from toolkit.models.network import Classifier
 from toolkit.rooms.photos.studio.session import Session
 

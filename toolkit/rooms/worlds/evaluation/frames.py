@@ -3,15 +3,16 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
+from toolkit.models.predict import Answer, read_answer
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
-from toolkit.rig.raycast import map_frames
 from toolkit.rig.renderer import Renderer
 from toolkit.rig.renderers import RAYCAST
 from toolkit.rooms.worlds.depth_weather import make_weather
@@ -22,10 +23,13 @@ from toolkit.rooms.worlds.sky import Sky
 from toolkit.rooms.worlds.world import World
 
 FRAMES = Work("world frame", 1, old_at=0)
+if TYPE_CHECKING:
+    import torch
+
+METHOD_VERSION = 1
+"""Raised when the same inputs give other answers."""
 WeatherKey = tuple[str, int]
 """Name and severity."""
-Answer = tuple[int, float, float, int]
-"""First guess, its probability, the truth's probability, and the truth's rank from 1."""
 OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
 """In segmentations, beside the numbers of `SceneClass`: the object, what boosts it, and the sky."""
 
@@ -78,12 +82,12 @@ def name_weather(weather: WeatherKey) -> str:
     return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
 
 
-def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -> Answer:
-    """From classes by falling probability and the probability of each; six digits are kept."""
-    first = int(order[0])
-    rank = int(np.flatnonzero(order == true_index)[0]) + 1
+def make_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+    """From (classes,) logits; six digits of a probability are kept."""
+    found = read_answer(logits, true_index)
     # rounded before they are kept, so that an answer is the same from the log as from the network
-    return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
+    top1, true = (float(f"{prob:.6g}") for prob in (found.top1_prob, found.true_prob))
+    return found._replace(top1_prob=top1, true_prob=true)
 
 
 AnswerKey = tuple[str, str]
@@ -189,7 +193,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
         for task in tasks:
             yield task, open_renderer(stage, task.place, task.variant)
 
-    return map_frames(lambda pair: render_frame(stage, *pair), prepare())
+    return map_ahead(lambda pair: render_frame(stage, *pair), prepare())
 
 
 @lru_cache(maxsize=1)

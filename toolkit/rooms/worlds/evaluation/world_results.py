@@ -22,7 +22,7 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.evaluation.metrics import name_booster, rank_variant
-from toolkit.evaluation.predict import OK
+from toolkit.evaluation.prediction import OK
 from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.verdict import Verdict, find_tone
 from toolkit.models.network import Classifier

@@ -21,10 +21,10 @@ from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
 from toolkit.engine.units import Engine, Ran, Shared, Unit, WorkLog, cut_groups, run_resumable
-from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.evaluation.run_files import explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
+from toolkit.models.predict import CPU_PART, Answer, predict_stream
 from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
@@ -36,7 +36,6 @@ from toolkit.rooms.worlds.evaluation import ABSENT, WorldEvalConfig
 from toolkit.rooms.worlds.evaluation.cameras import PlaceCameras, plan_cameras
 from toolkit.rooms.worlds.evaluation.frames import (
     FRAMES,
-    Answer,
     AnswerKey,
     Frame,
     FrameAnswers,
@@ -252,8 +251,8 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
                 yield (at, weather, files), picture
 
     answers: dict[str, Answer] = {}
-    for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
-        answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
+    for (at, weather, files), logits in predict_stream(show(), setup.classifier, setup.batch_size):
+        answers[name_weather(weather)] = make_answer(logits, setup.true_index)
         # the last of its weathers makes a frame whole
         if weather == tasks[at].weathers[-1]:
             yield answers, files

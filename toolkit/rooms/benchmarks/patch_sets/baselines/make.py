@@ -2,27 +2,27 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 
 from toolkit import __version__
 from toolkit.boosters.pixels import record_network
-from toolkit.core.child import count_cores
 from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
+from toolkit.models.predict import predict
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.rooms.benchmarks.patch_sets import name_class
 from toolkit.rooms.benchmarks.patch_sets.baselines import (
@@ -46,7 +46,6 @@ from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import (
 from toolkit.training.images import ImageSet, LabelledImage, choose_classes, open_images
 
 BATCH = 64
-MAX_DECODERS = 8
 Skipped = list[tuple[str, str]]
 BASELINES = Work("baseline", 1, old_at=0)
 
@@ -141,15 +140,13 @@ class BestImages(_Photos):
             except UnreadableImage as error:
                 return error.reason
 
-        with ThreadPoolExecutor(min(MAX_DECODERS, count_cores()), thread_name_prefix="decode") as pool:
-            for first in range(0, len(images), BATCH):
-                part = images[first : first + BATCH]
-                loaded = list(pool.map(load, part))
-                skipped += [(image.id, what) for image, what in zip(part, loaded, strict=True) if isinstance(what, str)]
-                usable = [pair for pair in zip(part, loaded, strict=True) if not isinstance(pair[1], str)]
-                if usable:
-                    yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
-                advance(len(part))
+        loaded = zip(images, map_ahead(load, images), strict=True)
+        while part := list(islice(loaded, BATCH)):
+            skipped += [(image.id, what) for image, what in part if isinstance(what, str)]
+            usable = [(image, pixels) for image, pixels in part if not isinstance(pixels, str)]
+            if usable:
+                yield [image for image, _ in usable], np.stack([pixels for _, pixels in usable])
+            advance(len(part))
 
 
 class RandomImages(_Photos):
@@ -192,12 +189,10 @@ def measure_losses(classifier: Classifier, pixels: np.ndarray, index: int) -> np
     Raises:
         ToolkitError: the network's output is not finite.
     """
-    batch = torch.from_numpy(pixels).to(classifier.device).permute(0, 3, 1, 2).float().div_(255)
-    with torch.inference_mode():
-        # double precision: the best of many images may differ from the next by little
-        losses = -classifier.logits(batch).double().log_softmax(dim=1)[:, index].cpu().numpy()
+    # double precision: the best of many images may differ from the next by little
+    losses = -predict(list(pixels), classifier).log_softmax(dim=1)[:, index].numpy()
     if not np.isfinite(losses).all():
-        raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")
+        raise ToolkitError(f"{classifier.weights.name}: the network gives class {index} no probability at all")
     return losses
 
 

@@ -1,0 +1,57 @@
+"""Pixels of captures as networks see them: read ahead by threads, corrupted where they shall be."""
+
+import warnings
+from collections.abc import Generator, Iterable
+
+import numpy as np
+from PIL import Image
+
+from toolkit.captures.capture import Capture
+from toolkit.captures.corrupted_copy import SEED
+from toolkit.captures.read import read_crop
+from toolkit.core.child import count_cores
+from toolkit.core.threads import map_ahead
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage, read_image
+
+MAX_DECODERS, AHEAD = 8, 32
+
+
+def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.ndarray | str:
+    """(h, w, 3) uint8 sRGB of one image, or why there is none.
+
+    A corruption that is pending is one of what is returned: of the crop, or of the whole capture if there is no crop.
+    As ImageNet-C's own images, the result is rounded to 8 bits. An image's seed is its path below the source, so that
+    neither its place nor its batch matters, and `sim` and `real` get the same fog at the same path.
+
+    Args:
+        capture: the image.
+        how: how a classifier's crop is made; None for the whole capture, as a detector sees it.
+        device: cpu or cuda, where it is corrupted; the same but for float rounding.
+    """
+    if capture.refused is not None:
+        return capture.refused
+    try:
+        pixels = read_image(capture.file) if how is None else read_crop(capture, how)
+    except UnreadableImage as error:
+        return error.reason
+    if capture.pending_corruption is None:
+        return pixels
+    from toolkit.core.draws import image_seed
+    from toolkit.corruptions.batch import corrupt
+    from toolkit.corruptions.digital import from_bytes, to_bytes
+
+    seeds = [image_seed(SEED, capture.path_in_source)]
+    return to_bytes(corrupt(from_bytes(pixels[None], device), *capture.pending_corruption, seeds))[0]
+
+
+def read_ahead(
+    captures: Iterable[Capture], how: Preprocessing | None, device: str, ahead: int = AHEAD
+) -> Generator[tuple[Capture, np.ndarray | str]]:
+    """Yield each image with its `read_pixels`, in order; `ahead` images are read in advance, by threads."""
+    with warnings.catch_warnings():
+        # read_image has its own, stricter limit; other decoders' warnings end in `status` when they matter
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        warnings.filterwarnings("ignore", module=r"PIL\..*")
+        threads = min(MAX_DECODERS, count_cores())
+        yield from map_ahead(lambda one: (one, read_pixels(one, how, device)), captures, threads, ahead)

@@ -1,0 +1,173 @@
+"""Ask a network about images: every answer depends on its own image alone, whatever is asked beside it."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from toolkit.core.errors import FieldError
+from toolkit.core.threads import run_each
+from toolkit.models.network import AnyNetwork, BadAnswer, check_finite
+
+if TYPE_CHECKING:
+    import torch
+
+CPU_PART, CUDA_PART = 4, 32
+"""Images in a pass. Passes of one shape, on a CPU on one thread, give an image the same numbers whatever is asked
+beside it."""
+GPU_PARTS = 4
+"""Parts that are held for a GPU at once, so that images are decoded while it works."""
+Tag = TypeVar("Tag")
+
+
+class LogitNetwork(AnyNetwork, Protocol):
+    """A network that gives a number for each class."""
+
+    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
+        """(b, 3, h, w) float tensor, sRGB-encoded in [0, 1], to (b, classes)."""
+
+
+class Answer(NamedTuple):
+    """Answer of a classifier to one image.
+
+    Attributes:
+        top1_index, top1_prob: its first guess.
+        true_prob, true_rank: probability of the true class, and its place among the guesses, from 1.
+    """
+
+    top1_index: int
+    top1_prob: float
+    true_prob: float
+    true_rank: int
+
+
+def predict(
+    images: "torch.Tensor | Sequence[np.ndarray]",
+    network: LogitNetwork,
+    names: Sequence[str] = (),
+    part: int = CPU_PART,
+) -> "torch.Tensor":  # fmt: skip
+    """Return a network's answers to images, without gradient.
+
+    An answer depends on its own image alone: images are asked in parts of one size, and the last part is filled up.
+
+    Args:
+        images: (n, 3, h, w) float tensor, sRGB-encoded in [0, 1]; or (h, w, 3) uint8 sRGB arrays of one size.
+        network: answers.
+        names: of the images, for errors.
+        part: images in a pass on a CPU.
+
+    Returns:
+        (n, classes) float64 logits, on the CPU.
+
+    Raises:
+        ToolkitError: an answer is not finite, or a part does not fit the GPU.
+    """
+    import torch
+
+    def ask(chosen: list[int]) -> torch.Tensor:
+        if isinstance(images, torch.Tensor):
+            batch = images[chosen]
+        else:
+            pixels = torch.from_numpy(np.stack([images[k] for k in chosen]))
+            batch = pixels.to(network.device).permute(0, 3, 1, 2).float().div_(255)
+        with torch.inference_mode():
+            logits = network.logits(batch).double().cpu()
+        check_finite(logits, network.arch, network.weights)
+        return logits
+
+    if not len(images):
+        return torch.zeros(0, len(network.labels), dtype=torch.float64)
+    return torch.cat(ask_in_parts(ask, len(images), network.device, names, part))
+
+
+def ask_in_parts(
+    ask: "Callable[[list[int]], torch.Tensor]", count: int, device: str, names: Sequence[str] = (),
+    part: int = CPU_PART,
+) -> "list[torch.Tensor]":  # fmt: skip
+    """Call `ask` with the numbers of some images at a time, always as many; return its rows, a tensor for each part.
+
+    On a CPU the parts share the threads, each on one thread alone.
+
+    Args:
+        ask: numbers of images, to a tensor with a row for each.
+        count: of images.
+        device: cpu, or a GPU, which takes the parts in turn.
+        names: of the images, for errors.
+        part: images at a time on a CPU.
+
+    Raises:
+        ToolkitError: a `BadAnswer`, with the image's name; a part does not fit the GPU.
+    """
+    import torch
+
+    size = part if device == "cpu" else CUDA_PART
+    parts = [range(start, min(start + size, count)) for start in range(0, count, size)]
+    rows: dict[int, torch.Tensor] = {}
+
+    def work(number: int) -> None:
+        own = parts[number]
+        try:
+            # filled up with copies: a pass of another shape may give other last digits
+            rows[number] = ask([*own, *[own[-1]] * (size - len(own))])[: len(own)]
+        except BadAnswer as error:
+            raise (error.at([names[k] for k in own]) if names else error) from None
+        except torch.cuda.OutOfMemoryError:
+            raise FieldError(f"{size} images do not fit the GPU's memory: use the cpu", {"device": device}) from None
+
+    if device == "cpu":
+        run_each(work, len(parts))
+    else:
+        for number in range(len(parts)):
+            work(number)
+    return [rows[number] for number in range(len(parts))]
+
+
+def predict_stream(
+    images: Iterable[tuple[Tag, np.ndarray]], network: LogitNetwork, batch_size: int | None = None,
+    name_of: Callable[[Tag], str] | None = None,
+) -> "Iterator[tuple[Tag, torch.Tensor]]":  # fmt: skip
+    """Yield each image's tag and its (classes,) logits in order, see `predict`; at most one batch is held.
+
+    Args:
+        images: (what shall come back with the answer, (h, w, 3) uint8 sRGB).
+        network: answers.
+        batch_size: images that are gathered before the network is asked, made up to whole parts; by default as many as
+            keep its device busy.
+        name_of: the image's name by its tag, for errors.
+
+    Raises:
+        ToolkitError: as `predict`.
+    """
+    import torch
+
+    on_cpu, rest = network.device == "cpu", iter(images)
+    part = CPU_PART if on_cpu else CUDA_PART
+    # a part for each thread: what more are held costs memory alone
+    parts = torch.get_num_threads() if on_cpu else GPU_PARTS
+    size = part * (-(-batch_size // part) if batch_size else parts)
+    while batch := list(islice(rest, size)):
+        names = [name_of(tag) for tag, _ in batch] if name_of else []
+        answers = predict([image for _, image in batch], network, names)
+        yield from ((tag, answer) for (tag, _), answer in zip(batch, answers, strict=True))
+
+
+def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor":
+    """(n,) place of each image's class among the guesses (n, classes), from 1; ties go to the lower index."""
+    import torch
+
+    true = classes.to(logits.device)[:, None]
+    own = logits.gather(1, true)
+    earlier = torch.arange(logits.shape[1], device=logits.device) < true
+    # counting who is ahead costs less than sorting a thousand classes
+    return ((logits > own) | ((logits == own) & earlier)).sum(1) + 1
+
+
+def read_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+    """Return what (classes,) logits of `predict` say of an image of a class."""
+    import torch
+
+    chances, first = logits.softmax(0), int(logits.argmax())
+    (rank,) = rank_true(logits[None], torch.tensor([true_index])).tolist()
+    return Answer(first, float(chances[first]), float(chances[true_index]), rank)
