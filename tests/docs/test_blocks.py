@@ -160,6 +160,7 @@ QUICK: dict[str, Command] = {
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
     "train-wrap": ["--model", "rig18", "--steps", "1", "--batch", "2"],
+    "head": ["--per-class", "3", "--views", "1", "--held-out", "0.4"],
     "world-eval": [
         *("--model", "rig18", "--world", "grass", "--places", "1", "--grid", "3x3x1", "--sample", "1"),
         *("--variant", "unpatched", "--variant", "patched"),
@@ -201,6 +202,8 @@ def is_quick(words: Command) -> bool:
     is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
     if words[1] == "train-patch" and not {"--out", "mug"} & set(words):
         return False  # some of them are enough
+    if words[1] == "head":
+        return "rig18" in words
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
     return (

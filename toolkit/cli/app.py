@@ -90,6 +90,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
+        "head": Entry("encoders:head", "make a classifier of an encoder and a folder of images"),
         "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
         "train-patches": Entry(
             "trainings:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}

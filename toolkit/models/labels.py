@@ -40,6 +40,7 @@ class LabelsFile(BaseModel):
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
             one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
         channels: the order of the colours.
+        squash: whether the whole image becomes the square, whatever its aspect ratio, instead of its middle.
         decoder: of a detector, the family whose outputs it has.
         letterbox: of a detector, where a picture lies in its square: `corner` is the upper left; or stretched to it.
         fill: grey beside the picture, 0 to 255.
@@ -59,6 +60,7 @@ class LabelsFile(BaseModel):
     std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     channels: Literal["RGB", "BGR"] | None = None
+    squash: bool | None = None
     decoder: Literal["yolox", "fastestdet", "yolov8", "end2end", "detr"] | None = None
     letterbox: Literal["corner", "centre", "stretch"] | None = None
     fill: Annotated[int, Field(ge=0, le=255)] | None = None
@@ -186,7 +188,7 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
     Raises:
         ToolkitError: the crop is larger than the resized image.
     """
-    keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels")
+    keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels", "squash")
     fields = {key: getattr(own, key) for key in keys}
     if own.size is not None:
         published = replace(published, resize_px=own.size, crop_px=own.size)

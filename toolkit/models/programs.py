@@ -27,6 +27,7 @@ from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
+from toolkit.models.heads import AsEncoder, Features, number_features
 from toolkit.models.labels import (
     PYTHON_PREFIX,
     LabelsFile,
@@ -113,7 +114,7 @@ class FixedBatch(nn.Module):
         super().__init__()
         self.program, self.count = program, count
 
-    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+    def forward(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
         """Image for image in groups of `count`, the last filled up."""
         if self.count is None:
             return self.program(batch)
@@ -122,8 +123,11 @@ class FixedBatch(nn.Module):
             # filled up by copies of its first image, whose answers are cut off again
             missing = self.count - len(part)
             whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
-            parts.append(self.program(whole)[: len(part)])
-        return torch.cat(parts)
+            answers = self.program(whole)
+            several = answers if isinstance(answers, tuple | list) else (answers,)
+            parts.append([one[: len(part)] for one in several])
+        joined = tuple(torch.cat(one) for one in zip(*parts, strict=True))
+        return joined if isinstance(answers, tuple | list) else joined[0]
 
 
 def _rebuild(path: Path) -> BytesIO:
@@ -260,8 +264,8 @@ class LogProbabilities(nn.Module):
         return self.network(batch).clamp_min(torch.finfo(torch.float32).tiny).log()
 
 
-def load_onnx_classifier(path: Path, device: str) -> Classifier:
-    """An ONNX graph that takes images and gives a number for each class; see `read_onnx`.
+def load_onnx_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
+    """An ONNX graph that takes images and gives a number for each class or feature; see `read_onnx`.
 
     Raises:
         ToolkitError: it is none, or ONNX Runtime cannot run it.
@@ -273,7 +277,8 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     own, notes = _read_description(path)
     size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size)
-    made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, _plain_preprocessing(size), device)
+    how = _plain_preprocessing(size)
+    made = assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, how, device, features)
     return replace(made, untrainable=network.untrainable, notes=notes)
 
 
@@ -291,15 +296,16 @@ def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
     return own, (note,)
 
 
-def load_exported_classifier(path: Path, device: str) -> Classifier:
-    """A program of `torch.export` that takes images and gives a number for each class; see `read_exported`.
+def load_exported_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
+    """A program of `torch.export` that takes images and gives a number for each class or feature; see `read_exported`.
 
     Raises:
         ToolkitError: it is none, or holds more than standard operations on tensors.
     """
     network, size = read_exported(path)
     (own, notes), file = _read_description(path), open_weights(path)
-    made = _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)
+    how = _plain_preprocessing(check_size(path, size, own))
+    made = assemble(network, path.name, file, own, how, device, features)
     return replace(made, notes=notes)
 
 
@@ -349,8 +355,8 @@ def call_python(model: str) -> Called:
     )
 
 
-def load_python_classifier(model: str, device: str) -> Classifier:
-    """A classifier from `call_python`.
+def load_python_classifier(model: str, device: str, features: AsEncoder | None = None) -> Classifier:
+    """A classifier or an encoder from `call_python`.
 
     The preprocessing is a `Preprocessing`, torchvision's `weights.transforms()`, or a mapping with the fields of
     `LabelsFile`, such as `{"size": 224, "mean": …, "std": …, "labels": […]}`.
@@ -367,7 +373,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     else:
         own = read_mapping(model, given)
         how = _plain_preprocessing(own.crop_px or own.size or 0)
-    return _assemble(network, model, file, own, how, device)
+    return assemble(network, model, file, own, how, device, features)
 
 
 def _say_why(module: str, function: str, error: BaseException) -> str:
@@ -404,7 +410,7 @@ def wrap_module(
     own = read_mapping(arch, fields)
     network = deepcopy(module).requires_grad_(False).eval().to("cpu")
     file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
-    return _assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
+    return assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
 
 
 def read_mapping(model: str, given: object) -> LabelsFile:
@@ -438,9 +444,10 @@ def _plain_preprocessing(size: int) -> Preprocessing:
     return Preprocessing(size, size, IMAGENET_MEAN, IMAGENET_STD)
 
 
-def _assemble(
-    network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, how: Preprocessing, device: str
-) -> Classifier:
+def assemble(
+    network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, how: Preprocessing, device: str,
+    features: AsEncoder | None = None,
+) -> Classifier:  # fmt: skip
     """Try the network on two images, and join it with its labels.
 
     Raises:
@@ -449,13 +456,16 @@ def _assemble(
     """
     check_hash(file, own)
     how, place = adapt_preprocessing(how, own), choose_device(device)
-    network = network.to(place)
+    network = (network if features is None else Features(network, features.tokens, arch)).to(place)
     answers = _try(network, arch, how, place, is_foreign=file.path.suffix in FOREIGN)
     total = answers.sum(1)
     # rows that sum to 1 are probabilities: their logarithms are logits, but for a constant
-    if answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
+    if features is None and answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
         network = LogProbabilities(network)
-    labels = choose_labels(file.path, own.labels, imagenet_labels(), answers.shape[1])
+    count = answers.shape[1]
+    labels = (
+        choose_labels(file.path, own.labels, imagenet_labels(), count) if features is None else number_features(count)
+    )
     return Classifier(
         arch=arch, module=network, labels=labels, preprocessing=how, weights=file, device=place,
         is_imagenet=labels == imagenet_labels(), trained_on=own.trained_on or "",
