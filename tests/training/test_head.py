@@ -212,6 +212,7 @@ def test_a_classifier_of_torchvision_loses_its_last_layer(tmp_path):
         ("test_vit", 64),
         ("test_resnet", 96),
         pytest.param("vit_small_patch14_dinov2", 384, marks=pytest.mark.slow, id="dinov2"),
+        pytest.param("vit_base_patch16_siglip_224", 768, marks=pytest.mark.slow, id="siglip"),
     ],
 )
 def test_an_encoder_of_timm_gives_timms_own_features(tmp_path, name, width):

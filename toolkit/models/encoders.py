@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError
-from toolkit.models.find import TIMM_PREFIX, find_classifier
+from toolkit.models.find import OPEN_CLIP_PREFIX, TIMM_PREFIX, find_classifier
 from toolkit.models.labels import LabelsFile
 from toolkit.models.load import build_timm_network, load_classifier, load_elsewhere
 from toolkit.models.network import Classifier
@@ -24,7 +24,7 @@ def load_encoder(
     graphs, exported programs and functions of the user's are taken whole: they end in features themselves.
 
     Args:
-        model: as of `load_classifier`.
+        model: as of `load_classifier`, or `open_clip:NAME:WEIGHTS` for the image tower of such a network.
         weights: as of `load_classifier`.
         device: `auto`, `cpu` or `cuda`.
         folder: of the workspace's own classifiers.
@@ -35,6 +35,12 @@ def load_encoder(
     """
     from toolkit.models.programs import assemble
 
+    if model.startswith(OPEN_CLIP_PREFIX):
+        from toolkit.models.open_clip import open_towers
+
+        towers = open_towers(model)
+        own = LabelsFile(name=model.replace(":", "-"))
+        return assemble(towers.image, model, towers.file, own, towers.preprocessing, device, how)
     found = find_classifier(model, weights, folder)
     if found.arch.startswith(TIMM_PREFIX):
         timm = build_timm_network(found.arch, found.weights, may_be_encoder=True)

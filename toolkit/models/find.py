@@ -176,6 +176,7 @@ class ClassifierRecord(BaseModel):
 BUNDLED = "rig18"
 BUNDLED_DIR = PACKAGE_DATA / "classifiers"
 DEFAULT_ARCH = "resnet18"
+OPEN_CLIP_PREFIX = "open_clip:"
 SUFFIX = ".safetensors"
 TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
 EXPORTED_SUFFIX = ".pt2"

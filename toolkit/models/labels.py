@@ -250,17 +250,26 @@ def _holds_names(file: Path) -> bool:
     return file.suffix != ".csv" or all(len(row) == 2 and row[0].isdecimal() for row in rows[1:] or rows)
 
 
+def read_lines(text: Path) -> list[str]:
+    """The lines of a text file that are not empty, without spaces around them.
+
+    Raises:
+        ToolkitError: it cannot be read, or is no text.
+    """
+    try:
+        lines = read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
+    return [line.strip() for line in lines if line.strip()]
+
+
 def read_names(text: Path) -> list[str]:
     """The names of classes in a text file, one a line; numbers and WordNet ids before all of them are left out.
 
     Raises:
         ToolkitError: the file is empty, or no text.
     """
-    try:
-        lines = [line.strip() for line in read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()]
-    except UnicodeDecodeError as error:
-        raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
-    lines = [line for line in lines if line]
+    lines = read_lines(text)
     if not lines:
         raise ToolkitError(f"{text} is empty: expected the name of a class on each line, or delete the file")
     if lines[0][0] in "[{":

@@ -71,33 +71,43 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
     """The program as a module for (b, 3, h, w) normalised images, and their side; None: any.
 
     Raises:
+        ToolkitError: as `load_program`; it takes something other than one batch of square colour images.
+    """
+    module, shapes = load_program(path)
+    shape = shapes[0] if len(shapes) == 1 else ()
+    if len(shape) != 4 or shape[1] != 3:
+        found = "×".join(map(str, shape)) if len(shapes) == 1 else f"{len(shapes)} inputs"
+        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
+    batch, _, side, width = shape
+    if isinstance(side, int) and isinstance(width, int) and side != width:
+        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
+    fixed = batch if isinstance(batch, int) else None
+    return FixedBatch(module, fixed), side if isinstance(side, int) else None
+
+
+def load_program(path: Path) -> tuple[nn.Module, list[tuple[Any, ...]]]:
+    """The program as a module, and the shape of each input; sides that are open are symbols.
+
+    Raises:
         ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
             standard operators.
     """
     try:
-        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), _without_log():
+        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), without_log():
             program = torch.export.load(_rebuild(path))
             module = program.module(check_guards=False)
     except ToolkitError:
         raise
     except Exception:  # torch's reader trips over a strange file in many ways, and says nothing of use
         raise _damaged(path, "its parts do not fit together") from None
-    inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
-    shape = tuple(inputs[0].meta["val"].shape) if len(inputs) == 1 else ()
-    if len(shape) != 4 or shape[1] != 3:
-        found = "×".join(map(str, shape)) if len(inputs) == 1 else f"{len(inputs)} inputs"
-        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
-    batch, _, side, width = shape
-    if isinstance(side, int) and isinstance(width, int) and side != width:
-        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
     for one in module.parameters():
         one.requires_grad_(False)
-    fixed = batch if isinstance(batch, int) else None
-    return FixedBatch(module, fixed), side if isinstance(side, int) else None
+    inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
+    return module, [tuple(node.meta["val"].shape) for node in inputs]
 
 
 @contextmanager
-def _without_log() -> Iterator[None]:
+def without_log() -> Iterator[None]:
     """Within, nothing is logged: of a program that it cannot read torch logs a traceback before it raises."""
     before = logging.root.manager.disable
     logging.disable()
