@@ -160,6 +160,8 @@ QUICK: dict[str, Command] = {
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
     "train-wrap": ["--model", "rig18", "--steps", "1", "--batch", "2"],
+    "zero-shot": [],
+    "head": ["--per-class", "3", "--views", "1", "--held-out", "0.4"],
     "world-eval": [
         *("--model", "rig18", "--world", "grass", "--places", "1", "--grid", "3x3x1", "--sample", "1"),
         *("--variant", "unpatched", "--variant", "patched"),
@@ -193,6 +195,15 @@ def put_light_objects(folder: Path) -> None:
         (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
 
 
+def put_towers(folder: Path) -> None:
+    """Two small towers of a network such as CLIP, with classes and templates for them."""
+    from two_towers import COLOURS, write_towers
+
+    write_towers(folder, "pt2")
+    (folder / "classes.txt").write_text("\n".join(COLOURS), encoding="utf-8")
+    (folder / "templates.txt").write_text("a photo of a {}.\nthe {} thing\n", encoding="utf-8")
+
+
 def is_quick(words: Command) -> bool:
     """Whether a command of a page is run."""
     if words[0] != "toolkit" or words[1] not in QUICK:
@@ -201,6 +212,10 @@ def is_quick(words: Command) -> bool:
     is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
     if words[1] == "train-patch" and not {"--out", "mug"} & set(words):
         return False  # some of them are enough
+    if words[1] == "head":
+        return "rig18" in words
+    if words[1] == "zero-shot":
+        return "image.pt2" in words
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
     return (
@@ -273,7 +288,11 @@ def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]
     for words in list_commands(read_page(page)):
         if any("mitsuba" in word for word in words):
             pytest.importorskip("mitsuba", reason="needs the extra mitsuba")
+        if words[1] == "zero-shot":
+            pytest.importorskip("tokenizers", reason="needs the extra clip")
         if is_quick(words):
+            if words[1] == "zero-shot":
+                put_towers(lab)
             run(words)
 
 

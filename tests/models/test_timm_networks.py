@@ -11,7 +11,8 @@ from one_line import error_of
 from PIL import Image
 from safetensors.torch import save_file
 
-from toolkit.models.load import load_classifier
+from toolkit.imaging.preprocessing import resize_and_crop
+from toolkit.models.load import load_classifier, read_timm_config, read_timm_preprocessing
 
 NAME = "test_resnet"  # timm's own for tests: half a million parameters, images of 160 px
 MODEL = f"timm:{NAME}"
@@ -134,7 +135,21 @@ def test_what_is_no_classifier_or_is_cut_otherwise(timm, tmp_path, monkeypatch):
     file = tmp_path / "features.pth"
     torch.save({"cls_token": torch.zeros(1)}, file)
     assert "not a classifier" in error_of(lambda: load_classifier(features, file, "cpu"))
-    assert "squash" in error_of(lambda: load_classifier("timm:convnext_tiny.in12k_ft_in1k_384", file, "cpu"))
+    monkeypatch.setattr("toolkit.models.load.read_timm_config", lambda name: {"crop_mode": "border"})
+    assert "border" in error_of(lambda: load_classifier("timm:convnext_tiny.in12k_ft_in1k_384", file, "cpu"))
+
+
+@pytest.mark.parametrize("size", [(500, 160), (300, 400), (384, 384)])
+def test_a_network_that_wants_the_whole_image_squashed_gets_timms_own_pixels(timm, size):
+    name = "convnext_tiny.in12k_ft_in1k_384"
+    photo = Image.fromarray(np.random.default_rng(4).integers(0, 256, (*reversed(size), 3), np.uint8))
+    how = read_timm_preprocessing(name, read_timm_config(name))
+    config = timm.data.resolve_data_config(pretrained_cfg=timm.get_pretrained_cfg(name).to_dict())
+    expected = timm.data.create_transform(**config, is_training=False)(photo)
+    pixels = resize_and_crop(np.asarray(photo), how).transpose(2, 0, 1) / 255
+    found = (pixels - np.reshape(how.mean, (3, 1, 1))) / np.reshape(how.std, (3, 1, 1))
+    assert how.squash and "both sides resized to 384 px" in how.describe()
+    assert np.abs(found - expected.numpy()).max() < 1e-5
 
 
 def test_without_weights_and_network_every_way_is_named(timm, monkeypatch):

@@ -64,6 +64,8 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "evaluate:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
+        "head": Entry("encoders:head", "make a classifier of an encoder and a folder of images"),
+        "zero-shot": Entry("encoders:zero_shot", "make a classifier of prompts, by CLIP, SigLIP and their kin"),
         "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
     },
     "Worlds": {},

@@ -239,14 +239,15 @@ def train_classifier(
         config.with_overrides(seed=seed), space, pictures, out=out, device=device,
         workers=workers or count_cores(), download=download, restart=restart, keep_data=keep_data,
     )  # fmt: skip
-    show_result(trained, as_json, _describe_classifier(trained, out))
+    show_result(trained, as_json, describe_classifier(trained, out))
 
 
-def _describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iterator[str]:
+def describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iterator[str]:
+    """What was made, how good it is, and what to do with it."""
     record = trained.record
     yield from trained.lines()
     yield from describe_held_out(record.held_out)
-    model = f"--model {record.name}" if out is None else f"--weights {quote(trained.file)}"
+    model = f"--model {record.name if out is None else quote(trained.file)}"
     yield (
         f"next: toolkit eval captures/ {model}, and for patches of its own "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"

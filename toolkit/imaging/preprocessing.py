@@ -15,11 +15,12 @@ class Preprocessing:
     """How a network wants its images.
 
     Attributes:
-        resize_px: length of the short side after resizing.
+        resize_px: length of the short side after resizing; of both sides with `squash`.
         crop_px: side of the central square that is kept.
         mean, std: of sRGB-encoded values in [0, 1], per channel, in the order of `channels`.
         filter_name: Pillow's name of the resampling filter, always antialiased.
         channels: order in which the network wants the colours, `RGB` or `BGR`.
+        squash: whether the whole image is resized to a square, whatever its aspect ratio.
     """
 
     resize_px: int
@@ -28,12 +29,14 @@ class Preprocessing:
     std: tuple[float, float, float]
     filter_name: str = "BILINEAR"
     channels: str = "RGB"
+    squash: bool = False
 
     def describe(self) -> str:
         """One line for a report."""
         order = "" if self.channels == "RGB" else f", channels {self.channels}"
+        sides = "both sides" if self.squash else "short side"
         return (
-            f"short side resized to {self.resize_px} px ({self.filter_name.lower()}, antialiased), central "
+            f"{sides} resized to {self.resize_px} px ({self.filter_name.lower()}, antialiased), central "
             f"{self.crop_px}×{self.crop_px} px, normalised with mean {self.mean} and standard deviation {self.std}"
             f"{order}"
         )
@@ -58,7 +61,7 @@ def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     height, width = image.shape[:2]
     short, long = min(height, width), max(height, width)
     # torchvision truncates the long side and rounds the crop's corner half to even: the same pixels need the same rule
-    scaled_long = int(how.resize_px * long / short)
+    scaled_long = how.resize_px if how.squash else int(how.resize_px * long / short)
     out_width, out_height = (how.resize_px, scaled_long) if width <= height else (scaled_long, how.resize_px)
     left, top = round((out_width - how.crop_px) / 2), round((out_height - how.crop_px) / 2)
     kept = (left, top, left + how.crop_px, top + how.crop_px)

@@ -134,6 +134,7 @@ class ClassifierRecord(BaseModel):
         trained_on: in a few words, to be said wherever the network speaks.
         labels: one per output, in order.
         resize_px, crop_px, mean, std, filter_name: preprocessing of an image, sRGB-encoded.
+        channels, squash: the same, of a network that does not want `RGB` and the middle of an image; else absent.
         data: sources with counts, and the hashes of the pixels that were trained on and held out.
         seed: of every random draw.
         settings: every hyper-parameter.
@@ -155,6 +156,8 @@ class ClassifierRecord(BaseModel):
     mean: tuple[float, float, float]
     std: tuple[float, float, float]
     filter_name: str
+    channels: Literal["RGB", "BGR"] | None = None
+    squash: bool | None = None
     data: dict[str, Any]
     seed: int
     settings: dict[str, Any]
@@ -166,12 +169,14 @@ class ClassifierRecord(BaseModel):
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {name: value for name, value in dump(self).items() if name != "refined" or value is not None}
+        optional = ("channels", "squash", "refined")
+        return {name: value for name, value in dump(self).items() if name not in optional or value is not None}
 
 
 BUNDLED = "rig18"
 BUNDLED_DIR = PACKAGE_DATA / "classifiers"
 DEFAULT_ARCH = "resnet18"
+OPEN_CLIP_PREFIX = "open_clip:"
 SUFFIX = ".safetensors"
 TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
 EXPORTED_SUFFIX = ".pt2"

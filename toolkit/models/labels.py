@@ -40,6 +40,7 @@ class LabelsFile(BaseModel):
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
             one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
         channels: the order of the colours.
+        squash: whether the whole image becomes the square, whatever its aspect ratio, instead of its middle.
         decoder: of a detector, the family whose outputs it has.
         letterbox: of a detector, where a picture lies in its square: `corner` is the upper left; or stretched to it.
         fill: grey beside the picture, 0 to 255.
@@ -59,6 +60,7 @@ class LabelsFile(BaseModel):
     std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     channels: Literal["RGB", "BGR"] | None = None
+    squash: bool | None = None
     decoder: Literal["yolox", "fastestdet", "yolov8", "end2end", "detr"] | None = None
     letterbox: Literal["corner", "centre", "stretch"] | None = None
     fill: Annotated[int, Field(ge=0, le=255)] | None = None
@@ -186,7 +188,7 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
     Raises:
         ToolkitError: the crop is larger than the resized image.
     """
-    keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels")
+    keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels", "squash")
     fields = {key: getattr(own, key) for key in keys}
     if own.size is not None:
         published = replace(published, resize_px=own.size, crop_px=own.size)
@@ -248,17 +250,26 @@ def _holds_names(file: Path) -> bool:
     return file.suffix != ".csv" or all(len(row) == 2 and row[0].isdecimal() for row in rows[1:] or rows)
 
 
+def read_lines(text: Path) -> list[str]:
+    """The lines of a text file that are not empty, without spaces around them.
+
+    Raises:
+        ToolkitError: it cannot be read, or is no text.
+    """
+    try:
+        lines = read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
+    return [line.strip() for line in lines if line.strip()]
+
+
 def read_names(text: Path) -> list[str]:
     """The names of classes in a text file, one a line; numbers and WordNet ids before all of them are left out.
 
     Raises:
         ToolkitError: the file is empty, or no text.
     """
-    try:
-        lines = [line.strip() for line in read_bytes(text, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()]
-    except UnicodeDecodeError as error:
-        raise ToolkitError(f"cannot read {text}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
-    lines = [line for line in lines if line]
+    lines = read_lines(text)
     if not lines:
         raise ToolkitError(f"{text} is empty: expected the name of a class on each line, or delete the file")
     if lines[0][0] in "[{":

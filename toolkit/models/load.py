@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
@@ -27,7 +27,7 @@ from toolkit.models.find import (
     is_program,
     pair_weights,
 )
-from toolkit.models.labels import adapt_preprocessing, choose_labels
+from toolkit.models.labels import LabelsFile, adapt_preprocessing, choose_labels
 from toolkit.models.network import Classifier, check_numbers, choose_device, read_network_file
 from toolkit.models.weights import (
     WeightsFile,
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     import torch
+
+    from toolkit.models.heads import AsEncoder
 
 HUB_FILE = "model.safetensors"
 HUB_TIMEOUT_S = 10.0
@@ -77,7 +79,7 @@ def load_classifier(
         how = "a module of your own becomes one by wrap_module(module, labels, size, mean, std)"
         raise FieldError(f"expected the name of a network; {how}", {"model": model.__class__.__name__})
     found = find_classifier(model, weights, folder)
-    if (elsewhere := _load_elsewhere(found, device)) is not None:
+    if (elsewhere := load_elsewhere(found, device)) is not None:
         return elsewhere
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
     file = find_weights(arch, found.weights)
@@ -96,8 +98,8 @@ def load_classifier(
     )  # fmt: skip
 
 
-def _load_elsewhere(found: Found, device: str) -> Classifier | None:
-    """A network that is none of torchvision's."""
+def load_elsewhere(found: Found, device: str, features: "AsEncoder | None" = None) -> Classifier | None:
+    """A classifier, or with `features` an encoder, that is none of torchvision's; None if it is."""
     if found.arch.startswith(TIMM_PREFIX):
         return load_timm_network(found.arch, found.weights, device)
     if not is_program(found.arch):
@@ -105,9 +107,9 @@ def _load_elsewhere(found: Found, device: str) -> Classifier | None:
     from toolkit.models import programs
 
     if found.weights is None:
-        return programs.load_python_classifier(found.arch, device)
+        return programs.load_python_classifier(found.arch, device, features)
     load = programs.load_onnx_classifier if found.arch.startswith(ONNX_PREFIX) else programs.load_exported_classifier
-    return load(found.weights, device)
+    return load(found.weights, device, features)
 
 
 def load_classifiers(
@@ -274,22 +276,47 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     """
     import torch
 
-    name, place = model.removeprefix(TIMM_PREFIX), choose_device(device)
+    place = choose_device(device)
+    made = build_timm_network(model, weights)
+    module = made.module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
+    published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
+    labels = choose_labels(made.file.path, made.own.labels, published, made.num_classes)
+    return Classifier(
+        arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(made.preprocessing, made.own),
+        weights=made.file, device=place, is_imagenet=labels == published, trained_on=made.own.trained_on or "",
+        name=made.own.name or model.replace(":", "-"),  # it names the run's folder
+    )  # fmt: skip
+
+
+class TimmNetwork(NamedTuple):
+    """A network of timm with its weights: how many classes it has (0: it ends in features), and what is said of it."""
+
+    module: "torch.nn.Module"
+    num_classes: int
+    preprocessing: Preprocessing
+    file: WeightsFile
+    own: LabelsFile
+
+
+def build_timm_network(model: str, weights: Path | None = None, may_be_encoder: bool = False) -> TimmNetwork:
+    """A network of timm, a classifier unless it `may_be_encoder`; see `load_timm_network`.
+
+    Raises:
+        ToolkitError: as `load_timm_network`.
+    """
+    name = model.removeprefix(TIMM_PREFIX)
     config = read_timm_config(name)
     preprocessing = read_timm_preprocessing(name, config)
     file = find_timm_weights(name, config, weights)
     state, own = read_network_file(file)
     num_classes, state = _count_timm_classes(model, config, state, file)
+    if num_classes < 1 and not may_be_encoder:
+        raise FieldError(
+            f"is not a classifier: its weights end in features: 'toolkit head {model}' makes a classifier of it",
+            {"model": model},
+        )
     check_numbers(state.values(), file)
-    module = _build_timm(model, state, num_classes, file)
-    module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
-    published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
-    labels = choose_labels(file.path, own.labels, published, num_classes)
-    return Classifier(
-        arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(preprocessing, own), weights=file,
-        device=place, is_imagenet=labels == published, trained_on=own.trained_on or "",
-        name=own.name or model.replace(":", "-"),  # it names the run's folder
-    )  # fmt: skip
+    return TimmNetwork(_build_timm(model, state, num_classes, file), num_classes, preprocessing, file, own)
 
 
 def read_timm_config(name: str) -> dict[str, Any]:
@@ -325,21 +352,24 @@ def read_timm_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     """The kit's words for timm's: the same pixels as its `create_transform` makes for evaluation.
 
     Raises:
-        ToolkitError: the network wants other than the central square of a colour image.
+        ToolkitError: the network wants other than a square of a colour image.
     """
     from timm.data import resolve_data_config
 
     wanted = resolve_data_config(pretrained_cfg=config)
     channels, height, width = wanted["input_size"]
-    if channels != 3 or height != width or wanted["crop_mode"] != "center":
+    if channels != 3 or height != width or wanted["crop_mode"] not in ("center", "squash"):
         raise FieldError(
-            f"wants images of {channels}×{height}×{width} with crop mode '{wanted['crop_mode']}': only the central "
-            "square of a colour image is supported: choose another network",
+            f"wants images of {channels}×{height}×{width} with crop mode '{wanted['crop_mode']}': only a square of a "
+            "colour image is supported, its middle or the whole of it: choose another network",
             {"model": f"{TIMM_PREFIX}{name}"},
         )
     # timm truncates here as well
     resize_px = math.floor(height / wanted["crop_pct"])
-    return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
+    return Preprocessing(
+        resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper(),
+        squash=wanted["crop_mode"] == "squash",
+    )  # fmt: skip
 
 
 def _count_timm_classes(
@@ -355,10 +385,7 @@ def _count_timm_classes(
             expected = import_module("timm").create_model(model.removeprefix(TIMM_PREFIX), pretrained=False)
         state = unwrap_names(state, expected.state_dict(), file.path)
     weight = state.get(head)
-    count = int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0])
-    if count < 1:
-        raise FieldError("is not a classifier: its weights end in features: choose another network", {"model": model})
-    return count, state
+    return int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0]), state
 
 
 def _build_timm(

@@ -82,11 +82,11 @@ def import_extra(name: str) -> ModuleType:
         ) from None
 
 
-def read_onnx(path: Path) -> OnnxGraph:
-    """Read a graph; nothing in it is run.
+def load_model(path: Path) -> "ModelProto":
+    """Read a graph with the weights that lie beside it; nothing in it is run.
 
     Raises:
-        ToolkitError: the file cannot be read, or takes something other than one batch of square colour images.
+        ToolkitError: the file cannot be read, or gives something other than numbers.
     """
     onnx = import_extra("onnx")
 
@@ -108,8 +108,23 @@ def read_onnx(path: Path) -> OnnxGraph:
     if strange is not None or not graph.output:
         found = f"its output '{strange}' is no tensor of numbers" if graph.output else "it has no output"
         raise ToolkitError(f"{path}: {found}: expected numbers for each image: export it so")
-    stored = {one.name for one in graph.initializer}
-    inputs = [one for one in graph.input if one.name not in stored]
+    return model
+
+
+def list_inputs(model: "ModelProto") -> "list[ValueInfoProto]":
+    """The inputs of a graph that are not among its weights."""
+    stored = {one.name for one in model.graph.initializer}
+    return [one for one in model.graph.input if one.name not in stored]
+
+
+def read_onnx(path: Path) -> OnnxGraph:
+    """Read a graph that takes images; nothing in it is run.
+
+    Raises:
+        ToolkitError: the file cannot be read, or takes something other than one batch of square colour images.
+    """
+    onnx, model = import_extra("onnx"), load_model(path)
+    graph, inputs = model.graph, list_inputs(model)
     if len(inputs) != 1:
         names = ", ".join(one.name for one in inputs) or "none"
         raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected one, a batch of images")
@@ -122,7 +137,7 @@ def read_onnx(path: Path) -> OnnxGraph:
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
     operations = {one.op_type for one in graph.node}
     return OnnxGraph(
-        file=_hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
+        file=hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
         batch=sides[0], is_half=kind.elem_type == FLOAT16,
         is_quantised=not operations.isdisjoint(QUANTISED),
     )  # fmt: skip
@@ -161,7 +176,7 @@ def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, 
     return is_nhwc, height
 
 
-def _hash_whole(path: Path) -> WeightsFile:
+def hash_whole(path: Path) -> WeightsFile:
     """The file, with a hash that changes when weights in files beside it do."""
     beside, file = _list_beside(import_extra("onnx").load(str(path), load_external_data=False)), open_weights(path)
     if not beside:
@@ -303,20 +318,32 @@ def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarra
     Raises:
         ToolkitError: it fails at them, takes too long or too much memory, or gives something other than numbers.
     """
-    images = np.ascontiguousarray(images.transpose(0, 2, 3, 1)) if graph.is_nhwc else images
-    given = {graph.input_name: images.astype(np.float16) if graph.is_half else images}
-    how, most_s = import_extra("onnxruntime").RunOptions(), START_S + IMAGE_S * len(images)
+    arranged = np.ascontiguousarray(images.transpose(0, 2, 3, 1)) if graph.is_nhwc else images
+    given = {graph.input_name: arranged.astype(np.float16) if graph.is_half else arranged}
+    return run_inputs(session, graph.file.path, given, f"{len(images)} images of {images.shape[2]} px")
+
+
+def run_inputs(
+    session: "InferenceSession", path: Path, given: dict[str, np.ndarray], what: str
+) -> tuple[np.ndarray, ...]:
+    """The outputs for arrays by the names of their inputs, each of as many rows; `what` they are, for errors.
+
+    Raises:
+        ToolkitError: as `run_session`.
+    """
+    count = len(next(iter(given.values())))
+    how, most_s = import_extra("onnxruntime").RunOptions(), START_S + IMAGE_S * count
     how.log_severity_level = 4  # what is wrong is raised as well
     watch = threading.Timer(most_s, setattr, (how, "terminate", True))  # a loop in a graph may have no end
     watch.daemon = True
 
     def explain(error: Exception) -> ToolkitError:
-        why = f"its operations fail at {len(images)} images of {images.shape[2]} px"
+        why = f"its operations fail at {what}"
         if is_memory_full(error):
             why = "it takes too much memory"
         elif how.terminate:
             why = _late(most_s)
-        return ToolkitError(f"{graph.file.path}: ONNX Runtime cannot run it: {why}")
+        return ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}")
 
     watch.start()
     try:
@@ -325,7 +352,7 @@ def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarra
     finally:
         watch.cancel()
     if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
-        raise ToolkitError(f"{graph.file.path}: its outputs are not tensors with numbers for each image: export it so")
+        raise ToolkitError(f"{path}: its outputs are not tensors with numbers for each image: export it so")
     return tuple(answers)
 
 

@@ -27,6 +27,7 @@ from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
+from toolkit.models.heads import AsEncoder, Features, number_features
 from toolkit.models.labels import (
     PYTHON_PREFIX,
     LabelsFile,
@@ -70,32 +71,42 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
     """The program as a module for (b, 3, h, w) normalised images, and their side; None: any.
 
     Raises:
+        ToolkitError: as `load_program`; it takes something other than one batch of square colour images.
+    """
+    module, shapes = load_program(path)
+    shape = shapes[0] if len(shapes) == 1 else ()
+    if len(shape) != 4 or shape[1] != 3:
+        found = "×".join(map(str, shape)) if len(shapes) == 1 else f"{len(shapes)} inputs"
+        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
+    batch, _, side, width = shape
+    if isinstance(side, int) and isinstance(width, int) and side != width:
+        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
+    fixed = batch if isinstance(batch, int) else None
+    return FixedBatch(module, fixed), side if isinstance(side, int) else None
+
+
+def load_program(path: Path) -> tuple[nn.Module, list[tuple[Any, ...]]]:
+    """The program as a module, and the shape of each input; sides that are open are symbols.
+
+    Raises:
         ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
             standard operators.
     """
     # torch's reader says nothing of use of a strange file
     with (
         foreign_code(lambda _: _damaged(path, "its parts do not fit together")),
-        torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), _without_log(),
+        torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), without_log(),
     ):  # fmt: skip
         program = torch.export.load(_rebuild(path))
         module = program.module(check_guards=False)
-    inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
-    shape = tuple(inputs[0].meta["val"].shape) if len(inputs) == 1 else ()
-    if len(shape) != 4 or shape[1] != 3:
-        found = "×".join(map(str, shape)) if len(inputs) == 1 else f"{len(inputs)} inputs"
-        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
-    batch, _, side, width = shape
-    if isinstance(side, int) and isinstance(width, int) and side != width:
-        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
     for one in module.parameters():
         one.requires_grad_(False)
-    fixed = batch if isinstance(batch, int) else None
-    return FixedBatch(module, fixed), side if isinstance(side, int) else None
+    inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
+    return module, [tuple(node.meta["val"].shape) for node in inputs]
 
 
 @contextmanager
-def _without_log() -> Iterator[None]:
+def without_log() -> Iterator[None]:
     """Within, nothing is logged: of a program that it cannot read torch logs a traceback before it raises."""
     before = logging.root.manager.disable
     logging.disable()
@@ -112,7 +123,7 @@ class FixedBatch(nn.Module):
         super().__init__()
         self.program, self.count = program, count
 
-    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+    def forward(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
         """Image for image in groups of `count`, the last filled up."""
         if self.count is None:
             return self.program(batch)
@@ -121,8 +132,11 @@ class FixedBatch(nn.Module):
             # filled up by copies of its first image, whose answers are cut off again
             missing = self.count - len(part)
             whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
-            parts.append(self.program(whole)[: len(part)])
-        return torch.cat(parts)
+            answers = self.program(whole)
+            several = answers if isinstance(answers, tuple | list) else (answers,)
+            parts.append([one[: len(part)] for one in several])
+        joined = tuple(torch.cat(one) for one in zip(*parts, strict=True))
+        return joined if isinstance(answers, tuple | list) else joined[0]
 
 
 def _rebuild(path: Path) -> BytesIO:
@@ -259,8 +273,8 @@ class LogProbabilities(nn.Module):
         return self.network(batch).clamp_min(torch.finfo(torch.float32).tiny).log()
 
 
-def load_onnx_classifier(path: Path, device: str) -> Classifier:
-    """An ONNX graph that takes images and gives a number for each class; see `read_onnx`.
+def load_onnx_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
+    """An ONNX graph that takes images and gives a number for each class or feature; see `read_onnx`.
 
     Raises:
         ToolkitError: it is none, or ONNX Runtime cannot run it.
@@ -272,7 +286,8 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     own, notes = _read_description(path)
     size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size)
-    made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, _plain_preprocessing(size), device)
+    how = _plain_preprocessing(size)
+    made = assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, how, device, features)
     return replace(made, untrainable=network.untrainable, notes=notes)
 
 
@@ -290,15 +305,16 @@ def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
     return own, (note,)
 
 
-def load_exported_classifier(path: Path, device: str) -> Classifier:
-    """A program of `torch.export` that takes images and gives a number for each class; see `read_exported`.
+def load_exported_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
+    """A program of `torch.export` that takes images and gives a number for each class or feature; see `read_exported`.
 
     Raises:
         ToolkitError: it is none, or holds more than standard operations on tensors.
     """
     network, size = read_exported(path)
     (own, notes), file = _read_description(path), open_weights(path)
-    made = _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)
+    how = _plain_preprocessing(check_size(path, size, own))
+    made = assemble(network, path.name, file, own, how, device, features)
     return replace(made, notes=notes)
 
 
@@ -348,8 +364,8 @@ def call_python(model: str) -> Called:
     )
 
 
-def load_python_classifier(model: str, device: str) -> Classifier:
-    """A classifier from `call_python`.
+def load_python_classifier(model: str, device: str, features: AsEncoder | None = None) -> Classifier:
+    """A classifier or an encoder from `call_python`.
 
     The preprocessing is a `Preprocessing`, torchvision's `weights.transforms()`, or a mapping with the fields of
     `LabelsFile`, such as `{"size": 224, "mean": …, "std": …, "labels": […]}`.
@@ -366,7 +382,7 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     else:
         own = read_mapping(model, given)
         how = _plain_preprocessing(own.crop_px or own.size or 0)
-    return _assemble(network, model, file, own, how, device)
+    return assemble(network, model, file, own, how, device, features)
 
 
 def _say_why(module: str, function: str, error: BaseException) -> str:
@@ -403,7 +419,7 @@ def wrap_module(
     own = read_mapping(arch, fields)
     network = deepcopy(module).requires_grad_(False).eval().to("cpu")
     file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
-    return _assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
+    return assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
 
 
 def read_mapping(model: str, given: object) -> LabelsFile:
@@ -437,9 +453,10 @@ def _plain_preprocessing(size: int) -> Preprocessing:
     return Preprocessing(size, size, IMAGENET_MEAN, IMAGENET_STD)
 
 
-def _assemble(
-    network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, how: Preprocessing, device: str
-) -> Classifier:
+def assemble(
+    network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, how: Preprocessing, device: str,
+    features: AsEncoder | None = None,
+) -> Classifier:  # fmt: skip
     """Try the network on two images, and join it with its labels.
 
     Raises:
@@ -448,13 +465,16 @@ def _assemble(
     """
     check_hash(file, own)
     how, place = adapt_preprocessing(how, own), choose_device(device)
-    network = network.to(place)
+    network = (network if features is None else Features(network, features.tokens, arch)).to(place)
     answers = _try(network, arch, how, place, is_foreign=file.path.suffix in FOREIGN)
     total = answers.sum(1)
     # rows that sum to 1 are probabilities: their logarithms are logits, but for a constant
-    if answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
+    if features is None and answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
         network = LogProbabilities(network)
-    labels = choose_labels(file.path, own.labels, imagenet_labels(), answers.shape[1])
+    count = answers.shape[1]
+    labels = (
+        choose_labels(file.path, own.labels, imagenet_labels(), count) if features is None else number_features(count)
+    )
     return Classifier(
         arch=arch, module=network, labels=labels, preprocessing=how, weights=file, device=place,
         is_imagenet=labels == imagenet_labels(), trained_on=own.trained_on or "",

@@ -1,6 +1,6 @@
 """Train a classifier from its settings to files: what `toolkit train-classifier` runs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,8 @@ def train_classifier(
         delete_folder(training)
     # what is learnt, and from which weights
     init = None if config.init is None else find_weights(config.arch, config.init)
-    sources = _open_sources(config, workspace, download)
+    counts = RenderCounts(config.per_class, config.views, config.held_out, config.seed, config.stored_px)
+    sources = open_sources(config.data, workspace, counts, download)
     kept = load_classifier(config.arch, config.init, "cpu") if config.keep_labels else None
     classes = list_classes(sources) if kept is None else keep_classes(sources, kept)
     # fail before the photographs are decoded, which may take minutes
@@ -108,7 +109,7 @@ def train_classifier(
     # another run of the same name waits until the photographs are decoded
     with hold_folder(folder, f".{config.name}.lock"):
         data = load_training_set(sources, classes, stored, training, workers)
-    _describe_data(data, sources)
+    describe_data(data, sources)
     inputs = ClassifierInputs(data, classes.used, pictures, init, _name_data(config, sources, pictures, init))
     task = ClassifierTask(config, inputs, folder / f"{config.name}.safetensors", device)
     checkpoint = Checkpoint(training, task.key, restart, checkpoint_every_s, () if keep_data else RENDERS)
@@ -116,16 +117,21 @@ def train_classifier(
     return TrainedClassifier(task.file, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)
 
 
-def _open_sources(config: ClassifierConfig, workspace: Workspace, download: bool) -> list[DataSource]:
-    counts = RenderCounts(config.per_class, config.views, config.held_out, config.seed, config.stored_px)
-    if not config.data:
+def open_sources(data: Sequence[str], workspace: Workspace, counts: RenderCounts, download: bool) -> list[DataSource]:
+    """What each `--data` offers.
+
+    Raises:
+        ToolkitError: there is none, or as `open_source`.
+    """
+    if not data:
         raise FieldError(
             "no {data}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class", {}
         )
-    return [open_source(data, workspace, counts, download) for data in dict.fromkeys(config.data)]
+    return [open_source(one, workspace, counts, download) for one in dict.fromkeys(data)]
 
 
-def _describe_data(data: TrainingSet, sources: list[DataSource]) -> None:
+def describe_data(data: TrainingSet, sources: list[DataSource]) -> None:
+    """Print what is trained on and what is held out."""
     for source in sources:
         notice(f"data: {source.words}")
     notice(

@@ -1,0 +1,232 @@
+"""Classifiers of two parts: an encoder that ends in features, and a head that names the classes; saved as one file."""
+
+from dataclasses import dataclass
+from io import BytesIO
+from typing import TYPE_CHECKING, Literal
+
+import torch
+from torch import nn
+from torch.nn.functional import linear
+
+from toolkit.core.errors import FieldError, describe_failure
+from toolkit.models.find import EXPORTED_SUFFIX
+from toolkit.models.network import Classifier, describe_answers
+
+if TYPE_CHECKING:
+    from onnx import NodeProto
+
+    from toolkit.models.onnx_networks import OnnxNetwork
+
+Tokens = Literal["first", "mean"]
+"""Which of the tokens of a transformer stand for the image: the first (the class token), or the mean of all."""
+LEAST_LENGTH = 1e-12
+"""Features are divided by their length, or by this if it is smaller."""
+SOURCE_NOTES = ("stack_trace", "nn_module_stack", "source_fn_stack", "torch_fn", "from_node")
+"""What torch notes on the nodes of an exported program: lines and paths of code on this machine."""
+
+
+@dataclass(frozen=True)
+class AsEncoder:
+    """Asks for a network that ends in features, whose numbers stand where a classifier has its classes.
+
+    Attributes:
+        tokens: see `Features`.
+        whole: keep the last layer of timm's and torchvision's networks, such as the projection of a CLIP tower.
+    """
+
+    tokens: Tokens | None = None
+    whole: bool = False
+
+
+class Features(nn.Module):
+    """An encoder as a module that gives one vector for each image.
+
+    Outputs (b, d) stay as they are. Of a map (b, c, h, w) it is the mean over all places, of tokens (b, t, d) what
+    `tokens` says. Of several outputs the first (b, d) is taken, else the first.
+
+    Attributes:
+        encoder: the module.
+        tokens: None: an encoder that gives tokens is refused.
+        arch: its name, for errors.
+    """
+
+    def __init__(self, encoder: nn.Module, tokens: Tokens | None, arch: str) -> None:
+        super().__init__()
+        self.encoder, self.tokens, self.arch = encoder, tokens, arch
+        self.takes_planes = getattr(encoder, "takes_planes", False)
+
+    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+        """(b, 3, h, w) normalised images to (b, d).
+
+        Raises:
+            ToolkitError: the encoder gives something else, or tokens while `tokens` is None.
+        """
+        answers = self.encoder(batch)
+        parts = list(answers) if isinstance(answers, tuple | list) else [answers]
+        if not parts or not all(isinstance(one, torch.Tensor) for one in parts):
+            raise FieldError(f"gives {describe_answers(answers)}: expected features", {"model": self.arch})
+        found = parts[choose_output([one.ndim for one in parts])]
+        if found.ndim == 4:
+            return found.mean((2, 3))
+        if found.ndim == 2:
+            return found
+        if found.ndim != 3:
+            raise FieldError(f"gives {describe_answers(found)}: expected features", {"model": self.arch})
+        if self.tokens is None:
+            raise FieldError(
+                f"gives {describe_answers(found)}, a vector for each token: choose with {{tokens}} 'first' (the class "
+                "token) or 'mean'",
+                {"model": self.arch},
+            )
+        return found[:, 0] if self.tokens == "first" else found.mean(1)
+
+
+def number_features(count: int) -> list[str]:
+    """Names of the outputs of an encoder."""
+    return [f"feature {index}" for index in range(count)]
+
+
+def choose_output(axes: list[int]) -> int:
+    """Which of several outputs holds the features, by their numbers of axes."""
+    return axes.index(2) if 2 in axes else 0
+
+
+class Head(nn.Module):
+    """Features to logits: a matrix, of features as they are or of length 1.
+
+    Attributes:
+        weight: (classes, d).
+        bias: (classes,).
+        normalise: whether features are divided by their length first.
+    """
+
+    weight: torch.Tensor
+    bias: torch.Tensor
+
+    def __init__(self, weight: torch.Tensor, bias: torch.Tensor, normalise: bool) -> None:
+        super().__init__()
+        self.register_buffer("weight", weight.float())
+        self.register_buffer("bias", bias.float())
+        self.normalise = normalise
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """(b, d) to (b, classes)."""
+        if self.normalise:
+            features = features / features.norm(dim=1, keepdim=True).clamp_min(LEAST_LENGTH)
+        return linear(features, self.weight, self.bias)
+
+
+def file_suffix(encoder: Classifier) -> str:
+    """What `join_head` makes: an ONNX graph of an ONNX encoder, else a program of torch.export."""
+    from toolkit.models.onnx_networks import OnnxNetwork
+
+    return ".onnx" if isinstance(_inner(encoder), OnnxNetwork) else EXPORTED_SUFFIX
+
+
+def join_head(encoder: Classifier, head: Head) -> bytes:
+    """The content of one file with both parts, which any command loads as a classifier.
+
+    Args:
+        encoder: as `load_encoder` gives it; it is moved to the CPU.
+        head: of as many features.
+
+    Raises:
+        ToolkitError: torch cannot export the encoder.
+    """
+    inner = _inner(encoder)
+    if file_suffix(encoder) == ".onnx":
+        return _join_onnx(inner, encoder.module.tokens, head)  # type: ignore[arg-type]
+    features = encoder.module.cpu()
+    # a program that was exported for some number of images stays one for that number
+    count = getattr(inner, "count", None)
+    if count is not None:
+        features = Features(inner.program, encoder.module.tokens, encoder.arch)  # type: ignore[arg-type]
+    # both are in the mode for answers already, and an exported program cannot be told so
+    joined = nn.Sequential(features, head.cpu()).requires_grad_(False)
+    side = encoder.preprocessing.crop_px
+    free = None if count is not None else ({0: torch.export.Dim("batch")},)
+    try:
+        program = torch.export.export(joined, (torch.zeros(count or 2, 3, side, side),), dynamic_shapes=free)
+    except Exception as error:  # torch's tracer ends in many ways
+        why = describe_failure(error)
+        raise FieldError(f"torch.export cannot save it: {why}: export it to ONNX", {"model": encoder.arch}) from None
+    for node in program.graph.nodes:
+        for name in SOURCE_NOTES:
+            node.meta.pop(name, None)
+    content = BytesIO()
+    torch.export.save(program, content)
+    return content.getvalue()
+
+
+def _inner(encoder: Classifier) -> nn.Module:
+    return encoder.module.encoder  # type: ignore[return-value]
+
+
+def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> bytes:
+    """The graph with the nodes of a head behind its features; they mean the same in every version from 8 on."""
+    from toolkit.models.onnx_graphs import draw_sample, import_extra
+
+    onnx = import_extra("onnx")
+    model = onnx.ModelProto()
+    model.CopyFrom(network.graph.model)
+    side = next(one for one in model.graph.input if one.name == network.graph.input_name)
+    px = side.type.tensor_type.shape.dim[2].dim_value
+    with torch.no_grad():
+        answers = network(torch.from_numpy(draw_sample(px)))
+    parts = [answers] if isinstance(answers, torch.Tensor) else list(answers)
+    which = choose_output([one.ndim for one in parts])
+    nodes, stored = _list_nodes(model.graph.output[which].name, parts[which].ndim, tokens, head)
+    for name, value in stored.items():
+        model.graph.initializer.append(onnx.numpy_helper.from_array(value.numpy(), name))
+    model.graph.node.extend(nodes)
+    del model.graph.output[:]
+    batch = side.type.tensor_type.shape.dim[0]
+    shape = [batch.dim_value or batch.dim_param or "batch", len(head.bias)]
+    model.graph.output.append(onnx.helper.make_tensor_value_info("head_logits", onnx.TensorProto.FLOAT, shape))
+    # names of the encoder's own classes
+    del model.metadata_props[:]
+    try:
+        return bytes(model.SerializeToString())
+    except Exception:  # protobuf's own error, by its version
+        path = network.graph.file.path
+        raise FieldError(f"{path}: with its head it is larger than the 2 GB of an ONNX file", {}) from None
+
+
+def _list_nodes(
+    name: str, axes: int, tokens: Tokens | None, head: Head
+) -> "tuple[list[NodeProto], dict[str, torch.Tensor]]":
+    """The nodes from the output `name` of so many axes to `head_logits`, and the tensors that they use."""
+    from toolkit.models.onnx_graphs import FLOAT, import_extra
+
+    make = import_extra("onnx").helper.make_node
+    nodes = [make("Cast", [name], ["head_float"], to=FLOAT)]
+    stored = {"head_weight": head.weight.T.contiguous(), "head_bias": head.bias}
+    last = "head_float"
+
+    def add(kind: str, *more: str, **settings: object) -> None:
+        nonlocal last
+        made = f"head_{len(nodes)}"
+        nodes.append(make(kind, [last, *more], [made], **settings))
+        last = made
+
+    if axes == 3 and tokens == "first":
+        stored["head_first"] = torch.tensor(0)
+        add("Gather", "head_first", axis=1)
+    elif axes > 2:
+        if axes == 3:
+            add("Transpose", perm=[0, 2, 1])
+        add("GlobalAveragePool")
+        add("Flatten", axis=1)
+    if head.normalise:
+        features = last
+        stored["head_ones"], stored["head_least"] = torch.ones(head.weight.shape[1], 1), torch.tensor(LEAST_LENGTH)
+        # the sum of squares as a product with ones: ReduceSum changed between versions
+        add("Mul", features)
+        add("MatMul", "head_ones")
+        add("Sqrt")
+        add("Max", "head_least")
+        length, last = last, features
+        add("Div", length)
+    add("MatMul", "head_weight")
+    nodes.append(make("Add", [last, "head_bias"], ["head_logits"]))
+    return nodes, stored
