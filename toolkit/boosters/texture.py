@@ -41,6 +41,7 @@ from toolkit.boosters.texture_objects import (
     load_inputs,
     load_objects,
     read_keep_image,
+    read_start,
 )
 from toolkit.boosters.transforms.transfer import GREY
 from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
@@ -138,7 +139,8 @@ def train_texture(
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
     # all that decides the pixels is in the hash, by which an interrupted run resumes
-    inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
+    start = None if config.start is None else read_start(config.start, objects, config.size_px)
+    inputs = load_inputs(config, objects, keep_image, networks[0], workspace, start)
     decides = [
         METHOD_VERSION, name, list_networks(targets),
         inputs.sha256(needs_size=config.weather is not None or config.world is not None), config.size_px,
