@@ -19,7 +19,7 @@ from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult, base_setup, run_s
 if TYPE_CHECKING:
     from rich.table import Table
 
-COLUMNS = ("variant", "n", "correct", "top1", "ci95_low", "ci95_high")
+COLUMNS = ("variant", "n", "correct", "top1", "top1_low", "top1_high")
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ def _list_cells(result: SweepResult, axes: Sequence[str], labels: Sequence[str])
         dict(zip(axes, (*labels, group.source), strict=True))
         | {
             "variant": group.variant, "n": group.n, "correct": round((group.top1 or 0.0) * group.n),
-            "top1": group.top1, "ci95_low": group.top1_ci95[0], "ci95_high": group.top1_ci95[1],
+            **{name: None if share is None else round(share, 4)
+               for name, share in zip(COLUMNS[3:], (group.top1, *group.top1_ci95), strict=True)},
         }
         for group in sweep.groups if group.object == name
     ]  # fmt: skip
@@ -95,16 +96,9 @@ def build_crossed_table(crossed: Crossed) -> "Table":
         rows.setdefault(tuple(cell[axis] for axis in crossed.axes), {})[cell["variant"]] = cell
     heads = [head for variant in variants for head in (f"{variant} %", "95 %")]
     lines = [
-        [
-            *key,
-            *(
-                text
-                for variant in variants
-                for text in _write_share(found.get(variant))
-            ),
-        ]
+        [*key, *(text for variant in variants for text in _write_share(found.get(variant)))]
         for key, found in rows.items()
-    ]  # fmt: skip
+    ]
     count = max(cell["n"] for cell in crossed.cells)
     return build_table(f"{' × '.join(crossed.axes)}, {count} images a cell", list(crossed.axes), heads, lines)
 
@@ -112,4 +106,4 @@ def build_crossed_table(crossed: Crossed) -> "Table":
 def _write_share(cell: dict[str, Any] | None) -> tuple[str, str]:
     if cell is None or cell["top1"] is None:
         return "", ""
-    return format_percent(cell["top1"]), format_interval((cell["ci95_low"], cell["ci95_high"]))
+    return format_percent(cell["top1"]), format_interval((cell["top1_low"], cell["top1_high"]))
