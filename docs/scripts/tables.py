@@ -48,6 +48,8 @@ def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
     write_table(folder / "answers.csv", answers)
     sweeps = list(list_sweeps(space))
     write_table(folder / "sweeps.csv", sweeps + read_others(folder / "sweeps.csv", sweeps, "run", "axis"))
+    if crossed := list(list_crossed(space)):
+        write_table(folder / "tags.csv", crossed)
 
 
 def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
@@ -163,6 +165,13 @@ def list_changes(run: str, summary: dict[str, Any]) -> Iterator[Row]:
             "bare": boosted - pair["gained"] + pair["lost"], "boosted": boosted,
             "gained": pair["gained"], "lost": pair["lost"], "p": pair["mcnemar_p"],
         }  # fmt: skip
+
+
+def list_crossed(space: Workspace) -> Iterator[Row]:
+    """Every table of `toolkit sweep --cross`, `eval/sweeps/AXIS/cross-NAME.csv`."""
+    for file in sorted(space.eval_dir.glob("sweeps/*/cross-*.csv")):
+        with file.open(encoding="utf-8", newline="") as stream:
+            yield from ({"run": file.stem.removeprefix("cross-"), **row} for row in csv.DictReader(stream))
 
 
 def list_sweeps(space: Workspace) -> Iterator[Row]:

@@ -261,7 +261,7 @@ def test_objects_of_several_classes_need_a_class(space):
 
 
 def test_the_atlas_of_the_parts_is_the_one_that_the_variant_wears(trained):
-    from toolkit.rig.applied.texture import paint_object
+    from toolkit.objects.painted import paint_object
 
     space, made = trained
     item = load_object(space.object_spec("crate"))

@@ -154,6 +154,33 @@ def test_the_paint_is_the_objects_own_also_of_a_wrap_that_was_trained(space):
     np.testing.assert_array_equal(wrap_object(item, inverted, None).paint(), draw_paint(wrap, item.mesh))
 
 
+def test_a_training_goes_on_from_a_wrap_that_exists(space):
+    """With hardly a step, what is written is the start; a picture that people made is what changes are counted from."""
+    plan = read_wrap(space.wrap("crate"))
+    inverted = type(plan)(plan.record, plan.pieces, 255 - plan.pixels)
+    folder = space.root / "mine"
+    write_wrap(folder, inverted)
+    covered = find_canvas(plan, 12)[0]
+    still = {"start": folder, "steps": 1, "lr": 1e-6}
+    started = run(space, **still).wrap
+    np.testing.assert_allclose(started.pixels[covered].astype(int), inverted.pixels[covered], atol=1)
+    assert started.record.booster.data["start"] == "mine" and started.record.picture is None
+    near = run(space, max_change=0.1, restart=True, start=folder, lr=0.3).wrap
+    change = np.abs(near.pixels[covered].astype(int) - inverted.pixels[covered])
+    assert 10 < change.max() <= 26  # 0.1 of 255, from the picture and not from the paint
+    # a wrap of the kit is no paint: the range is that about the object's own
+    trained = write_wrap(folder, type(plan)(started.record, plan.pieces, inverted.pixels))
+    assert trained.record.booster is not None
+    own = run(space, **still, max_change=0.1, restart=True).wrap
+    assert np.abs(own.pixels[covered].astype(int) - plan.pixels[covered]).max() <= 26
+    assert not run(space, steps=1, lr=1e-6).was_finished
+    with pytest.raises(ToolkitError, match="do not carry one picture"):
+        from PIL import Image
+
+        Image.new("RGB", (8, 8)).save(space.root / "camouflage.png")
+        run(space, start=space.root / "camouflage.png")
+
+
 def test_pieces_are_ranked_by_what_they_add(split):
     """A network that is the surer the greener its picture: one piece is green, all others are as bare."""
     item, wrap = load_object(split.object_spec("crate")), read_wrap(split.wrap("crate"))
@@ -214,7 +241,7 @@ def test_a_shipped_wrap_is_the_plan_and_stays_as_it_is(split, tmp_path, monkeypa
 
 
 def test_settings_that_the_plan_decides_are_refused():
-    for change in ({"size_px": 40, "keep": ("glass",)}, {"unwrap": True}, {"start": "x.png"}):
+    for change in ({"size_px": 40, "keep": ("glass",)}, {"unwrap": True}):
         with pytest.raises(ToolkitError):
             make_wrap_config("default", {"objects": ("crate",)} | change)
     with pytest.raises(ToolkitError, match="one object"):

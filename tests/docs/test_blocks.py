@@ -189,7 +189,10 @@ def put_light_objects(folder: Path) -> None:
 
     from toolkit.objects.load import BUILTIN
 
-    trimesh.creation.box((270, 200, 90)).subdivide().export(folder / "rig/objects/box.obj")
+    box = trimesh.creation.box((270, 200, 90)).subdivide()
+    uv = (box.vertices @ [[1, 0], [0, 1], [0.4, 0.3]]) / 400 + 0.5  # no side without an area
+    box.visual = trimesh.visual.TextureVisuals(uv=uv)
+    box.export(folder / "rig/objects/box.obj")
     for name in BUILTIN:
         spec = f'class = "{name}"\nmesh = "box.obj"\nlength_mm = 270\n[patch]\nsize_mm = 88\n'
         (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
@@ -272,7 +275,8 @@ def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 
     folder = Path(shutil.copytree(shot_space, tmp_path / "lab"))
     trimesh.creation.cylinder(30, 90).export(folder / "mug.glb")
-    Image.new("RGB", (12, 8), "olive").save(folder / "camouflage.png")
+    for name in ("camouflage", "livery"):
+        Image.new("RGB", (12, 8), "olive").save(folder / f"{name}.png")
     for name, right in (("theirs", 0), ("ours", 1)):
         (folder / f"{name}.csv").write_text(f"image,correct,scene\none.png,{right},1\ntwo.png,1,2\n", encoding="utf-8")
     monkeypatch.chdir(folder)

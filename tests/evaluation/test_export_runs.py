@@ -90,7 +90,7 @@ def test_fiftyone_finds_every_image_and_label(evaluated, tmp_path):
 def test_what_cannot_be_exported_is_a_line(workspace, evaluated):
     call = ["export", "--workspace", str(workspace.root)]
     done = CliRunner().invoke(app, [*call, "--to", "excel"])
-    assert "--to excel: expected parquet, csv, fiftyone or coco" in str(done.exception)
+    assert "--to excel: expected parquet, csv, fiftyone, coco, imagefolder" in str(done.exception)
     done = CliRunner().invoke(app, [*call, "--to", "coco"])
     assert "holds no run of a detector: make one with 'toolkit eval'" in str(done.exception)
     done = CliRunner().invoke(app, ["export", "night", *call[1:], "--to", "coco"])

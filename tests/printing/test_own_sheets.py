@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.printing import OwnSettings, PrintSettings
-from toolkit.printing.own import find_family, measure_reach_mm, print_picture, print_tags, read_tags
-from toolkit.rig.markers import DICTIONARIES, get_dictionary
+from toolkit.printing.own import measure_reach_mm, print_picture, print_tags, read_tags
+from toolkit.rig.markers import DICTIONARIES, find_family, get_dictionary
 
 
 def read_back(content, dictionary, dpi):
@@ -131,6 +131,9 @@ def test_pictures_that_cannot_be_printed_in_one_line(tmp_path, monkeypatch):
     for name in ("empty.png", "missing.png"):
         line = error_of(lambda name=name: print_picture(OwnSettings(picture=tmp_path / name), size, tmp_path))
         assert name in line and "cannot be read" in line
+    Image.new("RGBA", (4, 4), (255, 0, 0, 9)).save("clear.png")
+    line = error_of(lambda: print_picture(OwnSettings(picture="clear.png"), size, tmp_path))
+    assert "100% of it is transparent" in line  # paper has no such place
     Image.new("RGB", (4, 4)).save("x.png")
     assert "states its size" in error_of(lambda: print_picture(OwnSettings(picture="x.png"), PrintSettings(), tmp_path))
     tag = ["--tag", "36h11:1"]

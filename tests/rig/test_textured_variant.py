@@ -13,9 +13,10 @@ from toolkit.core.workspace import make_workspace
 from toolkit.objects.export_mesh import to_glb
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Material, hash_mesh, hash_shape
+from toolkit.objects.painted import fit_texture
 from toolkit.objects.records import encode_png, write_texture
 from toolkit.rig import Pattern
-from toolkit.rig.applied.texture import find_texture, fit_texture
+from toolkit.rig.applied.texture import find_texture
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.variants import CONTROLS_OF, apply_booster, find_booster

@@ -40,6 +40,7 @@ from toolkit.boosters.texture_objects import (
     load_inputs,
     load_objects,
     read_keep_image,
+    read_start,
 )
 from toolkit.boosters.transforms.transfer import GREY
 from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
@@ -136,7 +137,8 @@ def train_texture(
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
-    inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
+    start = None if config.start is None else read_start(config.start, objects, config.size_px)
+    inputs = load_inputs(config, objects, keep_image, networks[0], workspace, start)
     task = TextureTask(config, targets, inputs, choose_files(workspace, out, name), workers)
     return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 

@@ -310,7 +310,12 @@ class WrapTrainConfig(TextureConfig):
     keep: tuple[()] = Field((), exclude=True)
     keep_image: None = Field(None, exclude=True)
     unwrap: None = Field(None, exclude=True)
-    start: None = Field(None, exclude=True)
+    start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
+        None,
+        exclude=True,
+        description="Go on from this, in place of noise: the folder of a wrap, a texture's PNG, or a picture in the "
+        "object's texture coordinates. From a picture, {max_change} is counted from it.",
+    )
     pieces: Annotated[
         Annotated[tuple[int, int], AfterValidator(check_counts)] | None,
         BeforeValidator(read_counts), Expect("numbers of pieces such as 1..12"), Later,

@@ -19,8 +19,8 @@ from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
 from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import hash_paint
+from toolkit.objects.painted import check_fit
 from toolkit.objects.records import read_texture
-from toolkit.rig.applied.texture import check_fit
 from toolkit.rig.views import OutdoorSetting, PaintableObject
 
 MAX_BACKGROUNDS = 256
@@ -200,17 +200,17 @@ class TextureInputs:
 
 def load_inputs(
     config: TextureConfig, objects: Sequence[TexturedObject], keep_image: np.ndarray | None, network: Network,
-    workspace: Workspace,
+    workspace: Workspace, start: np.ndarray | None = None,
 ) -> TextureInputs:  # fmt: skip
-    """Load what the config names beside the objects.
+    """Load what the config names beside the objects and the start.
 
     Raises:
-        ToolkitError: photographs, the start or the world cannot be used.
+        ToolkitError: photographs or the world cannot be used.
     """
     return TextureInputs(
         objects, load_backgrounds(config, network),
         setting=config.open_world(workspace),
-        start=None if config.start is None else read_start(config.start, objects, config.size_px),
+        start=start,
         paint=None if config.max_change is None else objects[0].paint(),
         keep_image=keep_image,
     )  # fmt: skip

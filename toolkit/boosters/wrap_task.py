@@ -37,6 +37,7 @@ from toolkit.objects.wrap import (
     write_wrap,
 )
 from toolkit.rig import Misfit
+from toolkit.rig.livery import read_livery
 from toolkit.rig.views import PaintableObject, RenderedView
 from toolkit.rig.wrap_plan import draw_paint, measure_cover, plan_wrap
 from toolkit.rig.wrapped import draw_places, find_canvas, wear_wrap
@@ -258,7 +259,11 @@ def train_wrap(
     config = config.with_overrides(
         {"size_px": record.n_px} | ({"print_process.texel_mm": record.texel_mm} if config.print_process else {})
     )
-    inputs = load_inputs(config, [worn], None, networks[0], workspace)
+    livery = None if config.start is None else read_livery(item, config.start, field="start")
+    start = None if livery is None else draw_paint(wrap, livery.mesh)
+    inputs = load_inputs(config, [worn], None, networks[0], workspace, start)
+    if livery is not None and not livery.is_trained and inputs.paint is not None:
+        inputs = replace(inputs, paint=start)  # what people made is what the object shall look like
     folder = workspace.wraps_dir
     files = BoosterFiles(
         folder / record.name / RECORD_FILE,
@@ -319,10 +324,13 @@ class WrapTask(SurfaceTask[TrainedWrap]):
         assert isinstance(worn, WrappedObject)
         plan, misfit = worn.wrap, worn.misfit
         kept = {name: record[name] for name in WrapTraining.model_fields if name in record}
+        if self.config.start is not None:
+            kept["data"] = kept["data"] | {"start": self.config.start.name}
         trained = WrapTraining(**kept, misfit={} if misfit is None else misfit.record(), ranking=list(self._ranking))
         if self._kept:
             plan = choose_pieces(plan, self._kept, measure_cover(plan, worn.item, self._kept))
-        full = plan.record.model_copy(update={"class_name": record["class_name"], "booster": trained})
+        changes = {"class_name": record["class_name"], "booster": trained, "picture": None}
+        full = plan.record.model_copy(update=changes)
         wrap = write_wrap(self.files.png.parent, Wrap(full, plan.pieces, pixels))
         skipped = self.inputs.backgrounds.skipped
         return TrainedWrap(wrap=wrap, files=self.files, validations=validations, skipped=skipped)

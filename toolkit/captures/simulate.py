@@ -153,6 +153,9 @@ def simulate_captures(
     settings = ShootSettings(
         seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal, perfect=config.perfect
     )
+    from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as below
+
+    variants = [name_variant(one) for one in variants]
     left_out, board, engine = None, config.board, engine or EngineConfig()
     remarks: tuple[str, ...] = ()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)

@@ -10,6 +10,7 @@ from toolkit.captures.render import ObjectPreview, preview_object
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
+from toolkit.core.text import quote
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import find_class
 from toolkit.objects.add import DEFAULT_PATCH_MM, AddedObject, add_object
@@ -370,7 +371,12 @@ class SuggestedWrap:
         )
         yield f"{self.preview}: the pieces on the object; {self.stretch}: their stretch"
         yield f"wrote {self.folder}"
-        yield f"next: toolkit train-wrap --object {record.object}, then toolkit print --wrap {record.name}"
+        if record.picture is None:
+            yield f"next: toolkit train-wrap --object {record.object}, then toolkit print --wrap {record.name}"
+            return
+        start = f"toolkit train-wrap --object {record.object} --start {quote(self.folder)}"
+        yield f"{record.picture.name} is on the pieces, {record.texel_mm:g} mm a texel"
+        yield f"next: toolkit print --wrap {record.name}; to train it further: {start}"
 
 
 def suggest_wrap(workspace: Workspace, object_name: str, config: WrapConfig, seed: int = 0) -> SuggestedWrap:

@@ -56,6 +56,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "plan": Entry("rig:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
         "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
+        "view": Entry("rig:view", "see plan, captures and wraps in a live 3D viewer"),
         "coco": Entry("rig:write_boxes", "write the objects' boxes and masks as COCO"),
     },
     "Your photographs": {},

@@ -1,5 +1,6 @@
 """Commands of the rig: where patch, pieces and camera go, the photographs that it takes, and the objects in them."""
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -257,3 +258,36 @@ def write_boxes(
             warn(line)
     if left_out:
         raise typer.Exit(1)
+
+
+def view(
+    object_name: Annotated[
+        str | None, typer.Option("--object", metavar="NAME", help="Object to show. Default: the plan's first.")
+    ] = None,
+    sources: Annotated[
+        list[str] | None, typer.Option("--source", metavar="NAME", help="Only images of this; repeat for more.")
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=65535, help="Default: 8770, or a free one.", show_default=False),
+    ] = None,
+    workspace: options.Workspace = None,
+) -> None:
+    """Show an object with planned cameras, pictures and the pieces of its wrap in a browser; stop with Ctrl-C.
+
+    The viewer can be reached from this machine alone. It shows, and changes nothing.
+    """
+    from toolkit.captures.view_3d import gather_view, open_viewer, show_view
+    from toolkit.evaluation.tables import list_lines
+
+    shown = gather_view(open_workspace(workspace), object_name, sources or ())
+    server = open_viewer(port)
+    show_view(server, shown)
+    for line in list_lines("not shown", shown.left_out):
+        warn(line)
+    for line in shown.lines():
+        say(line)
+    say(f"open http://127.0.0.1:{server.get_port()} in a browser; Ctrl-C stops")
+    with contextlib.suppress(KeyboardInterrupt):  # that is how it is stopped
+        server.sleep_forever()
+    server.stop()

@@ -163,16 +163,17 @@ def export(
     to: Annotated[
         str | None,
         typer.Option(
-            metavar="parquet|csv|fiftyone|coco",
-            help="One table, or a folder: FiftyOne's, or of detectors COCO's. Default: parquet. With --object: glb, "
-            "obj or 3mf.",
+            metavar="parquet|csv|fiftyone|coco|imagefolder",
+            help="One table, or a folder: FiftyOne's, of detectors COCO's, or the images with their labels as the "
+            "Hugging Face Hub shows them. Default: parquet. With --object: glb, obj, 3mf or usdz.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="PATH",
-            help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco; a mesh's folder: print/.",
+            help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco, eval/imagefolder; a mesh's "
+            "folder: print/.",
         ),
     ] = None,
     captures: Captures = None,
@@ -192,6 +193,17 @@ def export(
     as_glb: Annotated[
         bool, typer.Option("--glb", help="In metres. Default without another format.", rich_help_panel=MESHES)
     ] = False,
+    as_usdz: Annotated[
+        bool, typer.Option("--usdz", help="For phones and Omniverse, in metres, y up.", rich_help_panel=MESHES)
+    ] = False,
+    card: Annotated[
+        bool,
+        typer.Option(
+            "--card",
+            help="Write a folder for each object, with the booster's files and a card, README.md.",
+            rich_help_panel=MESHES,
+        ),
+    ] = False,
     variant: Annotated[
         str,
         typer.Option(
@@ -202,15 +214,17 @@ def export(
     as_json: options.Json = False,
 ) -> None:
     """Write predictions of runs, by default of all that have any, or the mesh of an object, for other programs."""
-    formats = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
+    formats = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf, "usdz": as_usdz}
     if objects:
         if names:
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
         from toolkit.rig.variants import export_objects
 
         chosen = _choose_formats(formats, to)
-        show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out), as_json)
+        show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out, card), as_json)
         return
+    if card:
+        raise FieldError("goes with {objects}: add that, or leave it out", {"card": True})
     for format_name, is_asked in formats.items():
         if is_asked:
             raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{format_name}": True})

@@ -13,6 +13,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.imagefolder import write_imagefolder
 from toolkit.evaluation.origin import explain_replaced
 from toolkit.evaluation.prediction import Box, Detection, Prediction
 from toolkit.evaluation.predictions_csv import (
@@ -32,7 +33,10 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 VERSION_KEY = b"toolkit_schema_version"
 HEADS: dict[str, type] = {"run": str, "network": str, "condition": str, "severity": int}
-FORMS = {"parquet": "predictions.parquet", "csv": "predictions.csv", "fiftyone": "fiftyone", "coco": "coco"}
+FORMS = {
+    "parquet": "predictions.parquet", "csv": "predictions.csv", "fiftyone": "fiftyone", "coco": "coco",
+    "imagefolder": "imagefolder",
+}  # fmt: skip
 """Name of what is written below `eval/`."""
 Row = dict[str, Any]
 
@@ -43,7 +47,7 @@ class Exported:
 
     Attributes:
         place: file or folder.
-        form: `parquet`, `csv`, `fiftyone` or `coco`.
+        form: one of `FORMS`.
         count: rows of a table, else images.
         runs: names of the runs.
         left_out: answers to images that have no file of their own, or could not be read.
@@ -71,6 +75,8 @@ class Exported:
             yield f"{self.count} images, {runs}; with FiftyOne: python {self.place / 'load.py'}"
         elif self.form == "coco":
             yield f"{self.count} images, {runs}; {self.place}/RUN/instances.json, results.json"
+        elif self.form == "imagefolder":
+            yield f"{self.count} images with their labels: {self.place}; README.md and croissant.json describe them"
         else:
             yield f"{self.count} predictions of {runs}: {self.place}"
 
@@ -78,7 +84,10 @@ class Exported:
         """What is missing, or not as it was."""
         yield from self.replaced
         if self.left_out:
-            yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
+            if self.form == "imagefolder":
+                yield f"left out {self.left_out} images that cannot be read, or are not as their manifest says"
+            else:
+                yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
 
 
 def export_predictions(
@@ -90,26 +99,29 @@ def export_predictions(
     Args:
         workspace: that the runs are of.
         names: of runs.
-        form: `parquet`, `csv`, `fiftyone`, or of detectors `coco`.
+        form: `parquet`, `csv`, `fiftyone`, of detectors `coco`, or `imagefolder` of all captures, with the answers of
+            the runs that are named.
         out: where to; by default below `eval/`.
-        captures_dir: where the images lie; by default of each run's own.
+        captures_dir: where the images lie; by default of each run's own, of an image folder `captures/`.
 
     Raises:
-        ToolkitError: there is no such form or run, or as `write_parquet`, `write_csv`, `write_fiftyone` and
-            `write_coco_results`.
+        ToolkitError: there is no such form or run, or as `write_parquet`, `write_csv`, `write_fiftyone`,
+            `write_coco_results` and `write_imagefolder`.
     """
     if form not in FORMS:
-        raise FieldError("expected parquet, csv, fiftyone or coco", {"to": form})
+        raise FieldError(f"expected {', '.join(FORMS)}", {"to": form})
     said = out.suffix.lower().removeprefix(".") if out else ""
     if said != form and said in ("parquet", "csv"):
         raise FieldError(f"{form} would be written under a name of {said}: give {{to}} {said}", {"out": out})
     refused: Sequence[tuple[str, str]] = ()
     if names:
         runs = [open_run(workspace, name) for name in names]
+    elif form == "imagefolder":
+        runs = []  # the images themselves need none
     else:
         found, refused = find_runs(workspace)
         runs = [run for run in found if run.has_predictions and (form != "coco" or run.kind == "detection")]
-    if not runs:
+    if not runs and form != "imagefolder":
         wanted = "of a detector" if form == "coco" else "with predictions"
         raise ToolkitError(f"{workspace.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
     place, left_out = out or workspace.eval_dir / FORMS[form], 0
@@ -117,7 +129,7 @@ def export_predictions(
     if form in ("parquet", "csv"):
         count = (write_parquet if form == "parquet" else write_csv)(place, workspace, runs, captures_dir)
     else:
-        write = write_fiftyone if form == "fiftyone" else write_coco_results
+        write = {"fiftyone": write_fiftyone, "coco": write_coco_results, "imagefolder": write_imagefolder}[form]
         count, left_out = write(place, workspace, runs, captures_dir)
     folders = [captures_dir or find_captures_dir(workspace, run) for run in runs]
     replaced = [

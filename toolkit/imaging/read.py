@@ -69,6 +69,21 @@ def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
     return _decode(Path(path), None, short_side_px)
 
 
+def read_opaque(path: Path) -> np.ndarray:
+    """`read_image` of a picture that is printed: paper has no place where it is transparent.
+
+    Raises:
+        UnreadableImage: as `read_image`, or a part of it is transparent.
+    """
+    pixels = read_image(path)
+    with open_image(path) as image:
+        alpha = np.asarray(image.convert("RGBA").getchannel("A")) if image.has_transparency_data else None
+    if alpha is not None and (alpha < 255).any():
+        share = (alpha < 255).mean()
+        raise UnreadableImage(path, f"{max(share, 0.01):.0%} of it is transparent: fill that with a colour first")
+    return pixels
+
+
 def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -> np.ndarray:
     """`read_image` for bytes that lie in memory; `name` is what errors call them."""
     return _decode(Path(name), content, short_side_px)

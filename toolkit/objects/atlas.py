@@ -299,6 +299,26 @@ def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
     return replace(atlas.mesh, materials=tuple(materials))
 
 
+def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mesh:
+    """The mesh with a picture in its own texture coordinates, in place of its paint.
+
+    Args:
+        mesh: the object.
+        pixels: (h, w, 3) uint8, sRGB-encoded, row 0 at v = 1.
+        keep: names of materials that keep their paint.
+
+    Raises:
+        ToolkitError: its coordinates carry no single picture, or as `choose_kept`.
+    """
+    worn = ~choose_kept(mesh, keep)
+    if not _own_uv_serve(mesh, worn):
+        raise ToolkitError(
+            "its texture coordinates do not carry one picture: they are missing, leave the picture, or several "
+            "pictures share them; keep the paint of the other materials, or lay it on the pieces as a pattern"
+        )
+    return _share_sheet(mesh, worn, pixels)
+
+
 def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     """The object's own paint as a texture of an atlas: the mean light of what falls on each texel.
 

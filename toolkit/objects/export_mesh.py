@@ -136,6 +136,8 @@ def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
 
 
 MM_PER_M = 1000.0
+T_GLTF_WORLD = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)
+"""Front +x -> +z, left +y -> +x, up +z -> +y: axes of glTF, and of USD with y up."""
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
 """As the rig looks textures up: linear between texels and between levels of detail, and repeating."""
 
@@ -173,7 +175,6 @@ def _make_scene(
     """A piece for each material, y up and front to +z, and by the piece's name that of its material and its sheet."""
     import trimesh
 
-    T_gltf_world = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)  # front +x -> +z, left +y -> +x, up +z -> +y
     scene = trimesh.Scene(base_frame=name)
     sheets: dict[int, int] = {}
     looks: dict[str, tuple[str, int]] = {}  # name and sheet by a name that is unique: trimesh makes one of equal looks
@@ -191,8 +192,8 @@ def _make_scene(
             **(_emission_of(material) if lamps else {}),
         )  # fmt: skip
         piece = trimesh.Trimesh(
-            vertices=mesh.vertices[used] @ T_gltf_world.T / units_per_m, faces=inverse.reshape(-1, 3),
-            vertex_normals=_unit(mesh.normals[used]) @ T_gltf_world.T,
+            vertices=mesh.vertices[used] @ T_GLTF_WORLD.T / units_per_m, faces=inverse.reshape(-1, 3),
+            vertex_normals=unit_normals(mesh.normals[used]) @ T_GLTF_WORLD.T,
             visual=trimesh.visual.TextureVisuals(uv=mesh.uv[used], material=look), process=False,
         )  # fmt: skip
         scene.add_geometry(piece, node_name=unique, geom_name=unique)
@@ -206,7 +207,7 @@ def _emission_of(material: Material) -> dict[str, Any]:
     return {"emissiveTexture": Image.fromarray(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
 
 
-def _unit(normals: np.ndarray) -> np.ndarray:
+def unit_normals(normals: np.ndarray) -> np.ndarray:
     """Normals of length 1; those of faces without area, which have none, point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 1e-6, normals / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])

@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
@@ -186,6 +193,21 @@ class WrapTraining(BaseModel):
     toolkit_version: str
 
 
+class PictureRecord(BaseModel):
+    """A picture that existed before the wrap.
+
+    Attributes:
+        name: of its file, or of the wrap that it was.
+        sha256: of the file; of a wrap, of its map.
+        pattern_mm: length of its longer side where it repeats; None where it lies in the object's texture coordinates.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: Label
+    sha256: str = Field(pattern=SHA256)
+    pattern_mm: float | None = None
+
+
 class WrapRecord(BaseModel):
     """A wrap's plan, and how it was trained.
 
@@ -203,6 +225,7 @@ class WrapRecord(BaseModel):
         plan: all pieces as they were planned, where some were dropped.
         map_sha256: of `pieces.npz`.
         booster: None before training.
+        picture: what is on it, where that existed already; not written where there is none.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -221,6 +244,18 @@ class WrapRecord(BaseModel):
     plan: list[PieceRecord] = Field([], max_length=MOST_PIECES)
     map_sha256: str = Field(pattern=SHA256)
     booster: WrapTraining | None = None
+    picture: PictureRecord | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "picture" or value is not None}
+
+    @property
+    def what_is_on_it(self) -> str | None:
+        """Words on a wrap that is not trained: its picture's name, or the object's own paint; None for one that is."""
+        if self.booster is not None:
+            return None
+        return "the object's own paint" if self.picture is None else self.picture.name
 
     @model_validator(mode="after")
     def _fits(self) -> "WrapRecord":

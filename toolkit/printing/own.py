@@ -9,14 +9,14 @@ from toolkit import __version__
 from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
 from toolkit.core.text import count_of
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.read import UnreadableImage, read_opaque
 from toolkit.printing import OwnSettings, PrintSettings
 from toolkit.printing.canvas import Pdf
 from toolkit.printing.document import measure_side_mm
 from toolkit.printing.marks import JOIN_IT, PatchLabel, SheetDrawing, draw_page
 from toolkit.printing.page import CopiesPage, PagePlan, Rect, plan_sheet
 from toolkit.printing.print_boards import PrintedBoard
-from toolkit.rig.markers import DICTIONARIES, black_rects, count_markers, marker_modules
+from toolkit.rig.markers import black_rects, count_markers, find_family, marker_modules
 
 WORDS_MM = 6.0
 """Room below a tag for its family, id and size; it lies inside the cut line."""
@@ -25,19 +25,6 @@ TAG_DEFAULT_MM = 80.0
 Draw = Callable[[float, float, int], None]
 """Draws one of a group with its lower left corner at (x, y)."""
 IDS = re.compile(r"(\d{1,5})(?:-(\d{1,5}))?")
-
-
-def find_family(name: str) -> str:
-    """OpenCV's name of a family of tags: `36h11` is `DICT_APRILTAG_36h11`, `4x4_50` is `DICT_4X4_50`.
-
-    Raises:
-        ToolkitError: there is none of that name.
-    """
-    by_short = {one.removeprefix("DICT_").removeprefix("APRILTAG_").lower(): one for one in DICTIONARIES}
-    short = name.strip().lower().removeprefix("dict_").removeprefix("apriltag_").removeprefix("tag")
-    if short not in by_short:
-        raise FieldError(f"no family of tags called '{name}': expected one of {', '.join(by_short)}", {})
-    return by_short[short]
 
 
 def read_tags(text: str) -> tuple[str, list[int]]:
@@ -125,9 +112,9 @@ def print_picture(wanted: OwnSettings, page: PrintSettings, folder: Path) -> Pri
     """
     picture = Path(str(wanted.picture))
     try:
-        pixels = read_image(picture)
+        pixels = read_opaque(picture)
     except UnreadableImage as error:
-        raise FieldError(f"cannot be read: {error}", {"picture": picture}) from None
+        raise FieldError(f"cannot be read: {error.reason}", {"picture": picture}) from None
     long = max(pixels.shape[:2])
     if page.size_mm is None and page.dpi is None:
         raise FieldError("has no record that states its size: give {size_mm}, or {dpi}", {"picture": picture})

@@ -41,6 +41,7 @@ from toolkit.printing.page import (
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 from toolkit.printing.wrap_words import NUMBER_HIGH_MM, PlaceFinder, box_about, place_numbers, smooth_outline
+from toolkit.rig.livery import find_way
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -66,8 +67,6 @@ CUT_BY_HAND = f"Cut along the black line in the white one. {SAY_MARKS}"
 CUT_BY_MACHINE = f"The fine magenta line is CutContour, the machine's path. {SAY_MARKS}"
 FOLD_IT = "Dashed: fold back; dash and dot: fold towards you. Glue tab A under edge A."
 ASSEMBLE = "Stick the pieces on in this order, each to the letters of those that are there. Cut them out one by one."
-LEVEL = 0.35
-"""A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,8 @@ class PrintedWrap:
         order: the pieces' numbers as they are stuck on.
         roll_mm: width of the roll that pieces are on, None for sheets.
         cut_files: outlines for a machine.
-        is_trained: whether the pieces show a trained picture, not the object's own paint.
+        is_trained: whether the pieces show a trained picture.
+        shows: what they show otherwise: a picture's name, or the object's own paint.
     """
 
     file: str
@@ -126,6 +126,7 @@ class PrintedWrap:
     roll_mm: float | None = None
     cut_files: tuple[str, ...] = ()
     is_trained: bool = True
+    shows: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """All fields."""
@@ -139,7 +140,7 @@ class PrintedWrap:
         width, height = self.sizes_mm[-1]
         paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
         pages = f"{self.pages} page{'s' if self.pages > 1 else ''}, the first how to stick them on"
-        untrained = "" if self.is_trained else "; not trained, it shows the object's own paint"
+        untrained = "" if self.is_trained else f"; not trained, it shows {self.shows}"
         return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}{untrained}"
 
 
@@ -273,7 +274,7 @@ def build_wrap_pdf(
         orientation=layout.frame.paper.orientation,
         sizes_mm=tuple((paper.width_mm, paper.height_mm) for paper in papers),
         placed=tuple(sorted(placed, key=lambda piece: piece.number)), order=tuple(order), roll_mm=roll_mm,
-        is_trained=wrap.record.booster is not None,
+        is_trained=wrap.record.booster is not None, shows=wrap.record.what_is_on_it,
     )  # fmt: skip
     return printed, pdf.finish(), {sheet.record.number: sheet.outline for sheet in layout.sheets}
 
@@ -285,7 +286,7 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
     label = PatchLabel(
         f"{record.class_name or record.object} wrap"
         + ("" if record.name == record.object else f" ({record.name})")
-        + ("" if record.booster is not None else ", NOT TRAINED"),
+        + ("" if record.booster else f", {record.picture.name if record.picture else 'NOT TRAINED'}"),
         f"{len(record.pieces)} pieces for {record.object}, {max(item.mesh.size_mm):.1f} mm long   (texels of "
         f"{record.texel_mm:g} mm, {record.material})",
         f"map sha256 {record.map_sha256[:HASH_DIGITS]}   ·   pictures {pictures[:HASH_DIGITS]}   ·   "
@@ -419,7 +420,7 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
 
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect, by_machine: bool) -> _Sheet:
     """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
-    way, way_deg = _find_way(wrap, item, index)
+    way, way_deg = find_way(wrap.pieces[index], item.mesh)
     outline = _join_tabs(wrap, index)
     outline = outline if by_machine else smooth_outline(outline)
     # tabs reach beyond the outline, and words have to stand off them
@@ -472,26 +473,6 @@ def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
 
 def _number_width(number: int, way: str) -> float:
     return measure_text_mm(str(number), BOLD, NUMBER_MM) + 5.6 + measure_text_mm(way, BOLD, LETTER_MM)
-
-
-def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
-    """`up` or, for a piece that lies level, `front`, and that way's angle on the flat piece, degrees."""
-    piece = wrap.pieces[index]
-    flat = piece.flat_mm
-    corners = item.mesh.vertices[item.mesh.faces[piece.faces]].astype(np.float64)
-    sides = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=1)  # (k, 2 sides, 2)
-    # twice the signed area of the flat triangle is the cross product of its sides
-    area = (sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
-    good = area > 1e-6
-    rise = np.stack([corners[good, 1] - corners[good, 0], corners[good, 2] - corners[good, 0]], axis=1)
-    # sides · gradient = rise, for height (z) and for the way to the front (x)
-    slope = np.linalg.solve(sides[good], rise[:, :, [2, 0]])
-    # weighted by area: many small triangles at a rim say no more than the surface that they cover
-    mean = np.einsum("k,kij->ij", area[good], slope) / area[good].sum()
-    up, front = mean[:, 0], mean[:, 1]
-    # up, unless the piece lies nearly level and the way to the front is clearer on it
-    word, way = ("up", up) if np.hypot(*up) >= LEVEL or np.hypot(*up) >= np.hypot(*front) else ("front", front)
-    return word, float(np.degrees(np.arctan2(way[1], way[0])))
 
 
 def order_pieces(pieces: Sequence[PieceRecord]) -> list[int]:

@@ -4,11 +4,13 @@ What is asked for is declared here: how a plan's cameras are spread, where a pat
 Nothing heavy is loaded for it: commands make their options from it.
 """
 
+from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from toolkit.core.config import Config, Expect, Flag, Joined, Range, Rising
+from toolkit.core.errors import FieldError
 from toolkit.objects.spec import MOST_PIECES, Material, Side
 
 MOST_POSES = 10_000
@@ -18,6 +20,7 @@ Order = Literal["aba", "blocks", "alternate"]
 MOST_PLACES = 6
 """Shown at once: each has a colour of its own."""
 SHOT_LIST = "The shot list"
+PICTURE = "What is on it"
 STUCK_ON = "How a wrap is stuck on"
 DISTANCES = "two distances over 0 and under 1000000 mm, the nearer first"
 
@@ -96,6 +99,26 @@ class WrapConfig(Config):
     views: Annotated[int, Field(ge=8, le=10_000), Flag()] = Field(
         64, description="Random cameras that judge what is worth covering."
     )
+    picture: Annotated[Path | None, Flag(metavar="FILE", group=PICTURE)] = Field(
+        None,
+        description="Put this on the pieces: a picture in the object's texture coordinates, a texture's PNG, or the "
+        "folder of a wrap. Default: the object's own paint.",
+    )
+    pattern_mm: Annotated[float | None, Field(ge=1, le=100_000), Flag(metavar="MM", group=PICTURE)] = Field(
+        None, description="Repeat {picture} on each piece; this is the length of its longer side, mm."
+    )
+    keep: Annotated[tuple[str, ...], Flag("--keep-material", metavar="MATERIAL", group=PICTURE)] = Field(
+        (), description="Material that keeps its paint under {picture}, such as glass; repeat for more."
+    )
+
+    @model_validator(mode="after")
+    def _check_picture(self) -> "WrapConfig":
+        for name in ("pattern_mm", "keep"):
+            if getattr(self, name) and self.picture is None:
+                raise FieldError("goes with {picture}: add that, or leave it out", {name: getattr(self, name)})
+        if self.keep and self.pattern_mm is not None:
+            raise FieldError("cannot be used with {pattern_mm}, which is laid on whole pieces", {"keep": self.keep})
+        return self
 
 
 class Misfit(Config):

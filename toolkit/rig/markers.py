@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
@@ -62,6 +62,19 @@ def count_markers(dictionary: str) -> int:
     return DICTIONARIES[dictionary]
 
 
+def find_family(name: str) -> str:
+    """OpenCV's name of a family of tags: `36h11` is `DICT_APRILTAG_36h11`, `4x4_50` is `DICT_4X4_50`.
+
+    Raises:
+        ToolkitError: there is none of that name.
+    """
+    by_short = {one.removeprefix("DICT_").removeprefix("APRILTAG_").lower(): one for one in DICTIONARIES}
+    short = name.strip().lower().removeprefix("dict_").removeprefix("apriltag_").removeprefix("tag")
+    if short not in by_short:
+        raise FieldError(f"no family of tags called '{name}': expected one of {', '.join(by_short)}", {})
+    return by_short[short]
+
+
 def require_ids(what: str, dictionary: str, first_id: int, count: int) -> None:
     """Check that a dictionary has the markers of a sheet.
 
@@ -86,6 +99,17 @@ def get_dictionary(name: str) -> "cv2.aruco.Dictionary":
 
     count_markers(name)
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def find_markers(dictionary: str, grey: np.ndarray) -> list[int]:
+    """The numbers of all markers of a dictionary that OpenCV reads in a picture (h, w) uint8."""
+    import cv2
+
+    try:
+        _, ids, _ = cv2.aruco.ArucoDetector(get_dictionary(dictionary)).detectMarkers(grey)
+    except cv2.error:  # a shape that it takes for a marker can fail its own checks
+        return []
+    return [] if ids is None else [int(one) for one in ids.reshape(-1)]
 
 
 @lru_cache(maxsize=2048)

@@ -1,18 +1,23 @@
 """The variants of an object, from the table of booster kinds: what is on it in each, and its files for others."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from toolkit.core.errors import FieldError, one_of
-from toolkit.core.files import write_bytes
+from toolkit.core.files import read_bytes, write_bytes, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.objects.export_mesh import Soundness, examine_solid, to_3mf, to_glb, to_obj
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.records import MOST_RECORDED_BYTES
+from toolkit.objects.usdz import to_usdz
 from toolkit.rig.applied.base import AppliedBooster
 from toolkit.rig.applied.kinds import KINDS
+from toolkit.rig.applied.tag import find_tag_booster, parse_tag
+from toolkit.rig.booster_card import write_card
 
 KIND_OF = {variant: kind for kind in KINDS for variant in (kind.variant, *kind.controls)}
 """Each variant but `unpatched` -> its kind, or the kind that it is a control of."""
@@ -32,13 +37,16 @@ def find_booster(
     Args:
         workspace: whose boosters are meant.
         item: the object.
-        variant: as `VARIANTS` lists them; the functions that find a kind say what its controls are.
+        variant: as `VARIANTS` lists them, or a tag as `parse_tag` takes it; the functions that find a kind say what its
+            controls are.
         perfect: nothing is stuck on askew.
         seed: of how pieces misfit.
 
     Raises:
         ToolkitError: an unknown variant, or the booster that it needs is missing or broken.
     """
+    if (tag := parse_tag(variant)) is not None:
+        return find_tag_booster(item, variant, tag)
     if variant not in VARIANTS:
         raise one_of("variant", variant, list(VARIANTS))
     return None if variant == "unpatched" else KIND_OF[variant].find(workspace, item, variant, perfect, seed)
@@ -54,7 +62,8 @@ def apply_booster(item: TableObject, booster: AppliedBooster | None) -> Mesh:
     return item.mesh if booster is None else booster.apply(item)
 
 
-MeshFormat = Literal["glb", "obj", "3mf"]
+MeshFormat = Literal["glb", "obj", "3mf", "usdz"]
+WRITERS = {"glb": to_glb, "3mf": to_3mf, "usdz": to_usdz}
 
 
 @dataclass(frozen=True)
@@ -79,18 +88,19 @@ class ExportedObjects:
 
 
 def export_objects(
-    workspace: Workspace, names: Sequence[str], formats: Sequence[str], variant: str, out: Path | None
-) -> ExportedObjects:
+    workspace: Workspace, names: Sequence[str], formats: Sequence[str], variant: str, out: Path | None,
+    card: bool = False,
+) -> ExportedObjects:  # fmt: skip
     """`export_object` of each."""
-    made = ((name, *export_object(workspace, name, formats, variant, out)) for name in dict.fromkeys(names))
+    made = ((name, *export_object(workspace, name, formats, variant, out, card)) for name in dict.fromkeys(names))
     return ExportedObjects(variant, tuple(made))
 
 
 def export_object(
     workspace: Workspace, name: str, formats: Sequence[str] = ("glb",), variant: str = "unpatched",
-    out: Path | None = None,
+    out: Path | None = None, card: bool = False,
 ) -> tuple[list[Path], Soundness]:  # fmt: skip
-    """Write an object as GLB (metres), OBJ or 3MF (millimetres).
+    """Write an object as GLB or USDZ (metres), OBJ or 3MF (millimetres).
 
     Args:
         workspace: whose object it is.
@@ -98,6 +108,7 @@ def export_object(
         formats: each becomes `NAME.FORMAT`; of another variant `NAME-VARIANT.FORMAT`.
         variant: what is on it, as `find_booster` knows it.
         out: folder, `print/` by default.
+        card: whether all is written into a folder of its own, with the booster's files and its card `README.md`.
 
     Returns:
         The files, pictures beside an OBJ not counted, and how the surface stands to being printed in 3D.
@@ -115,12 +126,26 @@ def export_object(
     if folder.is_file():
         raise FieldError("expected a folder", {"out": folder})
     files = []
+    if card:
+        folder = folder / stem
+        files = _write_card(workspace, item, variant, booster, folder)
     for one in dict.fromkeys(formats):
-        if one == "obj":
-            contents = to_obj(mesh, stem)
-        else:
-            contents = {f"{stem}.{one}": (to_glb if one == "glb" else to_3mf)(mesh, stem)}
+        contents = to_obj(mesh, stem) if one == "obj" else {f"{stem}.{one}": WRITERS[one](mesh, stem)}
         for file, content in contents.items():
             write_bytes(folder / file, content)
         files.append(folder / f"{stem}.{one}")
     return files, examine_solid(item.mesh)
+
+
+def _write_card(
+    workspace: Workspace, item: TableObject, variant: str, booster: AppliedBooster | None, folder: Path
+) -> list[Path]:
+    """Copy the files of a booster, and write its card; returns the card."""
+    kind = KIND_OF.get(variant)
+    if booster is None or kind is None or kind.files is None or variant != kind.variant:
+        raise FieldError(f"has no card: expected a booster, one of {', '.join(NOUNS)}", {"variant": variant})
+    files = kind.files(workspace, item)
+    record = json.loads(read_bytes(files[0], MOST_RECORDED_BYTES))  # it was validated when the booster was found
+    for file in files:
+        write_bytes(folder / file.name, read_bytes(file, MOST_RECORDED_BYTES), folder)
+    return [write_text(folder / "README.md", write_card(item, kind, booster, record, files), folder)]

@@ -1,6 +1,6 @@
 """Which flat pieces cover most of what cameras see of an object."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,12 +20,15 @@ from toolkit.objects.seams import FOLD_DEG, find_folds, find_seams
 from toolkit.objects.spec import STRETCH
 from toolkit.objects.trim import Limits, turn_to_fit
 from toolkit.objects.unwrap import spread
-from toolkit.objects.wrap import FlatPiece, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
+from toolkit.objects.wrap import FlatPiece, PictureRecord, PieceRecord, Wrap, WrapRecord, fits_canvas, lay_out
 from toolkit.rig import WrapConfig
 from toolkit.rig.camera import Camera
+from toolkit.rig.livery import draw_pattern, read_livery, read_picture
 from toolkit.rig.patch_places import draw_poses
 
 LIFT_MM = 0.05
+FINEST_MM = 0.1
+"""Side of a texel that a printer of 300 dpi still shows."""
 MOST_TRIANGLES = 1_000_000
 """More take minutes, for detail that no sheet follows."""
 
@@ -39,10 +42,10 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
         seed: of the cameras.
 
     Returns:
-        The wrap, in the object's own paint.
+        The wrap, in the object's own paint or the picture that is asked for.
 
     Raises:
-        ToolkitError: no piece lies flat anywhere, or the mesh has more than `MOST_TRIANGLES`.
+        ToolkitError: no piece lies flat anywhere, the mesh has more than `MOST_TRIANGLES`, or as `read_livery`.
 
     Example:
         >>> item = tk.load_object(tk.make_workspace(Path("space")).object_spec("racer"))
@@ -54,6 +57,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     stretch = STRETCH[config.material] if config.stretch is None else config.stretch
     if (count := len(item.mesh.faces)) > MOST_TRIANGLES:
         raise ToolkitError(f"{item.name}: {count:,} triangles, more than a wrap's {MOST_TRIANGLES:,}: {SIMPLER}")
+    draw, picture = choose_paint(item, config)
     seen, reached = look_at_faces(item, config.views, seed)
     if not seen.any():
         raise ToolkitError(
@@ -72,7 +76,22 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
             "allow more stretch, or take a softer material"
         )
     wrap = Wrap(_record_plan(item, surface, pieces, seen, config, stretch), tuple(pieces))
-    return replace(wrap, pixels=draw_paint(wrap, item.mesh))
+    changes = {} if picture is None else {"picture": picture}
+    return replace(wrap, pixels=draw(wrap), record=wrap.record.model_copy(update=changes))
+
+
+def choose_paint(item: TableObject, config: WrapConfig) -> tuple[Callable[[Wrap], np.ndarray], PictureRecord | None]:
+    """What draws the canvas, and the record of the picture that is asked for; raises as `read_livery`."""
+    if config.picture is None:
+        return lambda wrap: draw_paint(wrap, item.mesh), None
+    if (long_mm := config.pattern_mm) is None:
+        livery = read_livery(item, config.picture, config.keep)
+        return lambda wrap: draw_paint(wrap, livery.mesh), livery.record
+    pixels, record = read_picture(config.picture, "picture")
+    return (
+        lambda wrap: draw_pattern(wrap, item.mesh, pixels, long_mm),
+        record.model_copy(update={"pattern_mm": long_mm}),
+    )
 
 
 def _record_plan(
@@ -84,6 +103,9 @@ def _record_plan(
     if config.net and config.texel_mm is None:  # all sides at once need more room than the pieces that are seen
         while not fits_canvas(sizes, texel_mm):
             texel_mm = round(1.1 * texel_mm + 0.01, 2)
+    if config.picture is not None and config.texel_mm is None:  # people's pictures are finer than what is trained
+        while texel_mm > FINEST_MM and fits_canvas(sizes, finer := max(round(0.9 * texel_mm, 2), FINEST_MM)):
+            texel_mm = finer
     n_px, origins = lay_out(sizes, texel_mm)
     area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1) / 2
     faces = np.concatenate([piece.faces for piece in pieces])

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,7 @@ class BoosterKind:
         controls: variants that ask whether it is this booster, in the order of tables.
         is_on_paper: it and its controls are on sheets at the place that the object's spec names.
         is_painted: it and its controls are the object's own surface, so that nobody can stick them on.
+        files: lists the files of an object's booster, its record first; None if it has none.
     """
 
     variant: str
@@ -103,6 +105,7 @@ class BoosterKind:
     controls: tuple[str, ...] = ()
     is_on_paper: bool = False
     is_painted: bool = False
+    files: Callable[[Workspace, TableObject], list[Path]] | None = None
 
 
 def draw_control(variant: str, item: TableObject, n: int) -> np.ndarray:

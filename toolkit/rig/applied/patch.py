@@ -1,10 +1,11 @@
 """A printed patch on an object: one sheet of paper, or several."""
 
+from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.find_patch import find_patch, next_patch
+from toolkit.objects.find_patch import find_patch, find_patch_file, next_patch
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import encode_png
@@ -73,7 +74,13 @@ def find_patch_booster(
     )
 
 
+def list_patch_files(workspace: Workspace, item: TableObject) -> list[Path]:
+    """Return record and picture of an object's patch."""
+    png = find_patch_file(workspace, item.spec)
+    return [] if png is None else [png.with_suffix(".json"), png]
+
+
 PATCH = BoosterKind(
     "patched", "patch", find_patch_booster, ("wrong-patch", "random-patch", "grey-patch", "patch-alone"),
-    is_on_paper=True,
+    is_on_paper=True, files=list_patch_files,
 )  # fmt: skip

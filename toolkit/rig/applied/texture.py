@@ -4,22 +4,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.atlas import Atlas, apply_texture, make_atlas
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
+from toolkit.objects.painted import check_fit, paint_object
 from toolkit.objects.records import (
     COMMAND,
     Texture,
-    TexturedObjectRecord,
     TextureRecord,
     encode_png,
+    keep_name,
     read_texture,
     read_usable,
+    uv_name,
 )
 from toolkit.rig.applied.base import AppliedBooster, BoosterKind, draw_control
 
@@ -64,7 +63,18 @@ def find_texture_booster(
     return TextureBooster(pixels, sha256_bytes(encode_png(pixels)), variant, texture=own)
 
 
-TEXTURE = BoosterKind("textured", "texture", find_texture_booster, ("random-texture", "grey-texture"), is_painted=True)
+def list_texture_files(workspace: Workspace, item: TableObject) -> list[Path]:
+    """Return record and picture of an object's texture, and what it takes to dress its objects again."""
+    record = find_texture(workspace, item).record
+    png = workspace.textures()[record.name]
+    others = [named(record.name, one.name) for one in record.objects for named in (uv_name, keep_name)]
+    return [png.with_suffix(".json"), png, *filter(Path.is_file, (png.with_name(name) for name in others))]
+
+
+TEXTURE = BoosterKind(
+    "textured", "texture", find_texture_booster, ("random-texture", "grey-texture"), is_painted=True,
+    files=list_texture_files,
+)  # fmt: skip
 
 
 def find_texture(workspace: Workspace, item: TableObject) -> Texture:
@@ -91,42 +101,3 @@ def find_texture(workspace: Workspace, item: TableObject) -> Texture:
 def _read_texture_record(png_file: Path) -> TextureRecord | None:
     record_file = png_file.with_suffix(".json")
     return read_json(record_file, TextureRecord) if record_file.is_file() else None
-
-
-def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
-    """What the record says of an object, if the object is still the one that the texture was trained on.
-
-    Raises:
-        ToolkitError: the texture is not for it, or its mesh changed.
-    """
-    name, again = texture.record.name, f"train again with '{COMMAND} --object {item.name}'"
-    entry = texture.record.entry(item.name)
-    if entry is None:
-        raise ToolkitError(f"texture '{name}' was not trained on object '{item.name}': {again}")
-    if not item.has_shape(entry.mesh_sha256):
-        raise ToolkitError(f"{item.name}: the object's mesh changed after training of its texture '{name}': {again}")
-    corner_uv = texture.corner_uv.get(item.name)
-    if corner_uv is not None and len(corner_uv) != len(item.mesh.faces):
-        raise ToolkitError(
-            f"{item.name}: texture '{name}' has coordinates of {len(corner_uv)} triangles, the object has "
-            f"{len(item.mesh.faces)}: {again}"
-        )
-    return entry
-
-
-def fit_texture(item: TableObject, texture: Texture) -> Atlas:
-    """The atlas that a texture was trained on, rebuilt from the object's mesh and what is stored beside the texture.
-
-    Raises:
-        ToolkitError: as `check_fit`.
-    """
-    entry = check_fit(item, texture)
-    return make_atlas(
-        item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name),
-        unwrap=entry.unwrapped, corner_uv=texture.corner_uv.get(item.name),
-    )  # fmt: skip
-
-
-def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mesh:
-    """The object with pixels (n, n, 3) uint8 sRGB where a texture of it has its own; raises as `check_fit`."""
-    return apply_texture(fit_texture(item, texture), pixels)

@@ -1,14 +1,25 @@
 """A wrap's pieces, stuck on an object."""
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.wrap import Wrap, find_wrap, hash_wrap
+from toolkit.objects.wrap import (
+    MAP_FILE,
+    RECORD_FILE,
+    Wrap,
+    WrapRecord,
+    find_wrap,
+    hash_wrap,
+    piece_name,
+    wrap_folder,
+)
 from toolkit.rig import Misfit
 from toolkit.rig.applied.base import AppliedBooster, BoosterKind
 from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
@@ -75,7 +86,7 @@ def find_wrap_booster(
         ToolkitError: the wrap is missing or broken, or nothing is trained on it.
     """
     wrap = find_wrap(workspace, item)
-    if wrap.record.booster is None:
+    if wrap.record.booster is None and wrap.record.picture is None:
         raise ToolkitError(
             f"wrap '{wrap.record.name}' of object '{item.name}' is a plan with nothing trained on it: train it "
             f"with 'toolkit train-wrap --object {item.name}', or leave the variant wrapped out"
@@ -85,4 +96,13 @@ def find_wrap_booster(
     return WrapBooster(pixels, hash_wrap(wrap.record), wrap.record.name, wrap=wrap, misfit=misfit, seed=seed)
 
 
-WRAP = BoosterKind("wrapped", "wrap", find_wrap_booster)
+def list_wrap_files(workspace: Workspace, item: TableObject) -> list[Path]:
+    """Return record, map and pictures of an object's wrap."""
+    folder = wrap_folder(workspace, item)
+    if folder is None:
+        return []
+    pieces = read_json(folder / RECORD_FILE, WrapRecord).pieces
+    return [folder / name for name in (RECORD_FILE, MAP_FILE, *(piece_name(one.number) for one in pieces))]
+
+
+WRAP = BoosterKind("wrapped", "wrap", find_wrap_booster, files=list_wrap_files)

@@ -20,6 +20,7 @@ from toolkit.rooms.benchmarks.sweeps import SweepConfig
 from toolkit.rooms.benchmarks.transfer import TransferConfig
 
 if TYPE_CHECKING:
+    from toolkit.models.network import Classifier
     from toolkit.rooms.benchmarks.corruptions.benchmark_run import BenchmarkRun
     from toolkit.rooms.benchmarks.patch_sets.baselines.make import MadeBaseline
     from toolkit.rooms.benchmarks.sweeps.sweep import SweepResult
@@ -45,12 +46,31 @@ def sweep(
 
     space = open_workspace(workspace).with_patches(patches)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    if config.cross:
+        _sweep_crossed(space, config, classifier, engine, as_json)
+        return
     result = run_sweep(space, config, classifier, engine=engine)
     if as_json:
         show_json(result.sweep.as_json())
     else:
         show_sweep(result)
     if result.sweep.skipped or result.sweep.failed:
+        raise typer.Exit(1)
+
+
+def _sweep_crossed(
+    space: Workspace, config: SweepConfig, classifier: "Classifier", engine: EngineConfig, as_json: bool
+) -> None:
+    from toolkit.core.console import console
+    from toolkit.rooms.benchmarks.sweeps.cross import build_crossed_table, run_crossed
+
+    crossed = run_crossed(space, config, classifier, engine)
+    if as_json:
+        show_json([*crossed.cells])
+    else:
+        console.print(build_crossed_table(crossed))
+        say(f"table: {crossed.csv_file}")
+    if not crossed.is_whole:
         raise typer.Exit(1)
 
 

@@ -18,11 +18,11 @@ from toolkit.core.text import FileName, is_file_name
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.objects.add import find_named_files
 from toolkit.objects.load import load_object
+from toolkit.objects.painted import check_fit
 from toolkit.objects.records import SHA256, NetworkRecord, Patch, Texture, keep_name, read_patch, read_texture, uv_name
 from toolkit.objects.spec import BUILTIN_PREFIX, read_spec
 from toolkit.objects.wrap import MAP_FILE, RECORD_FILE, Wrap, check_wrap, hash_wrap, piece_name, read_wrap
 from toolkit.rig import Pattern
-from toolkit.rig.applied.texture import check_fit
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, make_plan, write_plan
 from toolkit.rig.variants import find_booster

@@ -21,19 +21,25 @@ class SweepConfig(Config):
     """One sweep; see `run_sweep`."""
 
     axis: Annotated[str, Flag(metavar="AXIS", positional=True)] = Field(
-        description="light, backdrop, distance, resolution, size, coverage or seed."
+        description="light, backdrop, distance, resolution, size, coverage, seed, fog or blur."
     )
     values: Annotated[tuple[str | int | float, ...], Flag(metavar="VALUES", typed=tuple[str, ...])] = Field(
         (),
         description="Values to try; repeat, or separate by commas. Names of lights or backdrops, factors of the plan's "
         "distance, widths of the picture in px, sides of the printed patch in mm, per cent "
-        "of what cameras see that the best pieces of a wrap cover, or seeds.",
+        "of what cameras see that the best pieces of a wrap cover, seeds, or severities of ImageNet-C's fog or defocus "
+        "blur, 0 to 5.",
+    )
+    cross: Annotated[tuple[str, ...], Flag("--cross", metavar="AXIS=VALUES")] = Field(
+        (), description="Run the sweep at each of these values of another axis, and write one table; repeat for more."
     )
     objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
         (), description="Object to shoot; repeat for more. Default: all in the plan."
     )
     variants: Annotated[tuple[str, ...], Flag("--variant", metavar="NAME")] = Field(
-        PAIR, description="As in capture-sim; repeat for more."
+        PAIR,
+        description="As in capture-sim, or tag:FAMILY:NUMBER such as tag:36h11:0 for a tag in the patch's place, which "
+        "OpenCV reads; repeat for more.",
     )
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
         None, description="Name in the results' file names; default: the network's, and that of the set of patches."
@@ -52,6 +58,10 @@ class SweepConfig(Config):
     def _check_values(self) -> "SweepConfig":
         # parsed here, so that a value that cannot be is refused before anything is shot
         axis, _ = self.parse()
+        names = [axis.name, *(one.name for one, _ in self.parse_cross())]
+        if len(set(names)) < len(names):
+            raise FieldError("expected each axis once, the swept one among them", {"cross": self.cross})
+        self.shown()
         if self.trained and axis.name != "size":
             raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
         return self
@@ -59,7 +69,9 @@ class SweepConfig(Config):
     def shown(self) -> tuple[str, ...]:
         """Each variant once; where the wrap is varied, it takes the patch's place unless others are asked for."""
         varied = ("unpatched", "wrapped") if self.axis == "coverage" and self.variants == PAIR else self.variants
-        return tuple(dict.fromkeys(varied))
+        from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts
+
+        return tuple(dict.fromkeys(map(name_variant, varied)))
 
     def parse(self) -> "tuple[Axis, list[Value]]":
         """The axis, and its values in order.
@@ -71,3 +83,16 @@ class SweepConfig(Config):
 
         axis = find_axis(self.axis)
         return axis, parse_values(axis, self.values)
+
+    def parse_cross(self) -> "list[tuple[Axis, list[Value]]]":
+        """The other axes with their values, as `parse`."""
+        from toolkit.rooms.benchmarks.sweeps.axes import find_axis, parse_values
+
+        found = []
+        for text in self.cross:
+            name, equals, values = text.partition("=")
+            if not equals or not values:
+                raise FieldError("expected AXIS=VALUES, such as fog=0,3", {"cross": text})
+            axis = find_axis(name.strip())
+            found.append((axis, parse_values(axis, [values])))
+        return found

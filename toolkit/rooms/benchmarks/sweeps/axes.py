@@ -29,11 +29,13 @@ class ShootSetup:
         plan: camera and poses.
         settings: light, backdrop, seed.
         patch_mm: printed side of every patch; None: as the object's spec or the patch's record says.
+        corruption: name and severity of ImageNet-C that every image gets when it is read; None: none.
     """
 
     plan: CapturePlan
     settings: "ShootSettings"
     patch_mm: float | None = None
+    corruption: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class Axis:
         change: the setup with another value.
         is_ordered: whether values lie on a scale, so that a line through them means something.
         is_log: whether that scale is drawn logarithmically.
+        prefix: before a value in its label, where the number alone says little.
     """
 
     name: str
@@ -59,13 +62,12 @@ class Axis:
     change: Callable[[ShootSetup, Value], ShootSetup]
     is_ordered: bool = False
     is_log: bool = False
+    prefix: str = ""
 
     def label(self, value: Value) -> str:
-        """A value as a folder is called after it: `dim`, `1.5x`, `160px`, `44mm`, `seed3`."""
-        if self.name == "seed":
-            return f"seed{value}"
+        """A value as a folder is called after it: `dim`, `1.5x`, `160px`, `44mm`, `seed3`, `fog-3`."""
         # ten digits, so that values that differ have folders that differ
-        return value if isinstance(value, str) else f"{value:.10g}{self.unit}"
+        return self.prefix + (value if isinstance(value, str) else f"{value:.10g}{self.unit}")
 
 
 def find_axis(name: str) -> Axis:
@@ -124,6 +126,23 @@ def _change_setting(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
     return change
 
 
+def _corrupt(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
+    """Return the function that lets images be corrupted when they are read; 0 leaves them as they are."""
+
+    def change(setup: ShootSetup, value: Value) -> ShootSetup:
+        return replace(setup, corruption=(name, int(value)) if value else None)
+
+    return change
+
+
+def _make_weather(name: str, corruption: str, title: str) -> Axis:
+    return Axis(
+        name, f"severity of {title}, 0 is none", "", (0, 1, 2, 3, 4, 5),
+        parse=_number("a severity of ImageNet-C", "3", True, 0, 5), change=_corrupt(corruption),
+        is_ordered=True, prefix=f"{name}-",
+    )  # fmt: skip
+
+
 _AXES = (
     Axis(
         "light", "light", "", tuple(LIGHTS), parse=_one_name("light", tuple(LIGHTS)), change=_change_setting("light"),
@@ -161,8 +180,10 @@ _AXES = (
     Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
         parse=_number("a seed", "3", True, 0, 2**32 - 1),
-        change=_change_setting("seed"),
+        change=_change_setting("seed"), prefix="seed",
     ),
+    _make_weather("fog", "fog", "fog"),
+    _make_weather("blur", "defocus_blur", "defocus blur"),
 )  # fmt: skip
 AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
 

@@ -19,10 +19,12 @@ from toolkit.evaluation.origin import find_origin
 from toolkit.evaluation.predict import predict_once
 from toolkit.evaluation.results import compare_predictions
 from toolkit.models.network import Classifier
+from toolkit.rig.applied.tag import parse_tag
 from toolkit.rig.plan import open_plan
 from toolkit.rig.renderers import RAYCAST
 from toolkit.rooms.benchmarks.sweeps import SweepConfig
 from toolkit.rooms.benchmarks.sweeps.axes import ShootSetup, SweepPoint, plan_units
+from toolkit.rooms.benchmarks.sweeps.read_tags import read_tags
 from toolkit.rooms.benchmarks.sweeps.sweep_rows import Sweep, draw_sweep, write_sweep
 
 
@@ -50,7 +52,7 @@ class SweepResult:
 
 def run_sweep(
     workspace: Workspace, config: SweepConfig, classifier: Classifier, base: ShootSetup | None = None,
-    engine: EngineConfig | None = None,
+    engine: EngineConfig | None = None, apart: str = "",
 ) -> SweepResult:  # fmt: skip
     """Vary a quantity and keep the rest.
 
@@ -64,15 +66,14 @@ def run_sweep(
         classifier: from `load_classifier`.
         base: what is kept: by default the workspace's plan, and the rig's settings with the seed of `config`.
         engine: where images are shot; by default in this process.
+        apart: name of what `base` changes, so that its captures and results lie apart from others'.
 
     Raises:
         ToolkitError: an unknown object or variant, no patch, an object that is not a class of the network, nothing that
             can be shot, or a disk that is full or read-only.
     """
     axis, values = config.parse()
-    base = base or ShootSetup(
-        open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed, renderer=config.renderer)
-    )
+    base = base or base_setup(workspace, config)
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = config.shown()
@@ -85,15 +86,22 @@ def run_sweep(
     folder = workspace.eval_dir / "sweeps" / axis.name
     patches = "trained" if config.trained else workspace.patch_set
     renderer = None if base.settings.renderer == RAYCAST else base.settings.renderer
-    name = config.run or "-".join(dict.fromkeys(filter(None, (classifier.name, patches, renderer))))
+    name = "-".join(filter(None, (config.run or classifier.name, apart)))
+    if config.run is None:
+        name = "-".join(dict.fromkeys(filter(None, (classifier.name, patches, renderer, apart))))
     # two sets of patches or two renderers would take turns in one folder, and be shot again each time
-    captures_dir = folder / "-".join(filter(None, ("captures", patches, renderer)))
+    captures_dir = folder / "-".join(filter(None, ("captures", patches, renderer, apart)))
     with (engine or EngineConfig()).open() as workers:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
     captures = _read_units(captures_dir, possible, variants, stale)
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
-    predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
+    seen = [one for one in captures.captures if parse_tag(one.variant) is None]
+    predictions, classified = predict_once(seen, classes, classifier, cache_file)
+    tags = [one for one in captures.captures if parse_tag(one.variant) is not None]
+    predictions += read_tags(tags, classes, classifier.labels)
+    order = {one: at for at, one in enumerate(captures.captures)}
+    predictions.sort(key=lambda one: order[one.capture])
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     findings = replace(findings, origin=find_origin(captures, findings.no_pairs, classifier))
     evaluation = write_evaluation(
@@ -106,6 +114,12 @@ def run_sweep(
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
     return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot=shot, kept=kept, classified=classified)
+
+
+def base_setup(workspace: Workspace, config: SweepConfig) -> ShootSetup:
+    """What a sweep keeps unless it is told otherwise: the workspace's plan, and the rig's settings with the seed."""
+    plan = open_plan(workspace, list(config.objects) or None)
+    return ShootSetup(plan, ShootSettings(config.seed, renderer=config.renderer))
 
 
 def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
@@ -158,8 +172,9 @@ def _read_units(
     """The images of these units alone, value by value, whatever else lies in the folder."""
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}
+    corruption = {unit.label: unit.setup.corruption for unit in units}
     captures = [
-        capture
+        replace(capture, corruption=corruption[capture.source])
         for capture in folder.captures
         if (capture.source, capture.object) in wanted and capture.variant in variants and capture.path not in stale
     ]

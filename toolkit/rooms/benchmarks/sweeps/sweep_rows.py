@@ -17,6 +17,7 @@ from toolkit.evaluation.page import colour_of, style_panel
 from toolkit.evaluation.results import Findings
 from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.rig.applied.tag import parse_tag
 from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.variants import ON_PAPER
 from toolkit.rooms.benchmarks.sweeps.axes import Axis, SweepPoint, Value
@@ -110,16 +111,23 @@ class Sweep:
     def _row(self, group: Group) -> dict[str, Any]:
         found = group.as_json()
         label = found.pop("source")
-        size = self.sizes.get((label, group.object), (None, None)) if group.variant in self._sized else (None, None)
+        size = self.sizes.get((label, group.object), (None, None)) if self._is_sized(group.variant) else (None, None)
         found["ci95"] = found.pop("top1_ci95")
         order = ("object", "variant", "n", "failed", "top1", "top5", "ci95", "mean_true_prob")
         row = {"value": self.values[label], "label": label} | {name: found[name] for name in order}
         return row | {"patch_mm": size[0], "patch_share": size[1]}
 
-    @property
-    def _sized(self) -> tuple[str, ...]:
-        """Variants that have a size, or a share that they cover."""
-        return (WRAP.variant,) if self.axis.name == "coverage" else ON_PAPER
+    def _is_sized(self, variant: str) -> bool:
+        """Whether a variant has a size, or a share that it covers."""
+        if self.axis.name == "coverage":
+            return variant == WRAP.variant
+        return variant in ON_PAPER or parse_tag(variant) is not None
+
+    @cached_property
+    def note(self) -> str:
+        """Words on the variants that no network judges; empty where there are none."""
+        tags = [variant for variant in self.variants if parse_tag(variant) is not None]
+        return f"; {', '.join(tags)}: read by OpenCV" if tags else ""
 
     @property
     def pair_rows(self) -> list[dict[str, Any]]:
@@ -201,6 +209,7 @@ def build_sweep_table(sweep: Sweep) -> "Table":
     title = f"{sweep.axis.name}, {sweep.model['name']}, " + (
         name if has_single_object else f"{len(sweep.objects)} objects"
     )
+    title += sweep.note
     return build_table(title, texts, [*heads, *others], rows)
 
 
@@ -219,7 +228,7 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
     for panel in panels[: len(names) : columns]:
         panel.set_ylabel("top-1 (%)")
     handles, labels = panels[0].get_legend_handles_labels()
-    title = f"{sweep.model['name']}: top-1 and its 95 % Wilson interval"
+    title = f"{sweep.model['name']}: top-1 and its 95 % Wilson interval{sweep.note}"
     figure.legend(
         handles, labels, title=title, title_fontsize=12, loc="outside upper center", ncols=len(labels), frameon=False
     )

@@ -1,0 +1,114 @@
+"""The card of a booster: `README.md` in the form of a model card, made from the booster's record."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from toolkit.objects.load import TableObject
+from toolkit.rig.applied.base import AppliedBooster, BoosterKind
+
+SHARES = re.compile(r"(?P<network>.+?)_(?P<where>held_out(?:_fog|_corrupted|_weather)?|mounted)_patched_top1")
+WHERE = {
+    "held_out": "clear", "held_out_fog": "fog", "held_out_corrupted": "corrupted", "held_out_weather": "weather",
+    "mounted": "on the object",
+}  # fmt: skip
+Record = Mapping[str, Any]
+
+
+def write_card(
+    item: TableObject, kind: BoosterKind, booster: AppliedBooster, record: Record, files: Sequence[Path]
+) -> str:
+    """The card's text.
+
+    Args:
+        item: the object that wears the booster.
+        kind: of the booster.
+        booster: what is put on the object.
+        record: the content of the booster's JSON file.
+        files: that lie beside the card, for the picture and the list.
+    """
+    # a wrap's training is a part of its record
+    trained = record if "networks" in record else record.get("booster") or {}
+    label = record.get("class_name") or str(item.spec.class_name)
+    picture = next((file.name for file in files if file.suffix == ".png"), None)
+    lines = [
+        "---", "tags:", "- unadversarial-example", "- image-classification", f"- {json.dumps(kind.noun)}", "---", "",
+        f"# {item.name}: a {kind.noun}", "",
+        f"A {kind.noun} that helps neural networks to recognise the object {item.name} as {label!r}, trained by "
+        f"toolkit {trained['toolkit_version']}." if trained else
+        f"A {kind.noun} for the object {item.name}, with a picture that was not trained.", "",
+        *([f"![the {kind.noun}]({picture})", ""] if picture else []),
+        *_list_facts(item, kind, booster, record, trained), "",
+        *_list_networks(trained), *_list_shares(trained),
+        "## Use it", "", "```sh", *_list_commands(item, kind), "```", "",
+        f"Copy the files into `{_folder_of(kind, item)}` of a workspace that has the object. The "
+        f"{kind.noun} fits this object alone, at this size.", "",
+        *_list_limits(trained),
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _list_facts(
+    item: TableObject, kind: BoosterKind, booster: AppliedBooster, record: Record, trained: Record
+) -> list[str]:
+    long_mm = float(item.mesh.size_mm.max())
+    rows = {"object": f"{item.name}, {long_mm:.0f} mm long", "mesh, SHA-256": item.shape_sha256}
+    if booster.sizes_mm:
+        rows["printed side"] = ", ".join(f"{side:g} mm" for side in booster.sizes_mm)
+    if kind.noun == "wrap":
+        rows["pieces"] = f"{len(record['pieces'])} of {record['material']}, {record['covered']:.0%} of what is seen"
+    texel = "" if booster.texel_mm is None else f", {booster.texel_mm:.3g} mm each"
+    rows["texels"] = f"{len(booster.pixels)} × {len(booster.pixels)}{texel}"
+    rows["SHA-256"] = booster.sha256
+    if trained:
+        rows["class"] = f"{record.get('class_name')} (index {trained['class_index']})"
+        rows["seed"] = str(trained["seed"])
+        rows["data"] = f"`{json.dumps(trained['data'], ensure_ascii=False)}`"
+    return ["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows.items())]
+
+
+def _list_networks(trained: Record) -> list[str]:
+    if not trained.get("networks"):
+        return []
+    rows = [f"| {one['arch']} | {one['weights']} | `{one['sha256']}` |" for one in trained["networks"]]
+    return ["## Trained on", "", "| network | weights | SHA-256 |", "|---|---|---|", *rows, ""]
+
+
+def _list_shares(trained: Record) -> list[str]:
+    """Top-1 of each network with the booster and without, with intervals; nothing where the record has none."""
+    final, rows = trained.get("final", {}), []
+    for key in final:
+        if (found := SHARES.fullmatch(key)) is None:
+            continue
+        place = f"{found['network']}_{found['where']}"
+        cells = []
+        for what in ("bare", "patched"):
+            top1, low, high, n = (final.get(f"{place}_{what}_{name}") for name in ("top1", "low", "high", "n"))
+            cells.append("" if top1 is None else f"{top1:.0%} ({low:.0%} to {high:.0%}, n = {n:.0f})")
+        rows.append(f"| {found['network']} | {WHERE[found['where']]} | {' | '.join(cells)} |")
+    head = ["| network | views | without | with |", "|---|---|---|---|"]
+    return ["## Accuracy on held-out views, 95 % intervals", "", *head, *rows, ""] if rows else []
+
+
+def _list_limits(trained: Record) -> list[str]:
+    if not trained:
+        return []
+    settings = json.dumps(trained["settings"], indent=1, ensure_ascii=False)
+    return [
+        "## Limits", "",
+        "The shares above are of renders that were not trained on, and of networks that were. Judge other networks, "
+        "and photographs of the real object, with `toolkit eval`.", "",
+        "## Settings", "", "```json", settings, "```", "",
+    ]  # fmt: skip
+
+
+def _folder_of(kind: BoosterKind, item: TableObject) -> str:
+    return {"patch": "print/patches", "texture": "rig/textures"}.get(kind.noun, f"print/wraps/{item.name}")
+
+
+def _list_commands(item: TableObject, kind: BoosterKind) -> list[str]:
+    printed = {"patch": f"--object {item.name}", "wrap": f"--wrap {item.name}"}.get(kind.noun)
+    shoot = f"toolkit capture-sim --object {item.name} --variant unpatched --variant {kind.variant}"
+    return [*([f"toolkit print {printed}"] if printed else []), shoot, "toolkit eval captures/"]
