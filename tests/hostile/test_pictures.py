@@ -131,8 +131,8 @@ ALLOWED = {
     ("imaging/read.py", "imread"),  # Radiance and OpenEXR, after a look at its first bytes
     ("imaging/read.py", "imdecode"),  # PNG, likewise
     ("corruptions/digital.py", "imdecode"),  # what it has just encoded
-    ("photos/video.py", "VideoCapture"),
-    ("worlds/picture.py", "VideoCapture"),  # what it has just written
+    ("rooms/photos/video.py", "VideoCapture"),
+    ("rooms/worlds/picture.py", "VideoCapture"),  # what it has just written
     ("printing/canvas.py", "ImageReader"),  # what it has just encoded
     ("objects/export_mesh.py", "load_scene"),  # what it has just encoded
 }
