@@ -173,7 +173,6 @@ IMPORTING = {"import_module", "__import__", "exec", "eval", "compile", "SourceFi
 IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
     ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
-    ("objects/load.py", "import_module"),  # after the name was found in a list
     ("models/load.py", "import_module"),  # timm
     ("models/onnx_graphs.py", "import_module"),  # libraries of the extra
     ("models/programs.py", "import_module"),  # what somebody typed

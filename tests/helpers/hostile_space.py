@@ -266,7 +266,7 @@ READERS = {
     "shot list": Reader("rig/shots.json", _by("rooms.photos.shot_order:read_shots", "rig/shots.json")),
     "board": Reader("rig/board.json", _by("rig.board_file:read_board")),
     "card": Reader("rig/boards/card.toml", _read_card, "toml"),
-    "lenses": Reader("rig/lens.json", _by("photos.lens:read_lenses")),
+    "lenses": Reader("rig/lens.json", _by("rooms.photos.lens:read_lenses")),
     "print profile": Reader(
         "print/profiles/p.json", _by("imaging.printer:read_print_profile", "print/profiles/p.json")
     ),
@@ -277,7 +277,7 @@ READERS = {
     "weights": Reader("rig/classifiers/mine.safetensors", _load_classifier, "bytes"),
     "object": Reader("rig/objects/crate.toml", _by("objects.load:load_object", "rig/objects/crate.toml"), "toml"),
     "mesh": Reader(MESH, _by("objects.load:load_object", "rig/objects/crate.toml"), "bytes"),
-    "kit": Reader("town.toml", _by("worlds.own:load_kit", "town.toml"), "toml"),
+    "kit": Reader("town.toml", _by("rooms.worlds.own:load_kit", "town.toml"), "toml"),
     "marker": Reader("toolkit.toml", _by("core.workspace:open_workspace", "."), "toml"),
     "manifest": Reader("captures/real/manifest.jsonl", _read_manifest, "lines"),
     "captures": Reader("captures/sim/manifest.jsonl", _read_captures, "lines"),

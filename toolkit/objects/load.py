@@ -102,13 +102,6 @@ def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
     return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 
-def find_length(spec: ObjectSpec, length_m: float | None = None) -> float:
-    """Longest side of an object at its real size, metres: as asked for, as its spec says, else its own size."""
-    if length_m is not None and not 0.001 <= length_m < 10_000:
-        raise FieldError("expected 0.001 to 10000 m", {"length_m": length_m})
-    return length_m or spec.world_length_m or spec.length_mm / 1000
-
-
 def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) -> Mesh:
     """A mesh of an object in millimetres, in whatever variant, as the thing that it is a model of, in metres.
 
@@ -117,9 +110,11 @@ def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) 
     Args:
         mesh: the object, dressed or bare (`toolkit.rig.variants.apply_booster`).
         spec: of the object; says how long model and original are.
-        length_m: how long the original is, where it is not as in the spec.
+        length_m: longest side of the original. By default as the spec says, else that of the model.
     """
-    scale = find_length(spec, length_m) / spec.length_mm
+    if length_m is not None and not 0.001 <= length_m < 10_000:
+        raise FieldError("expected 0.001 to 10000 m", {"length_m": length_m})
+    scale = (length_m or spec.world_length_m or spec.length_mm / 1000) / spec.length_mm
     return replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32))
 
 
