@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import toolkit
-from toolkit.core.work import INPUTS, NOWHERE, Work
+from toolkit.core.errors import ToolkitError
+from toolkit.core.work import INPUTS, NOWHERE, Work, find_made
 
 GIVEN = ("a", 0.5, {"y": 1, "x": [2, 3]}, None)
 
@@ -51,3 +52,23 @@ def test_no_module_makes_or_compares_keys_beside_it():
         if isinstance(node, ast.Constant) and node.value == INPUTS
     ]
     assert said == ["core/work.py"]
+
+
+@pytest.mark.parametrize("spoil", ["missing", "broken", "another key"])
+def test_what_an_earlier_run_left_half_written_is_made_again(tmp_path, spoil):
+    file, record = tmp_path / "jet.png", tmp_path / "jet.json"
+    for path in (file, record):
+        path.write_text("{}")
+
+    def read():
+        if spoil == "broken" and not file.read_text():
+            raise ToolkitError("does not match its record")
+        return "jet"
+
+    held = {"key": "ab"}
+    assert find_made("ab", read, lambda made: held["key"], file, record) == "jet"
+    file.write_text("")
+    held["key"] = "cd" if spoil == "another key" else "ab"
+    if spoil == "missing":
+        record.unlink()
+    assert find_made("ab", read, lambda made: held["key"], file, record) is None

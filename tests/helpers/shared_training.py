@@ -77,7 +77,7 @@ def _watch(kind: type[TrainingTask], kept: dict[str, np.ndarray]) -> None:
     adjust = kind.adjust_gradients
 
     def keep(self: TrainingTask, step: int) -> None:
-        called = ROBUST if isinstance(self, ClassifierTask) and self.config.robust else kind.kind
+        called = ROBUST if isinstance(self, ClassifierTask) and self.config.robust else kind.work.kind
         for name, value in self.parameters().items():
             if value.grad is not None:
                 kept[f"{called} {step} {name}"] = value.grad.numpy().copy()

@@ -141,8 +141,8 @@ class TrainingTask(ABC, Generic[Made]):
         return self.work.key(*self.list_inputs())
 
     def list_inputs(self) -> list[Any]:
-        """All that decides the result, as JSON; a result that is not kept needs none."""
-        return []
+        """All that decides the result, as JSON; a task needs them if its result is kept."""
+        raise NotImplementedError
 
     @abstractmethod
     def parameters(self) -> Mapping[str, "torch.Tensor"]:
