@@ -47,7 +47,7 @@ def predict(
     network: LogitNetwork,
     names: Sequence[str] = (),
     part: int = CPU_PART,
-) -> "torch.Tensor":  # fmt: skip
+) -> "torch.Tensor":
     """Return a network's answers to images, without gradient.
 
     An answer depends on its own image alone: images are asked in parts of one size, and the last part is filled up.
