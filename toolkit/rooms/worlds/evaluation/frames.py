@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.core.records import RecordLog
 from toolkit.core.threads import map_ahead
 from toolkit.engine.units import RecordCache
-from toolkit.models.predict import Answer, read_answer
+from toolkit.models.predict import RankedAnswer, read_answer
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.renderer import Renderer
@@ -47,7 +47,7 @@ class FrameAnswers(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     frame: str = Field(pattern=r"^[0-9a-f]{64}$")
-    answers: dict[str, Answer]
+    answers: dict[str, RankedAnswer]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ViewAnswers:
     true_rank: np.ndarray
 
     @classmethod
-    def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
+    def of(cls, rows: Iterable[RankedAnswer]) -> "ViewAnswers":
         """From single answers."""
         columns = list(zip(*rows, strict=True))
         return cls(*(np.array(column) for column in columns))
@@ -81,7 +81,7 @@ def name_weather(weather: WeatherKey) -> str:
     return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
 
 
-def make_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+def make_answer(logits: "torch.Tensor", true_index: int) -> RankedAnswer:
     """From (classes,) logits; six digits of a probability are kept."""
     found = read_answer(logits, true_index)
     # rounded before they are kept, so that an answer is the same from the log as from the network
@@ -98,7 +98,7 @@ AnswerKey = tuple[str, str]
 """Hash of a frame, and what `name_weather` calls the weather."""
 
 
-def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
+def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, RankedAnswer, FrameAnswers]:
     """The answers that are wanted and there; those of a line that is broken are computed again."""
     log = RecordLog(file, FrameAnswers, required=False, compact=True)
     return RecordCache(
