@@ -109,20 +109,21 @@ def test_neither_order_nor_batch_matters(textured, seeing):
     for one in predict_captures(mixed, {"racer": 0}, seeing, batch_size=3):
         assert one.top1_prob == pytest.approx(whole[one.capture.path].top1_prob, abs=1e-6)
     how = seeing.preprocessing
-    crops = {capture.path: pixels for capture, pixels in read_ahead(folder.captures, how, "cpu", 32)}
-    assert [capture for capture, _ in read_ahead(mixed, how, "cpu", 3)] == mixed
-    for capture, pixels in read_ahead(mixed, how, "cpu", 3):
+    crops = {capture.path: pixels for capture, pixels in read_ahead(folder.captures, how, 32)}
+    assert [capture for capture, _ in read_ahead(mixed, how, 3)] == mixed
+    for capture, pixels in read_ahead(mixed, how, 3):
         assert np.array_equal(pixels, crops[capture.path])
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_classifiers_crop_is_corrupted_and_a_detectors_whole_picture(textured, seeing):
     folder = add_corrupted(read_captures(textured.captures_dir, Selection(sources=("sim",))), [FOG])
     capture = next(one for one in folder.captures if one.pending_corruption)
     seeds, picture = [image_seed(0, capture.path_in_source)], read_image(capture.file)
     crop = resize_and_crop(picture, seeing.preprocessing)
     whole, own = (to_bytes(corrupt(from_bytes(one[None]), *FOG, seeds))[0] for one in (picture, crop))
-    assert np.array_equal(read_pixels(capture, None, "cpu"), whole)
-    assert np.array_equal(read_pixels(capture, seeing.preprocessing, "cpu"), own)
+    assert np.array_equal(read_pixels(capture, None), whole)
+    assert np.array_equal(read_pixels(capture, seeing.preprocessing), own)
     assert not np.array_equal(resize_and_crop(whole, seeing.preprocessing), own)
 
 

@@ -163,7 +163,7 @@ def make_thumbnails(
             except UnreadableImage as error:
                 pixels = error.reason
         elif classifier is not None:
-            pixels = read_pixels(capture, classifier.preprocessing, classifier.device)
+            pixels = read_pixels(capture, classifier.preprocessing)
         else:
             return None
         return None if isinstance(pixels, str) else encode_jpeg(Image.fromarray(pixels), side_px)

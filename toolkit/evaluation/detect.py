@@ -325,7 +325,7 @@ def detect_captures(
     found: list[DetectedImage] = []
     # the next images are read while the network looks at these: both release the interpreter's lock
     # and corrupted as they were taken, before the detector resizes them
-    pictures = read_ahead(captures, None, detector.device, BATCH)
+    pictures = read_ahead(captures, None, BATCH)
     with progress("detecting", len(captures)) as ticker, closing(pictures):
         while part := list(islice(pictures, BATCH)):
             pixels = [one for _, one in part if not isinstance(one, str)]
@@ -427,7 +427,7 @@ def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
     """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
     if one.seen is None:
         return None
-    pixels = read_pixels(one.capture, None, detector.device)
+    pixels = read_pixels(one.capture, None)
     if isinstance(pixels, str):
         return None
     image = Image.fromarray(np.ascontiguousarray(pixels))

@@ -41,7 +41,7 @@ def predict_captures(
     """
     labels, trues = classifier.labels, [true_classes[capture.object] for capture in captures]
     found = [Prediction(capture, true, labels[true]) for capture, true in zip(captures, trues, strict=True)]
-    pictures = read_ahead(captures, classifier.preprocessing, classifier.device)
+    pictures = read_ahead(captures, classifier.preprocessing)
 
     def show() -> Iterator[tuple[int, np.ndarray]]:
         for k, (capture, pixels) in enumerate(pictures):

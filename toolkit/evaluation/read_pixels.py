@@ -17,7 +17,7 @@ from toolkit.imaging.read import UnreadableImage, read_image
 MAX_DECODERS, AHEAD = 8, 32
 
 
-def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.ndarray | str:
+def read_pixels(capture: Capture, how: Preprocessing | None) -> np.ndarray | str:
     """(h, w, 3) uint8 sRGB of one image, or why there is none.
 
     A corruption that is pending is one of what is returned: of the crop, or of the whole capture if there is no crop.
@@ -27,7 +27,6 @@ def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.
     Args:
         capture: the image.
         how: how a classifier's crop is made; None for the whole capture, as a detector sees it.
-        device: cpu or cuda, where it is corrupted; the same but for float rounding.
     """
     if capture.refused is not None:
         return capture.refused
@@ -42,11 +41,11 @@ def read_pixels(capture: Capture, how: Preprocessing | None, device: str) -> np.
     from toolkit.corruptions.digital import from_bytes, to_bytes
 
     seeds = [image_seed(SEED, capture.path_in_source)]
-    return to_bytes(corrupt(from_bytes(pixels[None], device), *capture.pending_corruption, seeds))[0]
+    return to_bytes(corrupt(from_bytes(np.stack([pixels])), *capture.pending_corruption, seeds))[0]
 
 
 def read_ahead(
-    captures: Iterable[Capture], how: Preprocessing | None, device: str, ahead: int = AHEAD
+    captures: Iterable[Capture], how: Preprocessing | None, ahead: int = AHEAD
 ) -> Generator[tuple[Capture, np.ndarray | str]]:
     """Yield each image with its `read_pixels`, in order; `ahead` images are read in advance, by threads."""
     with warnings.catch_warnings():
@@ -54,4 +53,4 @@ def read_ahead(
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         warnings.filterwarnings("ignore", module=r"PIL\..*")
         threads = min(MAX_DECODERS, count_cores())
-        yield from map_ahead(lambda one: (one, read_pixels(one, how, device)), captures, threads, ahead)
+        yield from map_ahead(lambda one: (one, read_pixels(one, how)), captures, threads, ahead)

@@ -213,7 +213,7 @@ def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[
     feature_map = find_feature_map(classifier)
     classes = {image.capture.path: image.true_index for image in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    pictures = read_ahead((image.capture for image in images), classifier.preprocessing, classifier.device)
+    pictures = read_ahead((image.capture for image in images), classifier.preprocessing)
     with progress("saliency", len(images)) as ticker, closing(pictures):
         while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]

@@ -28,7 +28,7 @@ class LogitNetwork(AnyNetwork, Protocol):
         """(b, 3, h, w) float tensor, sRGB-encoded in [0, 1], to (b, classes)."""
 
 
-class Answer(NamedTuple):
+class RankedAnswer(NamedTuple):
     """Answer of a classifier to one image.
 
     Attributes:
@@ -47,7 +47,7 @@ def predict(
     network: LogitNetwork,
     names: Sequence[str] = (),
     part: int = CPU_PART,
-) -> "torch.Tensor":  # fmt: skip
+) -> "torch.Tensor":
     """Return a network's answers to images, without gradient.
 
     An answer depends on its own image alone: images are asked in parts of one size, and the last part is filled up.
@@ -164,10 +164,10 @@ def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor"
     return ((logits > own) | ((logits == own) & earlier)).sum(1) + 1
 
 
-def read_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+def read_answer(logits: "torch.Tensor", true_index: int) -> RankedAnswer:
     """Return what (classes,) logits of `predict` say of an image of a class."""
     import torch
 
     chances, first = logits.softmax(0), int(logits.argmax())
     (rank,) = rank_true(logits[None], torch.tensor([true_index])).tolist()
-    return Answer(first, float(chances[first]), float(chances[true_index]), rank)
+    return RankedAnswer(first, float(chances[first]), float(chances[true_index]), rank)

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
-from toolkit.models.predict import Answer, read_answer
+from toolkit.models.predict import RankedAnswer, read_answer
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.renderer import Renderer
@@ -44,9 +44,9 @@ class FrameAnswers(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     frame: str = Field(pattern=r"^[0-9a-f]{64}$")
-    answers: dict[str, Answer]
+    answers: dict[str, RankedAnswer]
 
-    def entries(self) -> list[tuple["AnswerKey", Answer]]:
+    def entries(self) -> list[tuple["AnswerKey", RankedAnswer]]:
         """Each answer with its key."""
         return [((self.frame, name), answer) for name, answer in self.answers.items()]
 
@@ -67,7 +67,7 @@ class ViewAnswers:
     true_rank: np.ndarray
 
     @classmethod
-    def of(cls, rows: Iterable[Answer]) -> "ViewAnswers":
+    def of(cls, rows: Iterable[RankedAnswer]) -> "ViewAnswers":
         """From single answers."""
         columns = list(zip(*rows, strict=True))
         return cls(*(np.array(column) for column in columns))
@@ -82,7 +82,7 @@ def name_weather(weather: WeatherKey) -> str:
     return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
 
 
-def make_answer(logits: "torch.Tensor", true_index: int) -> Answer:
+def make_answer(logits: "torch.Tensor", true_index: int) -> RankedAnswer:
     """From (classes,) logits; six digits of a probability are kept."""
     found = read_answer(logits, true_index)
     # rounded before they are kept, so that an answer is the same from the log as from the network

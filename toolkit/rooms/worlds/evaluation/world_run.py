@@ -24,7 +24,7 @@ from toolkit.engine.units import Engine, Ran, Shared, Unit, WorkLog, cut_groups,
 from toolkit.evaluation.run_files import explain_run_dir, find_run_dir, lacks_other_inputs
 from toolkit.models.identity import describe_network
 from toolkit.models.network import Classifier
-from toolkit.models.predict import CPU_PART, Answer, predict_stream
+from toolkit.models.predict import CPU_PART, RankedAnswer, predict_stream
 from toolkit.objects.load import TableObject, load_object, scale_to_world
 from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
@@ -172,7 +172,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     return found, ran
 
 
-def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]) -> Answers:
+def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, RankedAnswer]) -> Answers:
     """Cameras with answers in every variant and weather, and their answers: all variants keep the same cameras."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
@@ -209,7 +209,7 @@ class Rendered(NamedTuple):
         return render_frames(self.stage, tasks)
 
 
-AnsweredFrame = tuple[dict[str, Answer], dict[str, bytes]]
+AnsweredFrame = tuple[dict[str, RankedAnswer], dict[str, bytes]]
 """What was said of a frame, by what `name_weather` calls the weather; of a kept frame its files, see `encode_frame`."""
 
 
@@ -250,7 +250,7 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator
             for weather, picture in zip(frame.task.weathers, frame.pictures, strict=True):
                 yield (at, weather, files), picture
 
-    answers: dict[str, Answer] = {}
+    answers: dict[str, RankedAnswer] = {}
     for (at, weather, files), logits in predict_stream(show(), setup.classifier, setup.batch_size):
         answers[name_weather(weather)] = make_answer(logits, setup.true_index)
         # the last of its weathers makes a frame whole
