@@ -8,9 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_network import tiny_classifier, write_photos
 
 import toolkit
+from toolkit.boosters.patch_config import RECIPES as PATCH_RECIPES
+from toolkit.core import rooms
+from toolkit.core.errors import ToolkitError
 from toolkit.core.rooms import SHIPPED, find_rooms, load
+from toolkit.core.workspace import make_workspace
+from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.objects.records import write_patch
 
 PACKAGE = Path(toolkit.__file__).parent
@@ -95,6 +102,46 @@ def test_a_room_without_one_that_it_needs_is_not_there_either(tmp_path):
     assert ended["landign fly"][1].startswith("error: no command called 'landign': known: ")
     nothing = "error: no object can be rendered: add one of your own with 'toolkit add MESH --class NAME'"
     assert ended["plan --workspace d"] == (2, nothing)
+
+
+@pytest.fixture
+def hide(monkeypatch):
+    """A function (room): it is not there for the core, until the test has ended."""
+
+    def leave_out(hidden: str) -> None:
+        kept = {name: room for name, room in rooms._list_rooms().items() if name != hidden}
+        monkeypatch.setattr(rooms, "_list_rooms", lambda: kept)
+        forget()
+
+    def forget() -> None:
+        rooms.find_rooms.cache_clear()
+        rooms.list_offers.cache_clear()
+
+    yield leave_out
+    monkeypatch.undo()
+    forget()
+
+
+def test_gates_that_nobody_reads_are_a_note(tmp_path, hide):
+    space = make_workspace(tmp_path / "w")
+    write_photos(space.captures_dir / "real/jet/unpatched", 1)
+    inputs = (space.captures_dir, space, tiny_classifier(), EvalConfig())
+    hide("photos")
+    assert read_labelled_captures(*inputs)[0].notes == ()
+    (space.captures_dir / "real/gates.jsonl").write_text("")
+    (note,) = read_labelled_captures(*inputs)[0].notes
+    assert note.startswith("'failed gates' belongs to the room 'photos', which is not installed: ")
+    assert note.endswith(" (real)")
+
+
+def test_times_without_a_world_are_left_to_whoever_opens_it(hide):
+    config = PATCH_RECIPES["default"]
+    with pytest.raises(ToolkitError, match="no time of day called 'teatime'"):
+        config.with_overrides(times=("teatime",))
+    hide("worlds")
+    assert config.with_overrides(world="city", times=("teatime",)).times == ("teatime",)
+    with pytest.raises(ToolkitError, match="'weather' belongs to the room 'worlds'"):
+        config.with_overrides(weather=("fog:3",))
 
 
 def test_what_the_kit_knows_of_its_rooms_is_what_they_register():
