@@ -161,6 +161,7 @@ QUICK: dict[str, Command] = {
     ],
     "train-wrap": ["--model", "rig18", "--steps", "1", "--batch", "2"],
     "zero-shot": [],
+    "models": [],
     "head": ["--per-class", "3", "--views", "1", "--held-out", "0.4"],
     "world-eval": [
         *("--model", "rig18", "--world", "grass", "--places", "1", "--grid", "3x3x1", "--sample", "1"),
@@ -183,6 +184,10 @@ NEEDS = (
 """What a line needs that the small workspace has not, or what takes long: a board makes every picture large."""
 
 
+MADE = {"four-objects": "torch", "hues": "tokenizers", "hf:tiny-vit": "transformers"}
+"""Networks that the pages make or name, with the library that they need."""
+
+
 def put_light_objects(folder: Path) -> None:
     """Boxes in the place of the objects that come with the kit: a workspace's own objects win."""
     import trimesh
@@ -198,10 +203,21 @@ def put_light_objects(folder: Path) -> None:
         (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
 
 
-def put_towers(folder: Path) -> None:
-    """Two small towers of a network such as CLIP, with classes and templates for them."""
+def put_networks(folder: Path, library: str) -> None:
+    """A small network such as the pages name: two towers with classes and templates, or a ViT of transformers."""
     from two_towers import COLOURS, write_towers
 
+    if library == "transformers":
+        import transformers
+
+        config = transformers.ViTConfig(
+            hidden_size=16, num_hidden_layers=1, num_attention_heads=2, intermediate_size=16, image_size=32,
+            patch_size=8, num_labels=4,
+        )  # fmt: skip
+        transformers.ViTForImageClassification(config).save_pretrained(folder / "tiny-vit")
+        transformers.ViTImageProcessor(size={"height": 32, "width": 32}).save_pretrained(folder / "tiny-vit")
+    if library != "tokenizers" or (folder / "image.pt2").is_file():
+        return
     write_towers(folder, "pt2")
     (folder / "classes.txt").write_text("\n".join(COLOURS), encoding="utf-8")
     (folder / "templates.txt").write_text("a photo of a {}.\nthe {} thing\n", encoding="utf-8")
@@ -219,6 +235,8 @@ def is_quick(words: Command) -> bool:
         return "rig18" in words
     if words[1] == "zero-shot":
         return "image.pt2" in words
+    if words[1] == "models":
+        return words[-1] in MADE
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
     return (
@@ -292,11 +310,11 @@ def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]
     for words in list_commands(read_page(page)):
         if any("mitsuba" in word for word in words):
             pytest.importorskip("mitsuba", reason="needs the extra mitsuba")
-        if words[1] == "zero-shot":
-            pytest.importorskip("tokenizers", reason="needs the extra clip")
+        needed = [library for name, library in MADE.items() if name in words]
+        if is_quick(words) and needed:
+            pytest.importorskip(needed[0], reason="needs the extra clip or hub")
+            put_networks(lab, needed[0])
         if is_quick(words):
-            if words[1] == "zero-shot":
-                put_towers(lab)
             run(words)
 
 

@@ -16,7 +16,7 @@ from one_line import error_of
 from toolkit.core.console import quietly
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.load import load_classifier
-from toolkit.models.programs import wrap_module
+from toolkit.models.programs import load_program, wrap_module
 
 PX = 64
 
@@ -72,6 +72,21 @@ def test_an_exported_program_answers_and_trains(network, exported, name):
     assert torch.allclose(found, expected, atol=1e-5) and (how.crop_px, classifier.name) == (PX, name)
     gradients = [torch.autograd.grad(one[:, 1].sum(), batch)[0] for one in (found, expected)]
     assert torch.allclose(*gradients, atol=1e-6) and gradients[0].abs().max() > 1e-4
+
+
+class NamesItsDevice(torch.nn.Module):
+    def forward(self, images):
+        places = torch.arange(3, device=images.device).to(images.device, images.dtype)
+        return images.mean((2, 3)) + places
+
+
+def test_a_program_runs_on_another_device_than_it_was_exported_on(tmp_path):
+    """On `meta` as on a GPU: operations that make tensors name their device in the file."""
+    file = tmp_path / "net.pt2"
+    torch.export.save(torch.export.export(NamesItsDevice(), (torch.zeros(2, 3, PX, PX),)), file)
+    module, _ = load_program(file, "meta")
+    answers = module(torch.zeros(2, 3, PX, PX, device="meta"))
+    assert answers.device.type == "meta" and answers.shape == (2, 3)
 
 
 def test_a_program_without_a_description_says_how_its_images_are_normalised(exported, tmp_path, capsys):

@@ -24,7 +24,8 @@ def head(
     encoder: Annotated[
         str,
         typer.Argument(
-            metavar="ENCODER", help="timm:NAME, a torchvision classifier, onnx:FILE, a .pt2, python:MODULE:FUNCTION."
+            metavar="ENCODER",
+            help="timm:NAME, hf:ORG/NAME, a torchvision network, onnx:FILE, a .pt2, python:MODULE:FUNCTION.",
         ),
     ],
     config: HeadConfig,
@@ -98,7 +99,12 @@ def zero_shot(
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(metavar="X", min=1e-6, help="Factor of the cosine. Default: the tower's own, else CLIP's 100."),
+        typer.Option(
+            "--logit-scale",
+            metavar="X",
+            min=1e-6,
+            help="Factor of the cosine. Default: the tower's own, else CLIP's 100.",
+        ),
     ] = None,
     out: Out = None,
     restart: options.Restart = False,

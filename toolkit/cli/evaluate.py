@@ -30,8 +30,8 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; "
-            "default: resnet18, or what the record of --weights says.",
+            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, "
+            "rig18, your own; default: resnet18, or what the record of --weights says.",
         ),
     ] = None,
     weights: options.WeightsFile = None,

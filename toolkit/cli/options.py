@@ -89,8 +89,8 @@ Models = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; repeat "
-        "for several. Default: resnet18.",
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, rig18, your "
+        "own; repeat for several. Default: resnet18.",
     ),
 ]
 Model = Annotated[
@@ -98,8 +98,8 @@ Model = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, or your own. "
-        "Default: resnet18.",
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, rig18, or "
+        "your own. Default: resnet18.",
     ),
 ]
 WeightFiles = Annotated[

@@ -257,4 +257,4 @@ def _show_models(rows: "list[SurveyedModel]", with_data: bool, with_speed: bool)
     for model in rows:
         if model.why_not:
             remark(f"{model.model}: {model.why_not}")
-    say("others: torchvision's by name, timm:NAME, onnx:FILE, FILE.pt2, python:MODULE:FUNCTION")
+    say("others: torchvision's by name, timm:NAME, onnx:FILE, FILE.pt2, hf:ORG/NAME, python:MODULE:FUNCTION")

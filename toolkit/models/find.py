@@ -179,6 +179,8 @@ DEFAULT_ARCH = "resnet18"
 OPEN_CLIP_PREFIX = "open_clip:"
 SUFFIX = ".safetensors"
 TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
+HF_PREFIX = "hf:"
+"""Of networks of the Hugging Face hub, which bring their weights."""
 EXPORTED_SUFFIX = ".pt2"
 
 
@@ -188,8 +190,8 @@ class Found:
 
     Attributes:
         arch: name of it, see `list_architectures`; `timm:` with timm's; `onnx:`, `.pt2` for a whole program;
-            `python:MODULE:FUNCTION`.
-        weights: its file; None for the published weights, and for code, which no file names.
+            `python:MODULE:FUNCTION`; `hf:` with a repository or folder.
+        weights: its file; None for the published weights, for code, which no file names, and for a repository.
     """
 
     arch: str
@@ -201,8 +203,9 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
 
     A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. `torchvision:NAME`
     means the last alone, `timm:NAME` timm's, `onnx:FILE` and `FILE.pt2` a whole program, `python:MODULE:FUNCTION` what
-    code of the user's makes, and a state dict's file the network that the file beside it says. Without a name, the
-    record beside the weights says which network they are of, and else it is a ResNet-18.
+    code of the user's makes, `hf:ORG/NAME` a network of the Hugging Face hub, and a state dict's file the network that
+    the file beside it says. Without a name, the record beside the weights says which network they are of, and else it
+    is a ResNet-18.
 
     Args:
         model: a name, see above; None: as the weights say.
@@ -217,10 +220,10 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
         return Found((arch or DEFAULT_ARCH).removeprefix(TORCHVISION_PREFIX), weights)
     if model.startswith(TIMM_PREFIX):
         return Found(model, weights)
-    own, file = list_own(folder), _find_file(model)
+    own, file = list_own(folder), None if model.startswith(HF_PREFIX) else _find_file(model)
     if weights is not None and brings_weights(model, folder):
         raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
-    if model.startswith(PYTHON_PREFIX):
+    if model.startswith((PYTHON_PREFIX, HF_PREFIX)):
         return Found(model, None)
     file = file or own.get(model)
     if file is not None:
@@ -275,8 +278,10 @@ def brings_weights(model: str, folder: Path | None = None) -> bool:
     Raises:
         ToolkitError: it names a file that is not there.
     """
+    if model.startswith((PYTHON_PREFIX, HF_PREFIX)):
+        return True
     is_file = not model.startswith(TIMM_PREFIX) and _find_file(model) is not None
-    return is_file or model in list_own(folder) or model.startswith(PYTHON_PREFIX)
+    return is_file or model in list_own(folder)
 
 
 def is_program(arch: str) -> bool:
@@ -306,7 +311,7 @@ def pair_weights(
 
 def may_be_detector(model: str | None) -> bool:
     """Whether it is worth looking closer: the name of no classifier, an ONNX file, or code."""
-    if model is None or model.startswith(TIMM_PREFIX):
+    if model is None or model.startswith((TIMM_PREFIX, HF_PREFIX)):
         return False
     if model.startswith((ONNX_PREFIX, PYTHON_PREFIX)) or model.endswith(".onnx"):
         return True

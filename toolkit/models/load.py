@@ -18,6 +18,7 @@ from toolkit.models.find import (
     BUNDLED,
     BUNDLED_DIR,
     DEFAULT_ARCH,
+    HF_PREFIX,
     ONNX_PREFIX,
     SUFFIX,
     TIMM_PREFIX,
@@ -62,8 +63,8 @@ def load_classifier(
 
     Args:
         model: any of `list_architectures`, also as `torchvision:NAME`; `timm:NAME`; the name of a classifier of the
-            kit; `onnx:FILE`; a `.pt2` of torch.export; `python:MODULE:FUNCTION`; the file of a state dict; see
-            `find_classifier`.
+            kit; `onnx:FILE`; a `.pt2` of torch.export; `python:MODULE:FUNCTION`; `hf:ORG/NAME`; the file of a state
+            dict; see `find_classifier`.
         weights: state dict, `.pth`, `.ckpt` or `.safetensors`; by default see `find_weights`. The number of classes is
             read from it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
@@ -102,6 +103,10 @@ def load_elsewhere(found: Found, device: str, features: "AsEncoder | None" = Non
     """A classifier, or with `features` an encoder, that is none of torchvision's; None if it is."""
     if found.arch.startswith(TIMM_PREFIX):
         return load_timm_network(found.arch, found.weights, device)
+    if found.arch.startswith(HF_PREFIX):
+        from toolkit.models.hugging_face import load_hub_network
+
+        return load_hub_network(found.arch, device, features)
     if not is_program(found.arch):
         return None
     from toolkit.models import programs

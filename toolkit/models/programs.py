@@ -18,6 +18,7 @@ from zipfile import BadZipFile, ZipFile
 import torch
 from pydantic import ValidationError
 from torch import nn
+from torch.export.passes import move_to_device_pass
 
 from toolkit.core.child import is_memory_full, limit_memory
 from toolkit.core.console import errors
@@ -67,13 +68,13 @@ FOREIGN = (".onnx", EXPORTED_SUFFIX)
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
-def read_exported(path: Path) -> tuple[nn.Module, int | None]:
+def read_exported(path: Path, device: str = "cpu") -> tuple[nn.Module, int | None]:
     """The program as a module for (b, 3, h, w) normalised images, and their side; None: any.
 
     Raises:
         ToolkitError: as `load_program`; it takes something other than one batch of square colour images.
     """
-    module, shapes = load_program(path)
+    module, shapes = load_program(path, device)
     shape = shapes[0] if len(shapes) == 1 else ()
     if len(shape) != 4 or shape[1] != 3:
         found = "×".join(map(str, shape)) if len(shapes) == 1 else f"{len(shapes)} inputs"
@@ -85,8 +86,8 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
     return FixedBatch(module, fixed), side if isinstance(side, int) else None
 
 
-def load_program(path: Path) -> tuple[nn.Module, list[tuple[Any, ...]]]:
-    """The program as a module, and the shape of each input; sides that are open are symbols.
+def load_program(path: Path, device: str = "cpu") -> tuple[nn.Module, list[tuple[Any, ...]]]:
+    """The program as a module on a device, and the shape of each input; sides that are open are symbols.
 
     Raises:
         ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
@@ -98,6 +99,9 @@ def load_program(path: Path) -> tuple[nn.Module, list[tuple[Any, ...]]]:
         torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), without_log(),
     ):  # fmt: skip
         program = torch.export.load(_rebuild(path))
+        # its operations may name the device that it was exported on, which moving the module would not change
+        if device != "cpu":
+            program = move_to_device_pass(program, device)
         module = program.module(check_guards=False)
     for one in module.parameters():
         one.requires_grad_(False)
@@ -311,7 +315,7 @@ def load_exported_classifier(path: Path, device: str, features: AsEncoder | None
     Raises:
         ToolkitError: it is none, or holds more than standard operations on tensors.
     """
-    network, size = read_exported(path)
+    network, size = read_exported(path, choose_device(device))
     (own, notes), file = _read_description(path), open_weights(path)
     how = _plain_preprocessing(check_size(path, size, own))
     made = assemble(network, path.name, file, own, how, device, features)

@@ -19,7 +19,7 @@ class HeadConfig(Config):
     data: Annotated[tuple[str, ...], Flag(metavar="FOLDER|everyday|rig", group="Images")] = Field(
         (), exclude=True, description=FIELDS["data"].description
     )
-    kind: Annotated[Literal["linear", "nearest-mean"], Flag(metavar="linear|nearest-mean")] = Field(
+    kind: Annotated[Literal["linear", "nearest-mean"], Flag("--method", metavar="linear|nearest-mean")] = Field(
         "linear", description="linear: logistic regression on the features. nearest-mean: for a few images per class."
     )
     tokens: Annotated[Literal["first", "mean"] | None, Flag(metavar="first|mean")] = Field(

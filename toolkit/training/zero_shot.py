@@ -51,7 +51,7 @@ def make_zero_shot(
     chosen = scale or text.scale
     if chosen is None:
         chosen = CLIP_SCALE
-        notice(f"{text.name} does not say its scale: {chosen:g} is used, as CLIP does; --scale says another")
+        notice(f"{text.name} does not say its scale: {chosen:g} is used, as in CLIP; give the scale if it differs")
     settings = {
         "method": "cosine to the mean of each class's normalised prompt embeddings", **name_encoder(image),
         "text_tower": text.name, "text_sha256": text.sha256, "scale": chosen, "bias": text.bias,

@@ -36,7 +36,7 @@ def read_tags(captures: Sequence[Capture], true_classes: dict[str, int], labels:
 
 
 def _answer(capture: Capture, index: int, labels: Sequence[str], tag: Tag) -> Prediction:
-    pixels = read_pixels(capture, None, "cpu")
+    pixels = read_pixels(capture, None)
     if isinstance(pixels, str):
         return Prediction(capture, index, labels[index], status=pixels)
     if tag.id in find_markers(tag.dictionary, pixels.mean(axis=2).astype(np.uint8)):
