@@ -7,6 +7,7 @@ import subprocess
 import sys
 import urllib.request
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -147,7 +148,10 @@ def test_without_the_extra_the_command_says_so(space, type_toolkit, monkeypatch)
 def test_the_command_serves_until_it_is_interrupted(space):
     pytest.importorskip("viser", reason="needs the extra view")
     words = [sys.executable, "-u", "-m", "toolkit", "view", "--object", "crate", "--workspace", str(space.root)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    # a shell that runs the tests in the background lets its children ignore Ctrl-C
+    heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed) as running:
         said = []
         for line in running.stdout:
             said.append(line)

@@ -156,6 +156,7 @@ QUICK: dict[str, Command] = {
     "report": [],
     "export": [],
     "baseline": [],
+    "sweep": ["--object", "warplane", "--model", "rig18", "--values", "1"],
     "train-patch": [
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
@@ -237,6 +238,8 @@ def is_quick(words: Command) -> bool:
         return "image.pt2" in words
     if words[1] == "models":
         return words[-1] in MADE
+    if words[1] == "sweep":
+        return any(word.startswith("tag:") for word in words)  # the others are many pictures
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
     return (

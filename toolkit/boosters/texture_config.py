@@ -212,7 +212,8 @@ class TextureConfig(PixelConfig):
         rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
         if self.max_change is not None:
             most = "what the bare object allows" if self.max_change == "auto" else f"{self.max_change:g}"
-            rows.append(("paint", f"its own, no channel changed by more than {most}"))
+            whose = "its own" if self.start is None else "its own, or the picture that training goes on from"
+            rows.append(("paint", f"{whose}; no channel changed by more than {most}"))
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
         rows += [] if world is None else [("world", world)]
         if self.background_share:
