@@ -133,8 +133,10 @@ def _cell(text: str) -> str:
 
 
 def write_fields(model: type[BaseModel]) -> Iterator[str]:
-    """A table of a model's fields: JSON key, type, default, and what its docstring says of it."""
-    meaning = _read_attributes(model.__doc__ or "")
+    """A table of a model's fields: JSON key, type, default, and their text in its docstring or its bases'."""
+    meaning: dict[str, str] = {}
+    for base in reversed(model.__mro__[: model.__mro__.index(BaseModel)]):
+        meaning |= _read_attributes(base.__doc__ or "")
     yield from ("| field | type | default | meaning |", "|---|---|---|---|")
     for name, field in model.model_fields.items():
         key = field.alias or name

@@ -38,7 +38,7 @@ def test_links_and_pictures_are_there(page: str) -> None:
 
 
 def test_a_broken_link_is_found() -> None:
-    text = "[a](docs/nosuch.md) ![b](docs/figures/pairs.jpg) [c](docs/results.md#nosuch) [d](docs/results.md#textures)"
+    text = "[a](docs/nosuch.md) ![b](docs/figures/pairs.jpg) [c](docs/results.md#nosuch) [d](docs/limits.md#misuse)"
     assert find_broken_links(ROOT / "README.md", text) == ["docs/nosuch.md", "docs/results.md#nosuch"]
 
 
@@ -106,7 +106,7 @@ def test_a_field_of_a_file_is_explained() -> None:
     from reference import write_part
 
     rows = write_part("fields", "toolkit.objects.spec.ObjectSpec").splitlines()
-    assert any(row.startswith("| `class` | text or whole number | required | the category") for row in rows)
+    assert any(row.startswith("| `class` | text or whole number | required | class that") for row in rows)
     assert any(row.startswith("| `length_mm` | number | required | longest side") for row in rows)
 
 

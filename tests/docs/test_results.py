@@ -103,7 +103,7 @@ def test_the_first_pages_say_what_the_tables_say() -> None:
 
     bare, patched = row("all", "unpatched"), row("all", "patched")
     index, tutorial = ((DOCS / page).read_text(encoding="utf-8") for page in ("index.md", "tutorial.md"))
-    said = f"right on {bare['correct']} of {bare['n']} bare images and on {patched['correct']} of {patched['n']} with"
+    said = f"recognises {patched['correct']} of {patched['n']} renders instead of {bare['correct']}."
     assert said in index
     lines = re.findall(r"^(\w*) +(unpatched|patched) +(\d+) +(\S+) +(\S+)(?: +(\d+) +(\d+))?", tutorial, re.MULTILINE)
     assert [line[1] for line in lines] == ["unpatched", "patched"]

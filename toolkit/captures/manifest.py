@@ -27,14 +27,15 @@ class CaptureRecord(BaseModel):
     """What is known of one image.
 
     Attributes:
-        path: of the image, relative to the source's folder (captures/SOURCE), with forward slashes.
-        object, variant, pose_id: what it shows, and from which pose of the plan.
-        T_world_camera: 4×4, OpenCV axes, millimetres.
-        intrinsics: width, height in pixels, fx, fy, cx, cy in pixels (pixel centres at half integers).
-        booster_sha256: of the PNG that was stuck or painted on, None without one.
-        image_sha256: of the image file.
-        made: how: renderer, studio, seed, program version.
-        inputs_sha256: hash of everything the image depends on; another hash means it must be shot again.
+        path: path of the image inside the source's folder (captures/SOURCE), with forward slashes.
+        object, variant: object and variant in the image.
+        pose_id: number of its pose in the plan.
+        T_world_camera: 4×4 matrix, OpenCV axes, millimetres.
+        intrinsics: width, height, fx, fy, cx and cy in pixels (pixel centres at half integers).
+        booster_sha256: hash of the booster's PNG, None without a booster.
+        image_sha256: hash of the image file.
+        made: renderer, studio, seed and program version.
+        inputs_sha256: hash of everything that the image depends on. If it changes, the image must be shot again.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)

@@ -154,19 +154,19 @@ class PrintProfile(BaseModel):
     """`print/profiles/NAME.json`.
 
     Attributes:
-        name: of the profile: printer, paper, or the patch that it was measured on.
-        patch: name of that patch, and `patch_sha256` the hash of its PNG.
-        model: which polynomial was chosen, in a word.
-        power: that the encoded file colour is raised to.
-        exponents: of red, green and blue, for each term.
-        coefficients: of each term, for the printed red, green and blue.
-        paper_linear: linear light of the paper itself; the profile's colours are shares of it.
+        name: name of the profile: printer, paper, or the patch that was measured.
+        patch, patch_sha256: name of that patch and hash of its PNG.
+        model: name of the fitted polynomial.
+        power: exponent for the encoded colours of the file.
+        exponents: exponents of red, green and blue in each term.
+        coefficients: coefficients of each term for the printed red, green and blue.
+        paper_linear: linear light of the paper; the profile's colours are shares of it.
         photos: hashes of the photographs.
-        n_samples: pixels and strip cells that were fitted to.
-        strip_cells: cells of the colour strip among them.
-        without: how far the print is from the file, paper taken as white.
-        held_out: how far the print is from what the profile says, on parts of the patch that it was not fitted to.
-        made: when, with what, by whom.
+        n_samples: number of fitted pixels and strip cells.
+        strip_cells: number of fitted cells of the colour strip.
+        without: error of the print against the file, with the paper as white.
+        held_out: error of the print against the profile, on parts of the patch outside the fit.
+        made: time, program and author.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

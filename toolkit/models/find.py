@@ -91,11 +91,11 @@ class Refinement(BaseModel):
     """What became of a network that was refined by its own answers.
 
     Attributes:
-        teacher, teacher_sha256: the network that it was, and the hash of its weights' file.
-        attack: norm, eps, steps and step size of the attack that it was tested under, each network by its own gradient.
-        before, after: of held-out photographs as they are.
-        before_attacked, after_attacked: of the first of them, moved by the attack.
-        step: of the training at which these weights were taken, counted from 1.
+        teacher, teacher_sha256: original network and hash of its weights' file.
+        attack: norm, eps, steps and step size of the attack in the test, each network by its own gradient.
+        before, after: predictions on held-out photographs.
+        before_attacked, after_attacked: predictions on the first of these photographs under the attack.
+        step: training step of these weights, counted from 1.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -113,9 +113,9 @@ class NetworkSet(BaseModel):
     """`rig/classifiers/NAME.json`: networks that boosters are trained on together, by one name.
 
     Attributes:
-        name: of the set.
-        networks: names of its networks, files beside it.
-        inputs_sha256: hash of all that decides their weights.
+        name: name of the set.
+        networks: names of its networks, in files beside it.
+        inputs_sha256: hash of everything that decides the weights.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -34,21 +34,23 @@ class LabelsFile(BaseModel):
     `toolkit train-classifier` writes all of it, and more (`ClassifierRecord`); one written by hand may hold any part.
 
     Attributes:
-        labels: one name per output, in order; for the other forms that are read see `find_labels`.
-        size: side of the square that the network sees, where an image's whole central square becomes it: short for
-            `resize_px` and `crop_px` of this size.
-        resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
-            one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
-        channels: the order of the colours.
+        labels: one name per output, in order; see `find_labels` for other forms.
+        size: side of the network's square input, if it is an image's whole central square. Short for `resize_px` and
+            `crop_px` of this size.
+        resize_px, crop_px, filter_name: preprocessing, if it differs from the architecture's published preprocessing.
+        mean, std: mean and standard deviation of values in 0 to 1, in the order of `channels`, if they differ from the
+            published values.
+        channels: order of the colours.
         squash: whether the whole image becomes the square, whatever its aspect ratio, instead of its middle.
-        decoder: of a detector, the family whose outputs it has.
-        letterbox: of a detector, where a picture lies in its square: `corner` is the upper left; or stretched to it.
-        fill: grey beside the picture, 0 to 255.
-        arch: name of the network, see `list_architectures`; may be written `architecture`. Never code.
-        name: what to call the classifier.
-        trained_on: in a few words.
-        licence: of its weights, for `toolkit models`.
-        sha256: of the weights' file.
+        decoder: a detector's output format.
+        letterbox: position of the image in a detector's square input: `corner` is the upper left, `stretch` fills the
+            square.
+        fill: grey beside the image, 0 to 255.
+        arch: name of the network, see `list_architectures`; also `architecture`. Never code.
+        name: name of the classifier in reports.
+        trained_on: training data in a few words.
+        licence: licence of the weights, for `toolkit models`.
+        sha256: hash of the weights' file.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)

@@ -57,15 +57,15 @@ class BoosterRecord(BaseModel):
 
     Attributes:
         name: file name without suffix.
-        class_name, class_index: the category it was trained for, in the networks' own labels.
+        class_name, class_index: class of the training, in the networks' own labels.
         n_px: side in pixels.
-        png_sha256: of the PNG file beside the record.
-        networks: the classifiers it was trained on.
-        data: what was trained on, in words, with the number of images.
-        seed: of every random draw.
-        settings: every hyper-parameter.
-        final: the end of the loss history: last steps' mean loss and accuracy.
-        toolkit_version: of the program that trained it.
+        png_sha256: hash of the PNG file beside the record.
+        networks: classifiers of the training.
+        data: training data in words, with the number of images.
+        seed: seed of every random draw.
+        settings: all training settings.
+        final: mean loss and accuracy of the last steps.
+        toolkit_version: version of the program that trained it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -62,11 +62,11 @@ class PatchMount(BaseModel):
     """Where the printed sheet is taped.
 
     Attributes:
-        at: the side of the object that it is taped to, in the world's axes (front +x, left +y, top +z).
-        size_mm: side of the printed patch; by default the size that its record states.
-        offset_mm: (right, up) shift of the sheet's centre from the middle of that side, as one sees it there; for the
-            top, (forward, left).
-        rotation_deg: turn of the sheet, counter-clockwise as one sees it.
+        at: side of the object with the patch, in the world's axes (front +x, left +y, top +z).
+        size_mm: side of the printed patch; by default the size in its record.
+        offset_mm: shift (right, up) of the sheet's centre from the middle of that side, seen from outside. For the top:
+            (forward, left).
+        rotation_deg: rotation of the sheet, counter-clockwise, seen from outside.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -80,14 +80,14 @@ class ObjectSpec(BaseModel):
     """An object that can be photographed.
 
     Attributes:
-        name: of its folder in a capture; in a file it is the file's and may be left out.
-        class_name: the category it should be recognised as: an ImageNet name, an index, or a label of one's own.
-        mesh: `builtin:NAME`, or a file beside the spec; empty for an object that is known from photographs alone.
+        name: name of its folder in a capture. In a file it may be left out and is then the file's name.
+        class_name: class that a network should predict: an ImageNet name, an index, or your own label.
+        mesh: `builtin:NAME`, or a file beside the spec; empty for an object that only photographs show.
         length_mm: longest side; required with a mesh.
-        world_length_m: longest side of what it is a model of, for worlds outdoors.
-        up: the mesh's axis that points up; by default as `axes_of_format` says.
-        front: the mesh's axis that points to the front; likewise.
-        mounts: where the patch is stuck: one sheet, or as many as there are tables `[[patch]]`.
+        world_length_m: longest side of the real thing, for outdoor worlds.
+        up: axis of the mesh that points up; by default as in `axes_of_format`.
+        front: axis of the mesh that points to the front; by default as in `axes_of_format`.
+        mounts: place of the patch: one sheet, or one for each table `[[patch]]`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)

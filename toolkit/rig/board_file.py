@@ -182,11 +182,13 @@ class BoardSpec(BaseModel):
     """`rig/boards/NAME.toml`: a board that others printed.
 
     Attributes:
-        kind: what it is made of.
-        columns, rows: squares across and down; of a grid, markers.
-        square_mm: side of a square; of a grid, from a marker's left edge to the next one's.
-        marker_mm, dictionary, first_id: of the markers.
-        legacy: of a ChArUco board, the pattern before OpenCV 4.6.
+        kind: type of the board.
+        columns, rows: number of squares across and down; of markers in a grid.
+        square_mm: side of a square. In a grid: from a marker's left edge to the next marker's.
+        marker_mm: side of a marker.
+        dictionary: dictionary of the markers.
+        first_id: number of the first marker.
+        legacy: whether a ChArUco board has the pattern from before OpenCV 4.6.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -202,11 +202,11 @@ class Pose(BaseModel):
     """One camera position.
 
     Attributes:
-        id: 1, 2, …
-        azimuth_deg, elevation_deg, roll_deg: as in `toolkit.rig.camera`.
-        distance_mm: from the camera to `target_mm`.
-        target_mm: the point at the image's centre.
-        T_world_camera: 4×4; left out, it follows from the other fields; given, it must agree with them.
+        id: number of the pose: 1, 2, …
+        azimuth_deg, elevation_deg, roll_deg: direction and roll of the camera, as in `toolkit.rig.camera`.
+        distance_mm: distance from the camera to `target_mm`.
+        target_mm: point at the image's centre.
+        T_world_camera: 4×4 matrix. If given, it must agree with the other fields.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

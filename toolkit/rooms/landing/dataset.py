@@ -35,13 +35,13 @@ class Truth(BaseModel):
     """What is known of a picture.
 
     Attributes:
-        index: of it.
-        seed: of its draws.
-        x_m, y_m, z_m: the pad's centre in the camera's frame: right, down in the picture, ahead.
-        yaw_deg: how the pad is turned in the picture, clockwise from its top being up.
-        place, time: where, and under which sky.
-        weather, severity: through which air.
-        seen_px: pixels that show the pad.
+        index: number of the sample.
+        seed: seed of its draws.
+        x_m, y_m, z_m: the pad's centre in the camera's frame: right, down in the image, ahead.
+        yaw_deg: rotation of the pad in the image, clockwise; at 0 its top is up.
+        place, time: place and time of day.
+        weather, severity: weather and its severity.
+        seen_px: number of pixels that show the pad.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -72,14 +72,15 @@ class DatasetFile(BaseModel):
     """`dataset.json`.
 
     Attributes:
-        inputs_sha256: hash of all that decides the bytes.
-        seed: of the draws.
-        world, world_seed, pad, pad_sha256, size_m: what was photographed.
-        camera: width, height, fx, fy, cx, cy.
-        places: by split.
-        settings: all others.
-        complete: whether all shards are there.
-        shards: in order.
+        inputs_sha256: hash of everything that decides the bytes.
+        seed: seed of the draws.
+        world, world_seed: world and its seed.
+        pad, pad_sha256, size_m: pad, hash of its file, and its side.
+        camera: width, height, fx, fy, cx and cy.
+        places: places of each split.
+        settings: all other settings.
+        complete: whether all shards exist.
+        shards: shards in order.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -54,20 +54,22 @@ class RegressorRecord(BaseModel):
     """How a regressor came to be, and how to feed and read it.
 
     Attributes:
-        name, arch: of the file, and of the network.
+        name: name of the file.
+        arch: architecture of the network.
         outputs: 2 (x, y), or 3 with the logarithm of the uncertainty.
-        pool: what the last layer sees, see `build_module`.
-        image_px, fov_deg: of the pictures that it takes.
-        mean, std: of its normalisation, sRGB-encoded.
-        sigma_scale: factor on its uncertainty, from frames that it was not trained on; None without an uncertainty.
-        pad, pad_sha256, size_m: what it looks for.
-        started_from: the weights that it was trained from.
-        data: the set's inputs, seed, world and places; those of several below `sets`.
-        settings: every hyper-parameter.
+        pool: pooling before the last layer, see `build_module`.
+        image_px, fov_deg: size and field of view of its input images.
+        mean, std: normalisation, sRGB-encoded.
+        sigma_scale: factor on the uncertainty, from held-out frames; None without an uncertainty.
+        pad, pad_sha256, size_m: pad of the training, hash of its file, and its side.
+        started_from: initial weights.
+        data: inputs, seed, world and places of the data set; several sets are below `sets`.
+        settings: all training settings.
         final: means of the last steps.
-        held_out: errors, the first row of all frames; `baselines` those of others by name.
-        sha256: of the weights' file.
-        toolkit_version: of the program that trained it.
+        held_out: errors on held-out frames; the first row has all frames.
+        baselines: errors of other methods, by name.
+        sha256: hash of the weights' file.
+        toolkit_version: version of the program that trained it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -65,14 +65,16 @@ class LensRecord(BaseModel):
     """A calibrated lens.
 
     Attributes:
-        camera: maker and model as EXIF has them, None for a camera that writes none.
-        focal_35mm_mm: what it writes for this lens; phones have several.
-        width, height, fx, fy, cx, cy: pixels, as the sensor stores them; pixel (0, 0)'s centre at (0.5, 0.5).
+        camera: maker and model in EXIF; None if the camera writes none.
+        focal_35mm_mm: 35 mm focal length in EXIF; it tells a phone's lenses apart.
+        width, height: size of the stored image, pixels.
+        fx, fy: focal lengths, pixels.
+        cx, cy: principal point, pixels; the centre of pixel (0, 0) is (0.5, 0.5).
         distortion: OpenCV's k1, k2, p1, p2, k3.
         reprojection_px: root mean square error of the calibration.
         focal_sigma_px: standard deviation of fx, from leaving photographs out.
-        views: photographs used.
-        coverage: share of the frame that held corners of the board.
+        views: number of photographs used.
+        coverage: share of the frame with board corners.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

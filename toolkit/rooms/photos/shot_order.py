@@ -123,9 +123,10 @@ class ShotList(BaseModel):
     """`rig/shots.json`: the session's photographs in order.
 
     Attributes:
-        seed, order: what the order follows from.
-        plan_sha256: per object, `hash_poses` of the plan that the list was made from.
-        steps: every photograph once, numbered from 1.
+        seed: seed of the order.
+        order: pattern of the order.
+        plan_sha256: for each object, `hash_poses` of the plan.
+        steps: all photographs, numbered from 1.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

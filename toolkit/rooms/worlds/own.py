@@ -263,10 +263,10 @@ class KitPiece(BaseModel):
     """A piece in a cell.
 
     Attributes:
-        piece: name of its file without the ending.
-        yaw: degrees counter-clockwise from above.
-        at: (right, up) from the middle of the cell and height, in the pieces' units.
-        class_name: what it is; by default by its name.
+        piece: file name without its ending.
+        yaw: rotation, degrees counter-clockwise from above.
+        at: shift (right, up) from the middle of the cell, and height, in the pieces' units.
+        class_name: class of the piece; by default from its name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
@@ -280,12 +280,12 @@ class KitLayout(BaseModel):
     """A kit's TOML; see the module.
 
     Attributes:
-        pieces: folder of the meshes, in the folder of the TOML.
+        pieces: folder of the meshes, inside the folder of the TOML.
         scale: metres per unit of the pieces.
         tile: side of a cell in the pieces' units.
         rows: one character per cell, from north to south; a space is an empty cell.
-        legend: what each character stands for.
-        place: further pieces, `at` in metres from the middle of the grid.
+        legend: pieces for each character.
+        place: more pieces, with `at` in metres from the middle of the grid.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

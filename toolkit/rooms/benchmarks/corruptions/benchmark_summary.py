@@ -134,14 +134,15 @@ class Summary(BaseModel):
 
     Attributes:
         about: as in `Benchmark`.
-        n, n_classes: images, and classes among them.
-        corruptions: severities run of each, in the order of the catalogue; every row has the same.
-        mean_of: which mean `variants` have, in words.
-        is_whole: whether that is the benchmark's: the fifteen corruptions at five severities.
-        references: what a corruption error is divided by: `alexnet` (only where labels and parameters are ImageNet's)
-            and `unpatched`, in words.
-        variants, means, cells, differences: rows, by answerer, each with `unpatched` first.
-        failed: path and reason of images that could not be used.
+        n: number of images.
+        n_classes: number of classes.
+        corruptions: severities of each corruption, in the order of the catalogue; all rows have the same.
+        mean_of: mean that `variants` have, in words.
+        is_whole: whether this mean is the benchmark's: fifteen corruptions at five severities.
+        references: divisors of a corruption error, in words: `unpatched`, and `alexnet` for ImageNet's labels and
+            parameters.
+        variants, means, cells, differences: rows by network or decoder, each beginning with `unpatched`.
+        failed: path and reason of each unusable image.
         notes: as in `Benchmark`.
         inputs_sha256, cells_sha256, content_sha256: see `toolkit.evaluation.run_files`; None in older files.
     """

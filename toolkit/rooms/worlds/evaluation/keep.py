@@ -28,16 +28,19 @@ class KeptFrame(BaseModel):
     """One line of `frames/manifest.jsonl`.
 
     Attributes:
-        path: folder of the frame, below `frames/`: `PLACE/VARIANT/CAMERA`.
-        frame: hash of all that it was made of.
-        object, class_name: what stands there, and what it should be recognised as.
-        variant, world, place, sky, camera: where it was taken.
-        weathers: the pictures that lie there, such as `clear` and `fog-3`, each a `.png`.
-        T_world_camera, T_world_object: (4, 4), OpenCV axes, metres.
-        intrinsics: width, height, fx, fy, cx, cy in pixels.
+        path: folder of the frame below `frames/`: `PLACE/VARIANT/CAMERA`.
+        frame: hash of everything that the frame depends on.
+        object: name of the object.
+        class_name: class that a network should predict.
+        variant: variant of the object.
+        world, place, sky: world, place and sky of the frame.
+        camera: number of the camera.
+        weathers: names of the images, such as `clear` and `fog-3`, each a `.png`.
+        T_world_camera, T_world_object: 4×4 matrix, OpenCV axes, metres.
+        intrinsics: width, height, fx, fy, cx and cy in pixels.
         box: (8, 3) corners of the object's bounding box in the world, metres.
         azimuth_deg, elevation_deg, distance_m, visible_share, picture_share: as in `GridCamera`.
-        renderer: the simulator that made the pictures; None, and not written, of our own.
+        renderer: simulator that rendered the images; None, and not written, for our own renderers.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
