@@ -199,7 +199,7 @@ def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
     counts = r" \| (\d+) \| (\d+) \| (\d+) \| (\d+) \((\d+) / (\d+), p (?:< 0\.0001|= ([\d.]+))\) \|$"
     told = {
         names[one[0]]: one[1:]
-        for one in re.findall(r"^\| ([\w .-]+), (?:trained|unseen)[^|]*" + counts, page, re.MULTILINE)
+        for one in re.findall(r"^\| ([\w .-]+), (?:training|unseen)[^|]*" + counts, page, re.MULTILINE)
     }
     assert set(told) == {row["network"] for row in rows}
     for network, (bare, patch, texture, wrap, gained, lost, p) in told.items():
