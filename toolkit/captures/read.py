@@ -52,7 +52,7 @@ class CaptureFolder:
     @property
     def faults(self) -> list[tuple[str, str]]:
         """(path, reason) of the images in which the folder contradicts itself."""
-        return [(one.path, one.reason) for one in self.set_aside if one.is_fault]
+        return [(capture.path, capture.reason) for capture in self.set_aside if capture.is_fault]
 
     @cached_property
     def objects(self) -> list[str]:
@@ -157,7 +157,7 @@ def find_faults(root: Path) -> dict[str, str]:
 
 def _open_source(name: str, folder: Path, records: dict[str, CaptureRecord]) -> SourceManifest:
     """The manifest of a source; of corrupted copies also that of the source beside it that they were made from."""
-    of = next((str(one.made["of"]) for one in records.values() if isinstance(one.made.get("of"), str)), "")
+    of = next((str(record.made["of"]) for record in records.values() if isinstance(record.made.get("of"), str)), "")
     beside = of.partition("/")[0]
     # a manifest may come from elsewhere: only a folder beside this one is meant
     originals = read_manifest(folder.absolute().with_name(beside)) if is_folder_name(beside) else {}
@@ -298,7 +298,7 @@ def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
 
 
 def _note_retextured(captures: list[Capture]) -> list[str]:
-    counts = Counter((one.object, one.variant) for one in captures if one.is_retextured)
+    counts = Counter((capture.object, capture.variant) for capture in captures if capture.is_retextured)
     if not counts:
         return []
     named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))

@@ -117,9 +117,9 @@ def find_missing(
         manifests: by source.
         is_whole: `captures` are all of their sources; else folders that are gone as a whole are not looked for.
     """
-    found = {one.path for one in captures}
-    pictures = {one.image_sha256 for one in captures}
-    folders = {one.path.rpartition("/")[0] for one in captures}
+    found = {capture.path for capture in captures}
+    pictures = {capture.image_sha256 for capture in captures}
+    folders = {capture.path.rpartition("/")[0] for capture in captures}
     missing = []
     for manifest in manifests.values():
         for path, record in manifest.records.items():
@@ -177,20 +177,25 @@ def _is_of(copy: CaptureRecord, original: CaptureRecord) -> bool:
 
 def _check_variants(captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]) -> None:
     """Refuse a variant that is called one thing while the manifest says another; raises as `reconcile`."""
-    for one in captures:
-        manifest = manifests.get(one.source)
-        record = manifest.records.get(one.path_in_source) if manifest else None
+    for capture in captures:
+        manifest = manifests.get(capture.source)
+        record = manifest.records.get(capture.path_in_source) if manifest else None
         if record is None:
             continue
-        if one.variant == UNPATCHED and record.booster_sha256:
+        if capture.variant == UNPATCHED and record.booster_sha256:
             said = f"carries the booster {record.made.get('booster') or record.booster_sha256[:SHORT]}"
-        elif one.variant in VARIANTS and one.variant != UNPATCHED and one.is_rendered and not record.booster_sha256:
+        elif (
+            capture.variant in VARIANTS
+            and capture.variant != UNPATCHED
+            and capture.is_rendered
+            and not record.booster_sha256
+        ):
             said = "carries no booster"
         else:
             continue
         raise ToolkitError(
-            f"{one.path} is called '{one.variant}', and by {MANIFEST} it {said}: were the folders swapped? Rename them "
-            "back, or shoot the object again"
+            f"{capture.path} is called '{capture.variant}', and by {MANIFEST} it {said}: were the folders swapped? "
+            "Rename them back, or shoot the object again"
         )
 
 
@@ -198,22 +203,22 @@ def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
     """Return the images; a variant of an object with several boosters, or sheets of several sizes, is split."""
     boosters: dict[tuple[str, str, str], set[str]] = {}
     sheets: dict[tuple[str, str, str], set[str]] = {}
-    for one in captures:
-        if one.booster_sha256:
-            group = one.source, one.object, one.variant
-            boosters.setdefault(group, set()).add(one.booster_sha256)
+    for capture in captures:
+        if capture.booster_sha256:
+            group = capture.source, capture.object, capture.variant
+            boosters.setdefault(group, set()).add(capture.booster_sha256)
             # a line of an earlier version does not say where the sheet is: it goes with any
-            sheets.setdefault(group, set()).update([str(one.settings[SHEET])] if SHEET in one.settings else [])
+            sheets.setdefault(group, set()).update([str(capture.settings[SHEET])] if SHEET in capture.settings else [])
     split = []
-    for one in captures:
-        group, name = (one.source, one.object, one.variant), one.variant
-        if one.booster_sha256 and len(boosters[group]) > 1:
-            name += f"-{one.booster_sha256[:SHORT]}"
-        elif one.booster_sha256 is None and one.refused is None and group in boosters:
+    for capture in captures:
+        group, name = (capture.source, capture.object, capture.variant), capture.variant
+        if capture.booster_sha256 and len(boosters[group]) > 1:
+            name += f"-{capture.booster_sha256[:SHORT]}"
+        elif capture.booster_sha256 is None and capture.refused is None and group in boosters:
             name += "-unknown"  # no line states what is on it, though those of others do
-        if one.booster_sha256 and len(sheets[group]) > 1:
-            name += f"-{str(one.settings.get(SHEET, 'unknown'))[:SHORT]}"
-        split.append(replace(one, variant=name))
+        if capture.booster_sha256 and len(sheets[group]) > 1:
+            name += f"-{str(capture.settings.get(SHEET, 'unknown'))[:SHORT]}"
+        split.append(replace(capture, variant=name))
     return split
 
 
@@ -221,23 +226,29 @@ def _drop_doubles(
     captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]
 ) -> tuple[list[Capture], list[SetAside]]:
     """Return the images without those that are there twice, and the ones that were dropped."""
-    order = {(one.source, path): at for one in manifests.values() for at, path in enumerate(one.records)}
+    order = {(manifest.source, path): at for manifest in manifests.values() for at, path in enumerate(manifest.records)}
     first: dict[tuple[object, ...], Capture] = {}
     dropped: list[SetAside] = []
     # the newest line of a pose that was shot twice, as JPEG and PNG; the first name of a photograph
-    for one in sorted(captures, key=lambda one: (-order.get((one.source, one.path_in_source), -1), one.path)):
-        if one.refused is not None:
+    for capture in sorted(captures, key=lambda one: (-order.get((one.source, one.path_in_source), -1), one.path)):
+        if capture.refused is not None:
             continue
-        if one.is_by_plan and one.pose_id is not None:
-            key: tuple[object, ...] = (one.source, one.object, one.variant, one.pose_id, one.T_world_camera)
+        if capture.is_by_plan and capture.pose_id is not None:
+            key: tuple[object, ...] = (
+                capture.source,
+                capture.object,
+                capture.variant,
+                capture.pose_id,
+                capture.T_world_camera,
+            )
             why = "the same pose was shot again: {} counts"
-        elif not one.is_rendered:
-            key = (one.source, one.object, one.variant, one.image_sha256 or one.path)
+        elif not capture.is_rendered:
+            key = (capture.source, capture.object, capture.variant, capture.image_sha256 or capture.path)
             why = "a copy of a photograph that counts once: {}"
         else:
             continue
-        kept = first.setdefault(key, one)
-        if kept is not one:
-            dropped.append(SetAside(one.path, why.format(kept.path), is_fault=False))
+        kept = first.setdefault(key, capture)
+        if kept is not capture:
+            dropped.append(SetAside(capture.path, why.format(kept.path), is_fault=False))
     gone = {one.path for one in dropped}
-    return [one for one in captures if one.path not in gone], dropped
+    return [capture for capture in captures if capture.path not in gone], dropped

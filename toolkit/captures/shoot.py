@@ -107,7 +107,8 @@ class Rehearsal:
     def tape(self, mesh: Mesh) -> Mesh:
         """The mesh with tape over its sheets of paper."""
         materials = tuple(
-            replace(one, roughness=self.tape_roughness) if one.name == PAPER_MATERIAL else one for one in mesh.materials
+            replace(material, roughness=self.tape_roughness) if material.name == PAPER_MATERIAL else material
+            for material in mesh.materials
         )
         return replace(mesh, materials=materials)
 

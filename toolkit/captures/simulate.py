@@ -85,7 +85,7 @@ class Simulated:
     @property
     def skipped(self) -> list[tuple[str, str]]:
         """(what, reason) of all that could not be made."""
-        corrupted = [(f"{one.source_dir.name}/{path}", why) for one in self.corrupted for path, why in one.failed]
+        corrupted = [(f"{copy.source_dir.name}/{path}", why) for copy in self.corrupted for path, why in copy.failed]
         return [*(self.left_out or ()), *self.shot.failed, *corrupted]
 
     @property
@@ -104,7 +104,7 @@ class Simulated:
         """All of it for a script."""
         shot = self.shot
         content: dict[str, Any] = {"folder": str(shot.source_dir), "shot": shot.shot, "kept": shot.kept}
-        copies = [{"folder": str(one.source_dir), "made": one.made, "kept": one.kept} for one in self.corrupted]
+        copies = [{"folder": str(copy.source_dir), "made": copy.made, "kept": copy.kept} for copy in self.corrupted]
         content |= {"corrupted": copies} if copies else {}
         return content if self.left_out is None else content | {"skipped": len(self.left_out)}
 
@@ -113,8 +113,8 @@ class Simulated:
         count, shot = len(self.left_out or ()), self.shot
         left_out = f", {count_of(count, 'photograph')} left out" if count else ""
         yield f"shot {count_of(shot.shot, 'image')}{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
-        for one in self.corrupted:
-            yield f"corrupted {one.made} of them{kept_before(one.kept)}: {one.source_dir}"
+        for copy in self.corrupted:
+            yield f"corrupted {copy.made} of them{kept_before(copy.kept)}: {copy.source_dir}"
         yield f"next: toolkit eval {quote(shot.source_dir.parent)}"
 
 
@@ -155,7 +155,7 @@ def simulate_captures(
     )
     from toolkit.rig.applied.tag import name_variant  # brings the renderer's parts, as below
 
-    variants = [name_variant(one) for one in variants]
+    variants = [name_variant(variant) for variant in variants]
     left_out, board, engine = None, config.board, engine or EngineConfig()
     remarks: tuple[str, ...] = ()
     folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
@@ -216,14 +216,18 @@ def _shoot_plan(
     remarks = []
     with engine.open() as workers:
         shot = shoot_plan(space, plan, names, variants, settings, source, engine=workers)
-        for one in stale:
-            is_shot = one.can_shoot and not config.keep
+        for outdated in stale:
+            is_shot = outdated.can_shoot and not config.keep
             if is_shot:
-                more = shoot_plan(space, plan, [one.object], [one.variant], settings, source, engine=workers)
+                more = shoot_plan(space, plan, [outdated.object], [outdated.variant], settings, source, engine=workers)
                 shot = shot.joined(more)
             else:
-                leave_out(source_dir, dict.fromkeys(one.paths, f"{one.reason} than the images that were shot since"))
+                leave_out(
+                    source_dir, dict.fromkeys(outdated.paths, f"{outdated.reason} than the images that were shot since")
+                )
             done = "shot again too" if is_shot else "left out of results"
-            if one.paths:
-                remarks.append(f"{one.object}/{one.variant}: {done}, {one.reason} when it was shot before")
+            if outdated.paths:
+                remarks.append(
+                    f"{outdated.object}/{outdated.variant}: {done}, {outdated.reason} when it was shot before"
+                )
     return shot, tuple(remarks)

@@ -61,7 +61,7 @@ def find_stale(
     for (name, variant), records in groups.items():
         counted = {path: one for path, one in records.items() if LEFT_OUT not in one.made}
         try:
-            shots = {one.path: one for one in plan_scene(workspace, plan, items[name], variant, settings)}
+            shots = {shot.path: shot for shot in plan_scene(workspace, plan, items[name], variant, settings)}
             reason = _explain(counted, shots, items[name], settings, workspace)
         except ToolkitError as error:
             stale.append(StaleVariant(name, variant, str(error), tuple(counted), can_shoot=False))

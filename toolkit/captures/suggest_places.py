@@ -85,8 +85,8 @@ class SuggestedPlaces:
         """All of it for a script."""
         now = [one and one.as_json() for one in self.now]
         places = [
-            one.as_json() | {"trained": _list_shares(self.trained[0 if self.is_together else k])}
-            for k, one in enumerate(self.places)
+            place.as_json() | {"trained": _list_shares(self.trained[0 if self.is_together else k])}
+            for k, place in enumerate(self.places)
         ]
         return {
             "object": self.object_name, "poses": self.n_poses, "picture": str(self.picture),
@@ -108,8 +108,8 @@ class SuggestedPlaces:
 
     def lines(self) -> Iterator[str]:
         """What training and the picture show, a sentence each."""
-        for name, one, answers in zip(self._names(), self.places, self.trained, strict=False):
-            which = f"{len(self.places)} sheets" if self.is_together else f"{name} of {one.mount.size_mm:g} mm"
+        for name, place, answers in zip(self._names(), self.places, self.trained, strict=False):
+            which = f"{len(self.places)} sheets" if self.is_together else f"{name} of {place.mount.size_mm:g} mm"
             for answer in answers:
                 said = f"{answer.patched} of held-out views, {answer.bare} with grey paper"
                 yield f"{which}, {self.steps} steps on {answer.network}: {said}"
@@ -135,8 +135,8 @@ class SuggestedPlaces:
         """Return the rank of each place among those of its size, as pictures number them; of sheets, their number."""
         ranks: Counter[float | None] = Counter()
         names = []
-        for one in self.places:
-            group = None if self.is_together else one.mount.size_mm
+        for place in self.places:
+            group = None if self.is_together else place.mount.size_mm
             ranks[group] += 1
             names.append(str(ranks[group]))
         return names
@@ -181,9 +181,9 @@ def suggest_places(
             {},
         )
     picture = workspace.root / "rig" / "preview" / f"{object_name}-places.png"
-    shown = [one for one in places if together or one.mount.size_mm == places[0].mount.size_mm]
+    shown = [place for place in places if together or place.mount.size_mm == places[0].mount.size_mm]
     write_bytes(picture, draw_places(item, shown, plan.camera, poses, studio_for(item, ShootSettings())))
-    choices = [[one.mount for one in places]] if together else [[one.mount] for one in places]
+    choices = [[place.mount for place in places]] if together else [[place.mount] for place in places]
     trained: list[list[Validation]] = [[] for _ in choices]
     if steps:
         from toolkit.boosters.train import try_place
@@ -315,7 +315,10 @@ def describe_small_sheet(item: TableObject) -> str:
 
 def _list_shares(answers: "list[Validation]") -> dict[str, Any]:
     """Return the shares that each network recognised in held-out views."""
-    return {one.network: {"patched": one.patched.value, "grey": one.bare.value, "n": one.patched.n} for one in answers}
+    return {
+        answer.network: {"patched": answer.patched.value, "grey": answer.bare.value, "n": answer.patched.n}
+        for answer in answers
+    }
 
 
 PIECE_TITLES = ("piece", "size, mm", "area, cm²", "stretch", "folds", "meets")
@@ -341,7 +344,8 @@ class SuggestedWrap:
         """All of it for a script."""
         record = self.wrap.record
         pieces = [
-            one.model_dump(include={"number", "width_mm", "height_mm", "area_mm2", "stretch"}) for one in record.pieces
+            piece.model_dump(include={"number", "width_mm", "height_mm", "area_mm2", "stretch"})
+            for piece in record.pieces
         ]
         return {
             "object": record.object, "folder": str(self.folder), "preview": str(self.preview),
@@ -354,11 +358,11 @@ class SuggestedWrap:
         """A row under `PIECE_TITLES` for each piece."""
         return [
             (
-                str(one.number), f"{one.width_mm:.0f} × {one.height_mm:.0f}", f"{one.area_mm2 / 100:.1f}",
-                f"{one.stretch:.1%}", str(len(one.folds_mm)),
-                ", ".join(map(str, sorted({seam.piece for seam in one.seams}))),
+                str(piece.number), f"{piece.width_mm:.0f} × {piece.height_mm:.0f}", f"{piece.area_mm2 / 100:.1f}",
+                f"{piece.stretch:.1%}", str(len(piece.folds_mm)),
+                ", ".join(map(str, sorted({seam.piece for seam in piece.seams}))),
             )
-            for one in self.wrap.record.pieces
+            for piece in self.wrap.record.pieces
         ]  # fmt: skip
 
     def lines(self) -> Iterator[str]:

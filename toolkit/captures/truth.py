@@ -91,35 +91,35 @@ def outline_captures(
     manifests: dict[Path, dict[str, CaptureRecord]] = {}
     seen: dict[tuple[object, ...], ObjectMask | None] = {}
     found, unknown = {}, []
-    for one in captures:
-        source = one.source_dir
+    for capture in captures:
+        source = capture.source_dir
         if source not in manifests:
             manifests[source] = read_manifest(source)
-        record = manifests[source].get(one.file.absolute().relative_to(source).as_posix())
+        record = manifests[source].get(capture.file.absolute().relative_to(source).as_posix())
         camera = record.camera if record is not None else None
         if record is None or camera is None or record.T_world_camera is None:
-            unknown.append((one.path, "the manifest does not say where the camera stood"))
+            unknown.append((capture.path, "the manifest does not say where the camera stood"))
             continue
-        if one.object not in specs:
-            unknown.append((one.path, f"there is no spec of '{one.object}', so its shape is not known"))
+        if capture.object not in specs:
+            unknown.append((capture.path, f"there is no spec of '{capture.object}', so its shape is not known"))
             continue
-        if not read_spec(specs[one.object]).mesh:
-            unknown.append((one.path, f"the spec of '{one.object}' has no mesh, so its shape is not known"))
+        if not read_spec(specs[capture.object]).mesh:
+            unknown.append((capture.path, f"the spec of '{capture.object}' has no mesh, so its shape is not known"))
             continue
-        if one.object not in items:
-            items[one.object] = load_object(specs[one.object])
-        if record.made.get("mesh_sha256", items[one.object].mesh_sha256) != items[one.object].mesh_sha256:
-            unknown.append((one.path, f"{specs[one.object]} has another shape or length than when it was shot"))
+        if capture.object not in items:
+            items[capture.object] = load_object(specs[capture.object])
+        if record.made.get("mesh_sha256", items[capture.object].mesh_sha256) != items[capture.object].mesh_sha256:
+            unknown.append((capture.path, f"{specs[capture.object]} has another shape or length than when it was shot"))
             continue
         # the variants of a pose show one mesh: a mask is cast once for all of them
         pose = tuple(np.ravel(record.T_world_camera).tolist())
-        key = (one.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))
+        key = (capture.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))
         if key not in seen:
-            seen[key] = outline_object(items[one.object], camera, np.array(record.T_world_camera))
+            seen[key] = outline_object(items[capture.object], camera, np.array(record.T_world_camera))
         if (mask := seen[key]) is None:
-            unknown.append((one.path, "the object is not in the image"))
+            unknown.append((capture.path, "the object is not in the image"))
         else:
-            found[one.path] = mask
+            found[capture.path] = mask
     return found, unknown
 
 
@@ -145,27 +145,27 @@ def write_coco(
         why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "there are no images"
         raise ToolkitError(f"no box is known: {why}")
     specs = workspace.object_specs()
-    objects = sorted({one.object for one in captures if one.path in masks})
+    objects = sorted({capture.object for capture in captures if capture.path in masks})
     category = {name: (names or {}).get(name) or str(read_spec(specs[name]).class_name) for name in objects}
     categories = sorted(set(category.values()))
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
-    for one in captures:
-        if one.path not in masks:
+    for capture in captures:
+        if capture.path not in masks:
             continue
-        truth, number = masks[one.path], len(images) + 1
+        truth, number = masks[capture.path], len(images) + 1
         height, width = truth.mask.shape
         folder = real_path(file).parent
-        path = real_path(one.file)
+        path = real_path(capture.file)
         # COCO's readers look for images below the file's own folder
-        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else one.path
+        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else capture.path
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         annotations.append(
             {
-                "id": number, "image_id": number, "category_id": categories.index(category[one.object]) + 1,
+                "id": number, "image_id": number, "category_id": categories.index(category[capture.object]) + 1,
                 "bbox": as_bbox(truth.box), "area": int(truth.mask.sum()), "iscrowd": 0,
-                "segmentation": encode_mask(truth.mask), "object": one.object, "variant": one.variant,
-                "pose_id": one.pose_id,
+                "segmentation": encode_mask(truth.mask), "object": capture.object, "variant": capture.variant,
+                "pose_id": capture.pose_id,
             }
         )  # fmt: skip
     write_instances(file, images, annotations, categories)

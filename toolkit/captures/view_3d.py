@@ -75,7 +75,7 @@ class View3d:
 
     def lines(self) -> Iterator[str]:
         """How much there is to see."""
-        captures = sum(one.capture is not None for one in self.frusta)
+        captures = sum(frustum.capture is not None for frustum in self.frusta)
         parts = [count_of(len(self.frusta) - captures, "planned pose"), count_of(captures, "image")]
         parts += [] if self.wrap is None else [f"{count_of(len(self.wrap.pieces), 'piece')} of its wrap"]
         yield f"{self.item.name}: {', '.join(parts)}"
@@ -158,7 +158,7 @@ def show_view(server: "viser.ViserServer", view: View3d) -> None:
 
 def _measure_reach(view: View3d) -> float:
     """How far from the object the farthest camera is, metres; at least twice the object's longest side."""
-    far = [float(np.linalg.norm(one.T_world_camera[:3, 3])) for one in view.frusta]
+    far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
     return max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
 
 

@@ -68,10 +68,10 @@ def check_detector(model: str, detector: Detector, folder: Path, picture: Path) 
     Raises:
         ToolkitError: there is no photograph, or one cannot be read.
     """
-    files = sorted(one for one in folder.rglob("*") if is_image_name(one.name)) if folder.is_dir() else []
+    files = sorted(file for file in folder.rglob("*") if is_image_name(file.name)) if folder.is_dir() else []
     if not files:
         raise FieldError("expected a folder with photographs in it, found none", {"check": folder})
-    photos = [read_image(one) for one in files[:MOST_PHOTOS]]
+    photos = [read_image(file) for file in files[:MOST_PHOTOS]]
     found, boxes, score = _measure(detector, photos)
     best = ("", boxes, CLEARLY * score + 0.25)
     others = list(_vary(detector)) if isinstance(detector, DenseDetector) else []
@@ -119,7 +119,7 @@ def _vary(detector: DenseDetector) -> Iterator[tuple[str, DenseDetector]]:
 
 
 def _say_scale(mean: Sequence[float], std: Sequence[float]) -> str:
-    lists = ([round(one, 6) for one in values] for values in (mean, std))
+    lists = ([round(value, 6) for value in values] for values in (mean, std))
     return "mean = {} and std = {}".format(*lists)
 
 

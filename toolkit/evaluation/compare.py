@@ -279,13 +279,13 @@ def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str
     """By object, hash of the file, and its number among these; an image that is gone has no key."""
     seen: Counter[tuple[str, str]] = Counter()
     keyed = {}
-    for one, sha256 in zip(predictions, hash_images(predictions, folder), strict=True):
+    for prediction, sha256 in zip(predictions, hash_images(predictions, folder), strict=True):
         # what is corrupted when it is read shares its file's bytes with the source that it is made of
-        if sha256 is not None and has_own_file(one, folder):
+        if sha256 is not None and has_own_file(prediction, folder):
             # the same bytes may lie there twice: the first is paired with the first
-            key = (one.capture.object, sha256)
+            key = (prediction.capture.object, sha256)
             seen[key] += 1
-            keyed[one.capture.object, sha256, seen[key]] = one
+            keyed[prediction.capture.object, sha256, seen[key]] = prediction
     return keyed
 
 
@@ -350,7 +350,7 @@ def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[t
     shown = pairs[:MAX_FLIPS_OF_ALL]
     captures = [one.capture for _, pair in shown for one in (pair.first, pair.second)]
     # by the whole path: two runs may call two images the same
-    made = make_thumbnails((replace(one, path=str(one.file)) for one in captures), None, THUMBNAIL_PX)
+    made = make_thumbnails((replace(capture, path=str(capture.file)) for capture in captures), None, THUMBNAIL_PX)
     pictures = {uri: number for number, uri in enumerate(dict.fromkeys(made.values()))}
     numbers = {file: pictures[uri] for file, uri in made.items()}
     rows = tell_networks_apart([row for run in runs for row in run.rows])
@@ -395,7 +395,7 @@ def _describe_run_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> dict[st
     return {
         "run": run.name, "network": row.network, "kind": "gained" if pair.is_gained else "lost", "cells": cells,
         "condition": capture.corruption[0] if capture.corruption else row.condition,
-        "pictures": [numbers.get(str(one.capture.file)) for one in cells],
+        "pictures": [numbers.get(str(cell.capture.file)) for cell in cells],
     }  # fmt: skip
 
 

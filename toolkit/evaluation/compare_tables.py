@@ -72,12 +72,12 @@ class AnswerTable:
     @property
     def truths(self) -> set[str]:
         """Every true label, see `spell`."""
-        return {spell(one.truth) for one in self.answers.values() if one.truth}
+        return {spell(answer.truth) for answer in self.answers.values() if answer.truth}
 
     @property
     def guesses(self) -> set[str]:
         """Every predicted label, see `spell`."""
-        return {spell(one.guess) for one in self.answers.values() if one.guess}
+        return {spell(answer.guess) for answer in self.answers.values() if answer.guess}
 
 
 def compare_tables(first: Path, second: Path, images: Path | None = None, cluster: str | None = None) -> RunComparison:
@@ -240,7 +240,9 @@ def _match_labels(table: AnswerTable) -> AnswerTable:
     """
     is_exact = _has_two_spellings(table)
     key = (lambda label: label) if is_exact else spell
-    matched = {name: replace(one, is_right=key(one.truth) == key(one.guess)) for name, one in table.answers.items()}
+    matched = {
+        name: replace(answer, is_right=key(answer.truth) == key(answer.guess)) for name, answer in table.answers.items()
+    }
     _check_counting(table.file, matched)
     is_respelled = any(one.is_right and one.truth != one.guess for one in matched.values())
     notes = (f"{table.file.name}: labels are compared without regard to case, blanks, - and _",) if is_respelled else ()
@@ -250,8 +252,8 @@ def _match_labels(table: AnswerTable) -> AnswerTable:
 def _has_two_spellings(table: AnswerTable) -> bool:
     """Whether labels are told apart by case, blanks, - or _, as ImageNet's dog 'Cardigan' and jacket 'cardigan' are."""
     spellings: dict[str, tuple[set[str], set[str]]] = {}
-    for one in table.answers.values():
-        for column, label in enumerate((one.truth, one.guess)):
+    for answer in table.answers.values():
+        for column, label in enumerate((answer.truth, answer.guess)):
             spellings.setdefault(spell(label), (set(), set()))[column].add(label)
     mixed = [both for both in spellings.values() if both[0] and max(map(len, both)) > 1]
     for truths, guesses in mixed:
@@ -267,7 +269,7 @@ def _has_two_spellings(table: AnswerTable) -> bool:
 
 def _check_counting(file: Path, answers: dict[str, Answer]) -> None:
     """Refuse labels that agree much better where one of the columns counts from 1 and the other from 0."""
-    numbers = [(spell(one.truth), spell(one.guess), one.is_right) for one in answers.values()]
+    numbers = [(spell(answer.truth), spell(answer.guess), answer.is_right) for answer in answers.values()]
     whole = [(int(truth), int(guess), is_right) for truth, guess, is_right in numbers if _are_whole(truth, guess)]
     if not whole or len(whole) < len(numbers):
         return
@@ -294,7 +296,7 @@ def _check_vocabulary(table: AnswerTable, rival: AnswerTable) -> None:
     # a network may be wrong of every image: then its labels are those of the other's answers
     if truths & rival.guesses and guesses & (rival.truths | rival.guesses):
         return
-    one = next(one for one in table.answers.values() if one.truth and one.guess)
+    one = next(answer for answer in table.answers.values() if answer.truth and answer.guess)
     raise ToolkitError(
         f"{table.file}: no true label is ever predicted: the truth is written '{one.truth}', the prediction "
         f"'{one.guess}': {ADD_CORRECT}"

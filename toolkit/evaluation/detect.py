@@ -76,14 +76,14 @@ def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None
     if not images:
         return None
     scores, right = [], []
-    for one in images:
-        is_right = np.zeros(len(one.scores), bool)
+    for image in images:
+        is_right = np.zeros(len(image.scores), bool)
         # of the stronger first; the object goes to the first that fits
         # pycocotools' bound: an IoU of 1 by rounding still counts
-        fits = np.flatnonzero(one.ious >= min(iou, 1 - 1e-10))
+        fits = np.flatnonzero(image.ious >= min(iou, 1 - 1e-10))
         if len(fits):
             is_right[fits[0]] = True
-        scores.append(one.scores)
+        scores.append(image.scores)
         right.append(is_right)
     # stable, as in pycocotools: of equal scores the one that came first stays first
     order = np.argsort(-np.concatenate(scores), kind="mergesort")
@@ -109,7 +109,7 @@ def mean_average_precision(images: Sequence[ScoredBoxes]) -> float | None:
 
 def recall_at(images: Sequence[ScoredBoxes]) -> float | None:
     """Share of the images where some detection of the class overlaps the object by half, however weak."""
-    return None if not images else float(np.mean([bool((one.ious >= FOUND_IOU).any()) for one in images]))
+    return None if not images else float(np.mean([bool((image.ious >= FOUND_IOU).any()) for image in images]))
 
 
 @dataclass(frozen=True)
@@ -253,20 +253,20 @@ def evaluate_detector(
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = add_corrupted(folder, config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
-    wanted = [one for one in folder.captures if one.object in classes]
+    wanted = [capture for capture in folder.captures if capture.object in classes]
     # the truth of a corrupted picture is that of the one it was made from: boxes do not move
     clean = {one.file: one for one in wanted if one.corruption is None or one.cut_px is not None}
     masks, unknown = outline_captures(list(clean.values()), workspace)
-    truths = {file: masks[one.path] for file, one in clean.items() if one.path in masks}
+    truths = {file: masks[prediction.path] for file, prediction in clean.items() if prediction.path in masks}
     if not truths:
         why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "no images"
         raise ToolkitError(f"{captures_dir}: no image with a known box: {why}: shoot with 'toolkit capture-sim'")
     images = detect_captures([one for one in wanted if one.file in truths], truths, classes, detector)
-    predictions = [one.as_prediction(detector.labels) for one in images]
+    predictions = [image.as_prediction(detector.labels) for image in images]
     poses = index_poses(predictions)
     pairs = (*compare_unpatched(poses), *compare_controls(poses))
     groups = tuple(group_detections(images))
-    failed = [(one.capture.path, one.status) for one in images if one.seen is None]
+    failed = [(image.capture.path, image.status) for image in images if image.seen is None]
     table = encode_detections(predictions)
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
     wanted_dir = workspace.eval_dir / name
@@ -278,9 +278,10 @@ def evaluate_detector(
     summary = {
         **begin_summary("detections", detector), "rests_on": origin.as_json(),
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
-        "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
-        "boosters": [one.as_json() for one in training],
-        "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
+        "groups": [group.as_json() for group in groups],
+        "pairs": [comparison.as_pair() for comparison in compare_unpatched(poses)],
+        "boosters": [booster.as_json() for booster in training],
+        "corrupted": list_corrupted(image.capture for image in images), "notes": list(notes),
     }  # fmt: skip
     summary = write_run(run_dir, summary, {DETECTIONS: table})
     run = DetectionRun(
@@ -356,18 +357,18 @@ def group_detections(images: Sequence[DetectedImage]) -> list[DetectionGroup]:
 
 
 def _count(key: RowKey, members: Sequence[DetectedImage]) -> DetectionGroup:
-    read = [one for one in members if one.seen is not None]
+    read = [member for member in members if member.seen is not None]
     by_class: dict[int, list[ScoredBoxes]] = defaultdict(list)
-    for one in read:
-        by_class[one.true_index].append(one.of_class)
+    for prediction in read:
+        by_class[prediction.true_index].append(prediction.of_class)
     # the mean over classes, as COCO has it
     ap50 = [average_precision(some, 0.5) or 0.0 for some in by_class.values()]
     ap = [mean_average_precision(some) or 0.0 for some in by_class.values()]
     # an object that is not found counts with score 0: leaving it out would reward missing it
-    scores = [one.best[0] if one.best else 0.0 for one in read]
+    scores = [prediction.best[0] if prediction.best else 0.0 for prediction in read]
     return DetectionGroup(
-        *key, n=len(read), failed=len(members) - len(read), n_found=sum(one.is_found for one in read),
-        recall50=recall_at([one.of_class for one in read]), ap50=float(np.mean(ap50)) if ap50 else None,
+        *key, n=len(read), failed=len(members) - len(read), n_found=sum(prediction.is_found for prediction in read),
+        recall50=recall_at([prediction.of_class for prediction in read]), ap50=float(np.mean(ap50)) if ap50 else None,
         ap50_95=float(np.mean(ap)) if ap else None, mean_score=float(np.mean(scores)) if scores else None,
     )  # fmt: skip
 
@@ -382,7 +383,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
         return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)
 
     order = sorted(run.images, key=place)
-    pairs = {(one.source, one.object, one.second): one for one in run.pairs if one.first == "unpatched"}
+    pairs = {(pair.source, pair.object, pair.second): pair for pair in run.pairs if pair.first == "unpatched"}
     cards = [
         {"image": one, "picture": picture, "is_flipped": one.capture.path in flipped}
         for one in order[:MOST_PICTURES]
@@ -390,7 +391,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
     ]
     context = {
         "title": path.parent.name, "detector": detector, "groups": run.groups, "pairs": pairs,
-        "comparisons": [one for one in run.pairs if one.first != "unpatched"], "cards": cards,
+        "comparisons": [pair for pair in run.pairs if pair.first != "unpatched"], "cards": cards,
         "n_hidden": max(0, len(run.images) - MOST_PICTURES), "left_out": run.left_out, "notes": run.notes,
         "found": run.summary["found"], "lines": describe_pairs(run), "origin": run.origin,
     }  # fmt: skip
@@ -400,7 +401,7 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
 def describe_pairs(run: DetectionRun) -> list[str]:
     """The result of each source and variant in words."""
     lines = []
-    pooled = {one.source for one in run.groups if one.object == "all"}
+    pooled = {group.source for group in run.groups if group.object == "all"}
     for pair in run.pairs:
         # one line for each source and variant: the pooled one where there are several objects
         if (pair.object == "all") != (pair.source in pooled):
@@ -417,8 +418,8 @@ def describe_pairs(run: DetectionRun) -> list[str]:
 def _find_flipped(images: Sequence[DetectedImage]) -> set[str]:
     """Paths of the images of a pose that is found in one variant and not in another."""
     poses: dict[tuple[str, str, int | None], list[DetectedImage]] = {}
-    for one in images:
-        poses.setdefault((one.capture.source, one.capture.object, one.capture.pose_id), []).append(one)
+    for image in images:
+        poses.setdefault((image.capture.source, image.capture.object, image.capture.pose_id), []).append(image)
     mixed = [some for some in poses.values() if len({one.is_found for one in some}) == 2]
     return {one.capture.path for some in mixed for one in some}
 

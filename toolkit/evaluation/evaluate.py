@@ -88,7 +88,7 @@ def evaluate_captures(
             or a folder that cannot be written.
     """
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
-    clean = [one.capture.source for one in findings.predictions if one.capture.corruption is None]
+    clean = [prediction.capture.source for prediction in findings.predictions if prediction.capture.corruption is None]
     wanted = workspace.eval_dir / (config.run or name_run(classifier, clean))
     asked = describe_asked(captures_dir, workspace, config)
     return write_evaluation(wanted, classifier, findings, notes, config, asked=asked)
@@ -109,7 +109,9 @@ def judge_captures(
     twins = TwinFinder()
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size, twins.look)
     predictions, found = twins.drop(predictions)
-    folder = replace(folder, captures=tuple(one.capture for one in predictions), set_aside=(*folder.set_aside, *found))
+    folder = replace(
+        folder, captures=tuple(prediction.capture for prediction in predictions), set_aside=(*folder.set_aside, *found)
+    )
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
     training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
     origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
@@ -206,11 +208,21 @@ class SimRealView:
 def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
     """What the report shows of each pair of sources; of many wrong predictions those that are furthest off."""
     views = []
-    for one in comparisons:
-        variants = sorted({place_of(pair)[1] for pair in one.pairs}, key=rank_variant)
-        charts = {name: [_make_point(pair) for pair in one.pairs if place_of(pair)[1] == name] for name in variants}
-        cards = [_make_card(pair) for pair in _pick_furthest(one.wrong)]
-        views.append(SimRealView(one, pick_rows(one.rows, MAX_ROWS), pick_rows(one.forecasts, MAX_ROWS), charts, cards))
+    for comparison in comparisons:
+        variants = sorted({place_of(pair)[1] for pair in comparison.pairs}, key=rank_variant)
+        charts = {
+            name: [_make_point(pair) for pair in comparison.pairs if place_of(pair)[1] == name] for name in variants
+        }
+        cards = [_make_card(pair) for pair in _pick_furthest(comparison.wrong)]
+        views.append(
+            SimRealView(
+                comparison,
+                pick_rows(comparison.rows, MAX_ROWS),
+                pick_rows(comparison.forecasts, MAX_ROWS),
+                charts,
+                cards,
+            )
+        )
     return views
 
 
@@ -246,22 +258,22 @@ def write_report(
     """Write the report; thumbnails are embedded, long contact sheets thinned, and the report says so."""
     predictions = findings.predictions
     sheets, n_hidden = lay_out(predictions)
-    flips = [(one.kind, lay_out_flips(one), one.n, one.counts) for one in findings.flips]
+    flips = [(flip.kind, lay_out_flips(flip), flip.n, flip.counts) for flip in findings.flips]
     views = view_sim_real(findings.sim_real)
-    decks = [*(one.cards for one in sheets), *(one.cards for one in views), *(cards for _, cards, _, _ in flips)]
-    shown = [one for cards in decks for card in cards for one in card.cells]
+    decks = [*(sheet.cards for sheet in sheets), *(view.cards for view in views), *(cards for _, cards, _, _ in flips)]
+    shown = [cell for cards in decks for card in cards for cell in card.cells]
     context = {
         **vars(findings), "classifier": classifier, "title": path.parent.name, "notes": notes,
         "tables": _build_tables(findings), "comparisons": _build_comparisons(findings.comparisons),
         "compared": {row.second for row in findings.comparisons},
         "controlled": _name_controlled(findings.comparisons), "charts": chart_poses(predictions),
         "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
-        "sources": sorted({one.capture.source for one in predictions}),
+        "sources": sorted({prediction.capture.source for prediction in predictions}),
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,
         "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, "heat_stops": _list_heat_stops(),
         "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
         "origin": findings.origin, "unseen": describe_unseen(classifier.name, findings.training),
-        "corrupted": list_corrupted(one.capture for one in predictions),
+        "corrupted": list_corrupted(prediction.capture for prediction in predictions),
         "gated": findings.gated, "gate_lines": findings.gate_lines, "gated_counts": count_gated(findings),
     }  # fmt: skip
     return write_page(path, "toolkit.evaluation", "report.html.j2", context)

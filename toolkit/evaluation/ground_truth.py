@@ -78,7 +78,7 @@ def _mark_gates(folder: CaptureFolder) -> CaptureFolder:
     mark = find_offer("failed gates")
     if mark is not None:
         return mark(folder)
-    judged = sorted({one.source for one in folder.captures if (one.source_dir / GATES_FILE).is_file()})
+    judged = sorted({capture.source for capture in folder.captures if (capture.source_dir / GATES_FILE).is_file()})
     notes = [f"{explain_missing('failed gates')} ({', '.join(judged)})"] if judged else []
     return replace(folder, notes=(*folder.notes, *notes))
 
@@ -96,11 +96,11 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     """
     if not corruptions:
         return folder
-    clean = [one for one in folder.captures if one.corruption is None]
-    taken = {one.source for one in folder.captures}
-    corrupted = sorted(taken - {one.source for one in clean})
+    clean = [capture for capture in folder.captures if capture.corruption is None]
+    taken = {capture.source for capture in folder.captures}
+    corrupted = sorted(taken - {prediction.source for prediction in clean})
     made: list[Capture] = []
-    for source in dict.fromkeys(one.source for one in clean):
+    for source in dict.fromkeys(prediction.source for prediction in clean):
         for corruption in corruptions:
             name = name_source(source, corruption)
             # a folder of that name may be there already, corrupted into files
@@ -108,9 +108,9 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
                 name += "+"
             taken.add(name)
             made += [
-                replace(one, source=name, path=f"{name}/{one.path_in_source}", corruption=corruption)
-                for one in clean
-                if one.source == source
+                replace(prediction, source=name, path=f"{name}/{prediction.path_in_source}", corruption=corruption)
+                for prediction in clean
+                if prediction.source == source
             ]
     notes = [f"corrupted already, and not once more: {', '.join(corrupted)}"] if corrupted else []
     notes += [note] if (note := find_note(list(dict.fromkeys(name for name, _ in corruptions)))) else []
@@ -133,7 +133,9 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
             classes[name] = class_of_spec(specs[name], classifier)
             continue
         # what the manifest says comes before the folder's name
-        said = next((one.class_name for one in folder.captures if one.object == name and one.class_name), None)
+        said = next(
+            (capture.class_name for capture in folder.captures if capture.object == name and capture.class_name), None
+        )
         if said is not None:
             classes[name] = classifier.class_index(int(said) if said.isdecimal() else said)
         else:
@@ -150,7 +152,7 @@ def find_other_classes(folder: CaptureFolder, classes: dict[str, int], classifie
         classifier: whose classes are meant.
     """
     said: dict[tuple[str, str], int] = Counter(
-        (one.object, one.class_name) for one in folder.captures if one.class_name
+        (capture.object, capture.class_name) for capture in folder.captures if capture.class_name
     )
     lines = []
     for (name, spelling), count in said.items():
@@ -187,13 +189,13 @@ def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: C
         raise ToolkitError(
             f"{next(iter(reasons.values()))}: {classifier.name} knows none of the objects in {folder.root}"
         )
-    counts = Counter(one.object for one in folder.captures)
+    counts = Counter(capture.object for capture in folder.captures)
     notes = [
         f"{counts[name]} image{'s' if counts[name] > 1 else ''} of '{name}' left out, {classifier.name} does not know "
         f"its class: {reason}"
         for name, reason in reasons.items()
     ]
-    kept = tuple(one for one in folder.captures if one.object not in reasons)
+    kept = tuple(capture for capture in folder.captures if capture.object not in reasons)
     return replace(folder, captures=kept, notes=(*folder.notes, *notes))
 
 

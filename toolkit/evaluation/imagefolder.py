@@ -105,9 +105,9 @@ def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> 
     place = captures_dir or find_captures_dir(workspace, run)
     name = _column_of(run)
     return {
-        one.capture.path: {f"{name}_label": one.top1_label, f"{name}_prob": one.top1_prob,
-                           f"{name}_correct": one.correct_top1}
-        for one in read_predictions(run, place) if one.is_read and has_own_file(one, place)
+        prediction.capture.path: {f"{name}_label": prediction.top1_label, f"{name}_prob": prediction.top1_prob,
+                           f"{name}_correct": prediction.correct_top1}
+        for prediction in read_predictions(run, place) if prediction.is_read and has_own_file(prediction, place)
     }  # fmt: skip
 
 

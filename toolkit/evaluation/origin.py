@@ -91,26 +91,27 @@ class Origin:
     @property
     def faults(self) -> list[tuple[str, str]]:
         """(path, reason) of the images in which a folder contradicts itself."""
-        return [(one.path, one.reason) for one in self.set_aside if one.is_fault]
+        return [(capture.path, capture.reason) for capture in self.set_aside if capture.is_fault]
 
     def as_json(self) -> dict[str, Any]:
         """The field `rests_on` of `summary.json`."""
         return {
             "counted": self.counted, "images_sha256": self.images_sha256, "trusted_files": self.is_trusted,
-            "set_aside": [one.as_json() for one in self.set_aside], "sources": [one.as_json() for one in self.sources],
+            "set_aside": [capture.as_json() for capture in self.set_aside],
+            "sources": [source.as_json() for source in self.sources],
             "pairs_not_formed": [{"reason": reason, "n": n} for reason, n in self.no_pairs], "network": self.network,
             "notes": list(self.notes),
         }  # fmt: skip
 
     def lines(self) -> list[tuple[str, str]]:
         """(heading, text) for people, one screen at most."""
-        reasons = Counter(one.kind for one in self.set_aside).most_common(MOST_REASONS)
+        reasons = Counter(capture.kind for capture in self.set_aside).most_common(MOST_REASONS)
         aside = "".join(f"; {n} set aside: {reason}" for reason, n in reasons)
         trust = "; files were trusted over their manifest" if self.is_trusted else ""
         rows = [("images", f"{self.counted} counted{aside}{trust}")]
         rows += [("pairs", f"{n} not formed, {reason}") for reason, n in self.no_pairs[:MOST_REASONS]]
-        rows += [(one.source, one.describe()) for one in self.sources]
-        worn = dict.fromkeys((name, sha) for one in self.sources for _, name, sha in one.boosters)
+        rows += [(source.source, source.describe()) for source in self.sources]
+        worn = dict.fromkeys((name, sha) for source in self.sources for _, name, sha in source.boosters)
         named = [f"{name} {sha}".strip() for name, sha in worn]
         rows += [("boosters", list_some(named, MOST_BOOSTERS))] if named else []
         return [*rows, ("network", self.network), *(("note", note) for note in self.notes)]
@@ -134,7 +135,7 @@ def find_origin(
         f"{network.name}, weights {network.weights.name} {network.weights.sha256[:SHORT]}, "
         f"{len(network.labels)} classes"
     )
-    sources = dict.fromkeys(one.source for one in folder.captures)
+    sources = dict.fromkeys(capture.source for capture in folder.captures)
     return Origin(
         counted=len(folder.captures), images_sha256=hash_captures(folder.captures), set_aside=folder.set_aside,
         is_trusted=folder.is_trusted, sources=tuple(_describe_source(name, folder) for name in sources),
@@ -144,7 +145,7 @@ def find_origin(
 
 def hash_captures(captures: Iterable[Capture]) -> str:
     """Return one hash of all images: of their paths, and of the hashes of their files."""
-    return sha256_bytes("".join(sorted(f"{one.image_sha256} {one.path}\n" for one in captures)).encode())
+    return sha256_bytes("".join(sorted(f"{capture.image_sha256} {capture.path}\n" for capture in captures)).encode())
 
 
 def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: Path) -> list[str]:
@@ -161,9 +162,11 @@ def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: 
     if before is None:
         return []
     hashes = list(hash_images(predictions, captures_dir))
-    if any(sha256 is None and one.is_read for one, sha256 in zip(predictions, hashes, strict=True)):
+    if any(sha256 is None and prediction.is_read for prediction, sha256 in zip(predictions, hashes, strict=True)):
         return []
-    now = [replace(one.capture, image_sha256=sha256) for one, sha256 in zip(predictions, hashes, strict=True)]
+    now = [
+        replace(prediction.capture, image_sha256=sha256) for prediction, sha256 in zip(predictions, hashes, strict=True)
+    ]
     if hash_captures(now) == before:
         return []
     return [
@@ -173,7 +176,7 @@ def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: 
 
 
 def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
-    own = [one for one in folder.captures if one.source == source]
+    own = [capture for capture in folder.captures if capture.source == source]
     boosters = {
         (one.variant, str(one.settings.get("booster") or ""), one.booster_sha256[:SHORT])
         for one in own if one.booster_sha256
@@ -192,12 +195,12 @@ def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
 
 
 def _collect(captures: Sequence[Capture], name: str) -> tuple[str, ...]:
-    return tuple(sorted({str(one.settings[name]) for one in captures if one.settings.get(name)}))
+    return tuple(sorted({str(capture.settings[name]) for capture in captures if capture.settings.get(name)}))
 
 
 def _hash_poses(captures: Sequence[Capture]) -> str:
     """Return the short hash of all places that objects were taken from."""
-    poses = {(one.object, one.pose_id, one.T_world_camera, one.focal_length) for one in captures}
+    poses = {(capture.object, capture.pose_id, capture.T_world_camera, capture.focal_length) for capture in captures}
     return sha256_bytes("\n".join(sorted(map(str, poses))).encode())[:SHORT]
 
 

@@ -108,7 +108,7 @@ def predict_once(
         with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
             for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
                 predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
-                new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
+                new = [(keys[at], prediction) for at, prediction in zip(chunk, predictions, strict=True)]
                 unread |= {key: one for key, one in new if not one.is_read}
                 cache.add(*(_as_line(key, one) for key, one in new if one.is_read))
                 bar.advance(len(chunk))

@@ -101,7 +101,9 @@ def format_box(box: Iterable[float] | None) -> FormattedNumber | None:
 
 def read_detection(line: Mapping[str, str]) -> Detection:
     """What a row of the file says; a `ValueError` where a cell is no number or box."""
-    return Detection(**{one.name: _parse(line[one.name], DETECTION_COLUMNS[one.name]) for one in fields(Detection)})
+    return Detection(
+        **{field.name: _parse(line[field.name], DETECTION_COLUMNS[field.name]) for field in fields(Detection)}
+    )
 
 
 def _parse(cell: str, kind: type) -> Any:
@@ -150,9 +152,9 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
     # `captures-SET` holds the images of runs whose name ends in -SET, or in -SET-2 for another result of that name
     names = (run.folder.name, re.sub(r"-\d+$", "", run.folder.name))
     of_sets = [
-        one
-        for one in axis.glob("captures-*")
-        if any(name.endswith(one.name.removeprefix("captures")) for name in names)
+        file
+        for file in axis.glob("captures-*")
+        if any(name.endswith(file.name.removeprefix("captures")) for name in names)
     ]
     # the longest: one set's name may be the end of another's
     return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
@@ -275,9 +277,9 @@ def has_own_file(one: Prediction, captures_dir: Path) -> bool:
 
 def hash_images(predictions: Sequence[Prediction], captures_dir: Path) -> Iterator[str | None]:
     """SHA-256 of each image's file as it is now; None of a file that is gone."""
-    for one in predictions:
+    for prediction in predictions:
         try:
-            yield sha256_file(one.capture.file)
+            yield sha256_file(prediction.capture.file)
         except (OSError, ValueError):
             yield None
 

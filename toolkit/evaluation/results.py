@@ -65,7 +65,7 @@ class Training:
 
     def as_json(self) -> dict[str, Any]:
         """The fields of `summary.json`."""
-        return vars(self) | {"networks": [one.model_dump() for one in self.networks]}
+        return vars(self) | {"networks": [network.model_dump() for network in self.networks]}
 
 
 def find_training(
@@ -80,7 +80,9 @@ def find_training(
         tensors_sha256: of its numbers, see `toolkit.models.identity`; None where they are not known.
     """
     worn = dict.fromkeys(
-        (one.source, one.object, one.variant, one.booster_sha256) for one in captures if one.booster_sha256
+        (capture.source, capture.object, capture.variant, capture.booster_sha256)
+        for capture in captures
+        if capture.booster_sha256
     )
     if not worn:
         return ()
@@ -90,7 +92,8 @@ def find_training(
         if sha256 is not None and sha256 in records:
             booster, label, networks = records[sha256]
             seen = any(
-                is_same_network(one, weights_sha256, tensors_sha256, workspace.classifiers_dir) for one in networks
+                is_same_network(network, weights_sha256, tensors_sha256, workspace.classifiers_dir)
+                for network in networks
             )
             found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen, label))
     return tuple(found)
@@ -106,12 +109,17 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
         true_labels: by object, in the labels of the network that judges.
     """
     lines = []
-    for one in training:
-        label = true_labels.get(one.object, "")
-        if label and one.class_name and one.variant != WRONG and plain_name(label) != plain_name(one.class_name):
+    for booster in training:
+        label = true_labels.get(booster.object, "")
+        if (
+            label
+            and booster.class_name
+            and booster.variant != WRONG
+            and plain_name(label) != plain_name(booster.class_name)
+        ):
             lines.append(
-                f"{one.source}: {one.variant} ({one.object}) was trained for '{one.class_name}', and is judged as "
-                f"'{label}'"
+                f"{booster.source}: {booster.variant} ({booster.object}) was trained for '{booster.class_name}', and is "
+                f"judged as '{label}'"
             )
     return lines
 
@@ -135,8 +143,8 @@ def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequenc
 def mark_seen(training: Sequence[Training], source: str, name: str, variant: str) -> str:
     """`yes`, `no` or `partly` for a row of the table, pooled ones among them; empty where nothing is known."""
     asked = {
-        one.seen for one in training
-        if (one.source, one.variant) == (source, variant) and name in (one.object, POOLED)
+        booster.seen for booster in training
+        if (booster.source, booster.variant) == (source, variant) and name in (booster.object, POOLED)
     }  # fmt: skip
     return "" if not asked else "partly" if len(asked) == 2 else "yes" if asked == {True} else "no"
 
@@ -144,8 +152,12 @@ def mark_seen(training: Sequence[Training], source: str, name: str, variant: str
 def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
     """A line for each source and variant that was judged by a network which its boosters never saw."""
     lines = []
-    for source, variant in dict.fromkeys((one.source, one.variant) for one in training if not one.seen):
-        some = [one for one in training if (one.source, one.variant, one.seen) == (source, variant, False)]
+    for source, variant in dict.fromkeys((booster.source, booster.variant) for booster in training if not booster.seen):
+        some = [
+            booster
+            for booster in training
+            if (booster.source, booster.variant, booster.seen) == (source, variant, False)
+        ]
         names, archs = ({one.object: 0 for one in some}, {net.arch: 0 for one in some for net in one.networks})
         whose = ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} objects"
         on = " and ".join(archs) or "no network"
@@ -192,12 +204,12 @@ class Findings:
     @property
     def gated(self) -> list[Prediction]:
         """The predictions of photographs that failed a gate."""
-        return [one for one in self.predictions if one.capture.failed_gates]
+        return [prediction for prediction in self.predictions if prediction.capture.failed_gates]
 
     @property
     def gate_lines(self) -> list[str]:
         """What the failed photographs change, in words, for each source and variant."""
-        counts = Counter(one.capture.source for one in self.gated)
+        counts = Counter(photo.capture.source for photo in self.gated)
         return describe_both(self.pairs, self.passed.pairs if self.passed else (), counts)
 
 
@@ -211,8 +223,8 @@ def compare_predictions(
     pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
-    good = [one for one in predictions if not one.capture.failed_gates]
-    unread = [(one.capture.path, one.status) for one in predictions if not one.is_read]
+    good = [prediction for prediction in predictions if not prediction.capture.failed_gates]
+    unread = [(prediction.capture.path, prediction.status) for prediction in predictions if not prediction.is_read]
     return Findings(
         tuple(predictions),
         groups=tuple(groups),
@@ -258,11 +270,13 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
             "comparisons": [row.as_json() for row in findings.comparisons],
             "answers": [headline.as_json() for headline in findings.headlines if headline.question],
         },
-        "boosters": [one.as_json() for one in findings.training],
-        "corrupted": list_corrupted(one.capture for one in findings.predictions),
-        "sim_real": [one.as_json() for one in findings.sim_real],
+        "boosters": [booster.as_json() for booster in findings.training],
+        "corrupted": list_corrupted(prediction.capture for prediction in findings.predictions),
+        "sim_real": [comparison.as_json() for comparison in findings.sim_real],
         "gates": {
-            "failed": [{"path": one.capture.path, "gates": list(one.capture.failed_gates)} for one in findings.gated],
+            "failed": [
+                {"path": photo.capture.path, "gates": list(photo.capture.failed_gates)} for photo in findings.gated
+            ],
             "groups_without": [group.as_json() for group in findings.passed.groups] if findings.passed else [],
             "pairs_without": [pair.as_pair() for pair in findings.passed.pairs] if findings.passed else [],
         },
@@ -275,5 +289,5 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
 
 def list_corrupted(captures: Iterable[Capture]) -> list[dict[str, str | int]]:
     """Source, corruption and severity of each source that is corrupted, sorted, as `summary.json` has them."""
-    found = sorted({(one.source, *one.corruption) for one in captures if one.corruption is not None})
+    found = sorted({(capture.source, *capture.corruption) for capture in captures if capture.corruption is not None})
     return [{"source": source, "corruption": name, "severity": severity} for source, name, severity in found]

@@ -273,10 +273,10 @@ def read_run(folder: Path, name: str) -> "Run":
 
 def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
     # landings name their cells; elsewhere the fields of a row are its key
-    changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
-    corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
+    changes = {pair.cell or pair.key: pair for pair in found.pairs if pair.is_of_variants}
+    corrupted = {copy.source: (copy.corruption, copy.severity) for copy in found.corrupted}
     pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
-    bare = {one.key_without_variant: one.n for one in found.groups if one.variant == UNPATCHED}
+    bare = {group.key_without_variant: group.n for group in found.groups if group.variant == UNPATCHED}
     for one in (*found.groups, *found.cells):
         condition, severity = corrupted.get(one.source, (one.condition, one.severity))
         row = ResultRow(run, kind, **one.model_dump())

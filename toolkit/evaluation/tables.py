@@ -62,8 +62,8 @@ def print_tables(console: Console, findings: Findings, network: str = "the netwo
 
 def count_gated(findings: Findings) -> Counter[tuple[str, str, str]]:
     """How many photographs failed a gate, by source, object and variant, and pooled."""
-    captures = [one.capture for one in findings.gated]
-    return Counter((one.source, name, one.variant) for one in captures for name in (one.object, POOLED))
+    captures = [photo.capture for photo in findings.gated]
+    return Counter((capture.source, name, capture.variant) for capture in captures for name in (capture.object, POOLED))
 
 
 def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
@@ -81,7 +81,7 @@ def rows_by_source(
     paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
     for source in dict.fromkeys(group.source for group in groups):
         own = [group for group in groups if group.source == source]
-        rows = [(one, paired.get((source, one.object, one.variant))) for one in pick_rows(own, max_rows)]
+        rows = [(row, paired.get((source, row.object, row.variant))) for row in pick_rows(own, max_rows)]
         yield source, len({group.object for group in own} - {POOLED}), rows
 
 
@@ -99,7 +99,7 @@ def build_tables(
     for source, n_objects, rows in rows_by_source(groups, pairs):
         failed = ["failed"] if any(group.failed for group, _ in rows) else []
         gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
-        unseen = ["seen"] if any(one.source == source and not one.seen for one in training) else []
+        unseen = ["seen"] if any(booster.source == source and not booster.seen for booster in training) else []
         # shares of all images are no before and after where some have no partner
         bare = {group.object: group.n for group, _ in rows if group.variant == UNPATCHED}
         is_part = any(pair and {group.n, bare.get(group.object)} != {len(pair.pairs)} for group, pair in rows)
@@ -136,18 +136,18 @@ def _format_change(pair: Comparison | None) -> list[str]:
 
 def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
     """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
-    for one in comparisons:
-        pairs = f"{count_of(len(one.pairs), 'pair')} of images of the same pose"
-        title = f"{one.sim} and {one.real}: {pairs}, rendered and photographed"
-        gaps = [_format_gap(row) for row in pick_rows(one.rows)]
+    for comparison in comparisons:
+        pairs = f"{count_of(len(comparison.pairs), 'pair')} of images of the same pose"
+        title = f"{comparison.sim} and {comparison.real}: {pairs}, rendered and photographed"
+        gaps = [_format_gap(row) for row in pick_rows(comparison.rows)]
         numbers = ("n", "rend. %", "phot. %", "gap (95 %)", "p", "rank correlation")
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
-        gains = [_format_gains(forecast) for forecast in pick_rows(one.forecasts)]
+        gains = [_format_gains(forecast) for forecast in pick_rows(comparison.forecasts)]
         if gains:
             heads = ("n", "both", "rend. only", "phot. only", "neither", "kappa", "+ rend.", "+ phot.")
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
-        for line in _list_rest(one):
+        for line in _list_rest(comparison):
             console.print(line, markup=False, soft_wrap=True)
         console.print()
 

@@ -51,15 +51,15 @@ class TwinFinder:
         objects, are the same picture, then one lies in the wrong folder, and neither counts.
         """
         groups: dict[str, list[Prediction]] = {}
-        for one in sorted(predictions, key=lambda one: one.capture.path):
-            if one.capture.path in self._looks:
-                groups.setdefault(one.capture.source, []).append(one)
+        for prediction in sorted(predictions, key=lambda one: one.capture.path):
+            if prediction.capture.path in self._looks:
+                groups.setdefault(prediction.capture.source, []).append(prediction)
         aside: dict[str, SetAside] = {}
         for group in groups.values():
             for first, second in self._find_pairs(group):
                 for why in _judge(first.capture, second.capture):
                     aside.setdefault(why.path, why)
-        return [one for one in predictions if one.capture.path not in aside], list(aside.values())
+        return [prediction for prediction in predictions if prediction.capture.path not in aside], list(aside.values())
 
     def _find_pairs(self, group: Sequence[Prediction]) -> list[tuple[Prediction, Prediction]]:
         """Return each image with the first by name that looks like it."""

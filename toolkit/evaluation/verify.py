@@ -99,8 +99,8 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
     captures_dir = workspace.root / asked["captures"]
     config = EvalConfig(**{key: asked[key] for key in ASKED}, saliency=False)
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
-    before = {one.capture.path: one for one in read_predictions(run, captures_dir)}
-    now = {one.capture.path: one for one in findings.predictions}
+    before = {prediction.capture.path: prediction for prediction in read_predictions(run, captures_dir)}
+    now = {prediction.capture.path: prediction for prediction in findings.predictions}
     differing = {path: why for path in sorted(before | now) if (why := _compare(before.get(path), now.get(path)))}
     again = summarise(classifier, findings, notes)
     before_sha256 = (summary.get("rests_on") or {}).get("images_sha256")

@@ -187,7 +187,7 @@ def count_classes(family: str, shapes: Sequence[Shape]) -> int | None:
     if family == "end2end":
         return None
     if family == "detr":
-        return next(one[2] for one in shapes if one[2] != 4)
+        return next(shape[2] for shape in shapes if shape[2] != 4)
     axis, ahead = {"yolox": (2, 5), "fastestdet": (1, 5), "yolov8": (1, 4)}[family]
     return (shapes[0][axis] or 0) - ahead
 

@@ -106,7 +106,7 @@ def detector_class(detector: Detector, name: str | int) -> int:
     """
     if isinstance(name, int):
         raise ToolkitError(f"class index {name} is of ImageNet: a detector's class is given by its name")
-    known = [one.lower() for one in detector.labels]
+    known = [label.lower() for label in detector.labels]
     for spelling in coco_names(name):
         if spelling.lower() in known:
             return known.index(spelling.lower())

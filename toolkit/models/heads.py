@@ -8,7 +8,7 @@ import torch
 from torch import nn
 from torch.nn.functional import linear
 
-from toolkit.core.errors import FieldError, describe_failure
+from toolkit.core.errors import FieldError, describe_failure, foreign_code
 from toolkit.models.find import EXPORTED_SUFFIX
 from toolkit.models.network import Classifier, describe_answers
 
@@ -63,9 +63,9 @@ class Features(nn.Module):
         """
         answers = self.encoder(batch)
         parts = list(answers) if isinstance(answers, tuple | list) else [answers]
-        if not parts or not all(isinstance(one, torch.Tensor) for one in parts):
+        if not parts or not all(isinstance(part, torch.Tensor) for part in parts):
             raise FieldError(f"gives {describe_answers(answers)}: expected features", {"model": self.arch})
-        found = parts[choose_output([one.ndim for one in parts])]
+        found = parts[choose_output([part.ndim for part in parts])]
         if found.ndim == 4:
             return found.mean((2, 3))
         if found.ndim == 2:
@@ -145,11 +145,13 @@ def join_head(encoder: Classifier, head: Head) -> bytes:
     joined = nn.Sequential(features, head.cpu()).requires_grad_(False)
     side = encoder.preprocessing.crop_px
     free = None if count is not None else ({0: torch.export.Dim("batch")},)
-    try:
+
+    def explain(error: Exception) -> FieldError:
+        why = f"torch.export cannot save it: {describe_failure(error)}: export it to ONNX"
+        return FieldError(why, {"model": encoder.arch})
+
+    with foreign_code(explain):
         program = torch.export.export(joined, (torch.zeros(count or 2, 3, side, side),), dynamic_shapes=free)
-    except Exception as error:  # torch's tracer ends in many ways
-        why = describe_failure(error)
-        raise FieldError(f"torch.export cannot save it: {why}: export it to ONNX", {"model": encoder.arch}) from None
     for node in program.graph.nodes:
         for name in SOURCE_NOTES:
             node.meta.pop(name, None)
@@ -169,12 +171,12 @@ def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> byt
     onnx = import_extra("onnx")
     model = onnx.ModelProto()
     model.CopyFrom(network.graph.model)
-    side = next(one for one in model.graph.input if one.name == network.graph.input_name)
+    side = next(entry for entry in model.graph.input if entry.name == network.graph.input_name)
     px = side.type.tensor_type.shape.dim[2].dim_value
     with torch.no_grad():
         answers = network(torch.from_numpy(draw_sample(px)))
     parts = [answers] if isinstance(answers, torch.Tensor) else list(answers)
-    which = choose_output([one.ndim for one in parts])
+    which = choose_output([part.ndim for part in parts])
     nodes, stored = _list_nodes(model.graph.output[which].name, parts[which].ndim, tokens, head)
     for name, value in stored.items():
         model.graph.initializer.append(onnx.numpy_helper.from_array(value.numpy(), name))
@@ -185,11 +187,9 @@ def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> byt
     model.graph.output.append(onnx.helper.make_tensor_value_info("head_logits", onnx.TensorProto.FLOAT, shape))
     # names of the encoder's own classes
     del model.metadata_props[:]
-    try:
+    too_large = f"{network.graph.file.path}: with its head it is larger than the 2 GB of an ONNX file"
+    with foreign_code(lambda _: FieldError(too_large, {})):
         return bytes(model.SerializeToString())
-    except Exception:  # protobuf's own error, by its version
-        path = network.graph.file.path
-        raise FieldError(f"{path}: with its head it is larger than the 2 GB of an ONNX file", {}) from None
 
 
 def _list_nodes(

@@ -282,7 +282,7 @@ def read_names(text: Path) -> list[str]:
     if keys is not None and (keys[0] == 0 or all(one[2] != " " for one in by_index.values())):
         return [by_index[key][3] for key in keys]
     wnids = [re.fullmatch(r"n\d{8}\s+(.+)", line) for line in lines]
-    return [one[1] for one in wnids if one] if all(wnids) else lines
+    return [wnid[1] for wnid in wnids if wnid] if all(wnids) else lines
 
 
 def _read_literal(file: Path, text: str) -> list[str]:

@@ -168,13 +168,13 @@ class TorchvisionDetector:
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
-        tensors = [torch.from_numpy(one).permute(2, 0, 1).float().div(255).to(self.device) for one in images]
+        tensors = [torch.from_numpy(image).permute(2, 0, 1).float().div(255).to(self.device) for image in images]
         with torch.inference_mode():
             answers = self.module(tensors)
         found = []
-        for one in answers:
-            kept = (one["scores"] > LEAST_SCORE).nonzero()[:MOST_BOXES, 0]
-            boxes, classes, scores = (one[key][kept].cpu().numpy() for key in ("boxes", "labels", "scores"))
+        for answer in answers:
+            kept = (answer["scores"] > LEAST_SCORE).nonzero()[:MOST_BOXES, 0]
+            boxes, classes, scores = (answer[key][kept].cpu().numpy() for key in ("boxes", "labels", "scores"))
             found.append(Detections(boxes.astype(np.float32), classes, scores.astype(np.float32)))
         return found
 
@@ -300,20 +300,20 @@ def _assemble(
 def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tuple[str, list[Shape]]:
     """The family of some outputs for two images, and their shapes."""
     several = answers if isinstance(answers, tuple | list) else (answers,)
-    shapes: list[Shape] = [tuple(getattr(one, "shape", ())) for one in several]
+    shapes: list[Shape] = [tuple(getattr(image, "shape", ())) for image in several]
     guessed = guess_decoder(shapes, size)
     family = own.decoder or guessed
     # a description that names another family than the shape has is wrong as well
     if family is None or guessed != family:
-        found = " and ".join("×".join(map(str, one)) or "no tensor" for one in shapes)
+        found = " and ".join("×".join(map(str, shape)) or "no tensor" for shape in shapes)
         what = f"a {family}" if family else "a detector of a known family"
         raise FieldError(
             f"gives {found} for 2 images of {size} px, which is not {what}: expected {describe_expected(size)}"
-            + ("; it looks like a classifier" if [len(one) for one in shapes] == [2] else ""),
+            + ("; it looks like a classifier" if [len(shape) for shape in shapes] == [2] else ""),
             {"model": arch},
         )
     if family == "detr":
-        boxes = next(one for one in several if one.shape[-1] == 4)
+        boxes = next(image for image in several if image.shape[-1] == 4)
         if boxes.numel() and float(boxes.abs().max()) > MOST_SHARE:
             expected = "expected x, y, width and height as shares of the image, from 0 to 1"
             raise FieldError(f"its boxes reach {float(boxes.abs().max()):.0f}: {expected}", {"model": arch})

@@ -233,7 +233,7 @@ def fold_normalisation(network: Classifier) -> Classifier:
         one.register_forward_hook(watch) for one in names if isinstance(one, torch.nn.Conv2d | torch.nn.BatchNorm2d)
     ]
     side = network.preprocessing.crop_px
-    of = next((one.dtype for one in module.parameters()), torch.float32)
+    of = next((parameter.dtype for parameter in module.parameters()), torch.float32)
     image = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)).to(network.device, of)
     folded = replace(network, module=module)
     with torch.no_grad():

@@ -104,7 +104,7 @@ def load_model(path: Path) -> "ModelProto":
             model = onnx.load(str(path))
             onnx.checker.check_model(model)
     graph = model.graph
-    strange = next((one.name for one in graph.output if not _is_numeric(one)), None)
+    strange = next((entry.name for entry in graph.output if not _is_numeric(entry)), None)
     if strange is not None or not graph.output:
         found = f"its output '{strange}' is no tensor of numbers" if graph.output else "it has no output"
         raise ToolkitError(f"{path}: {found}: expected numbers for each image: export it so")
@@ -113,8 +113,8 @@ def load_model(path: Path) -> "ModelProto":
 
 def list_inputs(model: "ModelProto") -> "list[ValueInfoProto]":
     """The inputs of a graph that are not among its weights."""
-    stored = {one.name for one in model.graph.initializer}
-    return [one for one in model.graph.input if one.name not in stored]
+    stored = {tensor.name for tensor in model.graph.initializer}
+    return [entry for entry in model.graph.input if entry.name not in stored]
 
 
 def read_onnx(path: Path) -> OnnxGraph:
@@ -135,7 +135,7 @@ def read_onnx(path: Path) -> OnnxGraph:
         raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
     sides = [one.dim_value or None for one in kind.shape.dim]
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
-    operations = {one.op_type for one in graph.node}
+    operations = {node.op_type for node in graph.node}
     return OnnxGraph(
         file=hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
         batch=sides[0], is_half=kind.elem_type == FLOAT16,
@@ -145,12 +145,14 @@ def read_onnx(path: Path) -> OnnxGraph:
 
 def read_output_shapes(graph: OnnxGraph) -> list[tuple[int | None, ...]]:
     """What each output declares, None for an open axis; empty where it declares nothing."""
-    return [tuple(dim.dim_value or None for dim in one.type.tensor_type.shape.dim) for one in graph.model.graph.output]
+    return [
+        tuple(dim.dim_value or None for dim in entry.type.tensor_type.shape.dim) for entry in graph.model.graph.output
+    ]
 
 
 def read_names(graph: OnnxGraph) -> list[str] | None:
     """The names of its classes, as Ultralytics writes them into a graph; None where it holds none."""
-    text = next((one.value for one in graph.model.metadata_props if one.key == "names"), "")
+    text = next((prop.value for prop in graph.model.metadata_props if prop.key == "names"), "")
     try:
         return find_labels(ast.literal_eval(text[:MOST_NAMES]))
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -187,7 +189,7 @@ def hash_whole(path: Path) -> WeightsFile:
 
 def _list_beside(model: "ModelProto") -> list[str]:
     """Files with weights that a graph names, as it was read without them."""
-    entries = [entry for one in model.graph.initializer for entry in one.external_data if entry.key == "location"]
+    entries = [entry for tensor in model.graph.initializer for entry in tensor.external_data if entry.key == "location"]
     return sorted({entry.value for entry in entries})
 
 
@@ -208,10 +210,10 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
             why = "it takes too much memory"
         elif "IR version" in str(error) or "opset" in str(error):
             why = "it is of a newer ONNX than this one reads: upgrade onnxruntime, or export it with an older opset"
-        unknown = [one for one in import_extra("onnx").defs.get_all_schemas_with_history()]
+        unknown = [schema for schema in import_extra("onnx").defs.get_all_schemas_with_history()]
         known = {(one.domain, one.name) for one in unknown}
-        strange = [f"{one.domain or 'ai.onnx'}.{one.op_type}" for one in model.graph.node
-                   if (one.domain, one.op_type) not in known]  # fmt: skip
+        strange = [f"{node.domain or 'ai.onnx'}.{node.op_type}" for node in model.graph.node
+                   if (node.domain, node.op_type) not in known]  # fmt: skip
         if strange:
             why = f"its operator {strange[0]} is none of ONNX's: export it with standard operators"
         return ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}")
@@ -222,9 +224,9 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
 
 def set_input(model: "ModelProto", name: str, batch: int | str | None = None, size: int | None = None) -> None:
     """Change the batch, and the side of images of any size, that the input `name` declares."""
-    for one in model.graph.input:
-        if one.name == name:
-            dims = one.type.tensor_type.shape.dim
+    for entry in model.graph.input:
+        if entry.name == name:
+            dims = entry.type.tensor_type.shape.dim
             if isinstance(batch, str):
                 dims[0].dim_param = batch
             elif batch is not None:
@@ -246,8 +248,8 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     model.CopyFrom(graph.model)
     before = infer_shapes(model)
     set_input(model, graph.input_name, 2 * (graph.batch or 1))
-    for one in model.graph.output:
-        one.type.tensor_type.ClearField("shape")
+    for entry in model.graph.output:
+        entry.type.tensor_type.ClearField("shape")
     for _ in model.graph.node[:MOST_MISFITS]:
         misfit = next(_find_misfits(model, before, infer_shapes(model)), None)
         if misfit is None:
@@ -274,7 +276,7 @@ def infer_shapes(model: "ModelProto") -> Shapes:
     del bare.graph.value_info[:]
     inferred = onnx.shape_inference.infer_shapes(bare).graph
     known = [*inferred.input, *inferred.value_info, *inferred.output]
-    return {one.name: [dim.dim_value or None for dim in one.type.tensor_type.shape.dim] for one in known}
+    return {record.name: [dim.dim_value or None for dim in record.type.tensor_type.shape.dim] for record in known}
 
 
 def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterator[tuple[NodeProto, int, np.ndarray]]":
@@ -305,7 +307,9 @@ def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterat
 
 def _find_constants(model: "ModelProto") -> dict[str, np.ndarray]:
     onnx = import_extra("onnx")
-    found = {one.name: onnx.numpy_helper.to_array(one) for one in model.graph.initializer if prod(one.dims) < 16}
+    found = {
+        tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in model.graph.initializer if prod(tensor.dims) < 16
+    }
     for node in model.graph.node:
         if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
             found[node.output[0]] = onnx.numpy_helper.to_array(node.attribute[0].t)
@@ -351,7 +355,7 @@ def run_inputs(
             answers = session.run(None, given, how)
     finally:
         watch.cancel()
-    if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
+    if not all(isinstance(answer, np.ndarray) and answer.dtype.kind in "fiub" and answer.ndim for answer in answers):
         raise ToolkitError(f"{path}: its outputs are not tensors with numbers for each image: export it so")
     return tuple(answers)
 
@@ -362,7 +366,7 @@ def join_answers(graph: OnnxGraph, answers: list[tuple[np.ndarray, ...]]) -> tup
     Raises:
         ToolkitError: they differ in shape.
     """
-    if any(len({one.shape[1:] for one in parts}) > 1 for parts in zip(*answers, strict=True)):
+    if any(len({part.shape[1:] for part in parts}) > 1 for parts in zip(*answers, strict=True)):
         raise ToolkitError(f"{graph.file.path}: its outputs have another shape for another image")
     return tuple(map(np.concatenate, zip(*answers, strict=True)))
 

@@ -91,10 +91,10 @@ class OnnxNetwork(nn.Module):
             self.torch_module = None
             return str(error)
         session = start_session(model, self.graph.file.path, torch.get_num_threads()) if self.is_cut else None
-        if not are_alike(tuple(one.detach().numpy() for one in answers), self._ask(image, session)):
+        if not are_alike(tuple(answer.detach().numpy() for answer in answers), self._ask(image, session)):
             self.torch_module = None
             return "its reading by onnx2torch answers otherwise than ONNX Runtime"
-        if not any(one.requires_grad for one in answers):
+        if not any(answer.requires_grad for answer in answers):
             self.torch_module = None
             return "no gradient leads from its outputs back to the image"
         return ""
@@ -109,7 +109,7 @@ class OnnxNetwork(nn.Module):
         if self.torch_module is not None and not self.is_cut and (torch.is_grad_enabled() or batch.is_cuda):
             return self.raw(batch)
         answers = join_answers(self.graph, [self._ask(part) for part in self._split(batch)])
-        return _unwrap([torch.from_numpy(one).float().to(batch.device) for one in answers])
+        return _unwrap([torch.from_numpy(answer).float().to(batch.device) for answer in answers])
 
     def raw(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
         """The outputs of the reading in torch: those of the part that was cut out, where the whole is not read."""

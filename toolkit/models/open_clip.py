@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, describe_failure
+from toolkit.core.errors import FieldError, describe_failure, foreign_code
 from toolkit.core.files import sha256_bytes
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import OPEN_CLIP_PREFIX
@@ -62,12 +62,13 @@ def open_towers(model: str) -> Towers:
     if not weights and not rest.startswith(SCHEMAS):
         expected = "expected open_clip:NAME:WEIGHTS, such as open_clip:ViT-B-32:laion2b_s34b_b79k"
         raise FieldError(expected, {"model": model})
-    try:
-        with without_log():
-            network = library.create_model(name, weights or None, require_pretrained=True, weights_only=True)
-            tokenizer = library.get_tokenizer(name)
-    except Exception as error:  # whatever the library and the hub raise
-        raise FieldError(f"open_clip cannot load it: {describe_failure(error)}", {"model": model}) from None
+
+    def explain(error: Exception) -> FieldError:
+        return FieldError(f"open_clip cannot load it: {describe_failure(error)}", {"model": model})
+
+    with foreign_code(explain), without_log():
+        network = library.create_model(name, weights or None, require_pretrained=True, weights_only=True)
+        tokenizer = library.get_tokenizer(name)
     network = network.float().eval().requires_grad_(False)
     sha256 = hash_tensors(network.state_dict()) or ""
 

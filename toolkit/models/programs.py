@@ -103,8 +103,8 @@ def load_program(path: Path, device: str = "cpu") -> tuple[nn.Module, list[tuple
         if device != "cpu":
             program = move_to_device_pass(program, device)
         module = program.module(check_guards=False)
-    for one in module.parameters():
-        one.requires_grad_(False)
+    for parameter in module.parameters():
+        parameter.requires_grad_(False)
     inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
     return module, [tuple(node.meta["val"].shape) for node in inputs]
 
@@ -138,7 +138,7 @@ class FixedBatch(nn.Module):
             whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
             answers = self.program(whole)
             several = answers if isinstance(answers, tuple | list) else (answers,)
-            parts.append([one[: len(part)] for one in several])
+            parts.append([image[: len(part)] for image in several])
         joined = tuple(torch.cat(one) for one in zip(*parts, strict=True))
         return joined if isinstance(answers, tuple | list) else joined[0]
 

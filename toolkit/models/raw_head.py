@@ -49,7 +49,7 @@ def cut_raw_head(model: "ModelProto", places: list[int]) -> "ModelProto | None":
         return None
     onnx = import_extra("onnx")
     extractor = onnx.utils.Extractor(onnx.shape_inference.infer_shapes(model))
-    stored = {one.name for one in model.graph.initializer}
-    inputs = [one.name for one in model.graph.input if one.name not in stored]
+    stored = {tensor.name for tensor in model.graph.initializer}
+    inputs = [entry.name for entry in model.graph.input if entry.name not in stored]
     cut: ModelProto = extractor.extract_model(inputs, list(names))
     return cut

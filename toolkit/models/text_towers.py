@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from toolkit.core.child import limit_memory
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
 from toolkit.core.files import load_json, sha256_bytes, sha256_file
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.heads import choose_output
@@ -86,7 +86,7 @@ def _embed(runner: _Runner, tokenize: Callable[[list[str]], Any], path: Path, te
         # a tower for a fixed number gets copies, whose embeddings are cut off again
         filled = part + part[:1] * (size - len(part) if runner.texts else 0)
         answers = runner.ask(*tokenize(filled))
-        found = answers[choose_output([one.ndim for one in answers])]
+        found = answers[choose_output([answer.ndim for answer in answers])]
         if found.ndim != 2 or len(found) != len(filled):
             shape = "×".join(map(str, found.shape))
             raise ToolkitError(f"{path}: gives {shape} for {len(filled)} texts: expected an embedding for each, n×d")
@@ -122,13 +122,14 @@ def _open_program(path: Path) -> tuple[_Runner, str]:
 
     def ask(ids: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
         given = [torch.from_numpy(one) for one in (ids, mask)[: len(shapes)]]
-        try:
-            with torch.no_grad():
-                answers = module(*given)
-        except Exception as error:  # whatever a foreign program raises
-            raise ToolkitError(f"{path}: fails at {len(ids)} texts: {describe_failure(error)}") from None
+
+        def explain(error: Exception) -> ToolkitError:
+            return ToolkitError(f"{path}: fails at {len(ids)} texts: {describe_failure(error)}")
+
+        with foreign_code(explain), torch.no_grad():
+            answers = module(*given)
         several = answers if isinstance(answers, tuple | list) else (answers,)
-        return [one.float().numpy() for one in several if isinstance(one, torch.Tensor)]
+        return [image.float().numpy() for image in several if isinstance(image, torch.Tensor)]
 
     return _Runner(length, count, ask), open_weights(path).sha256
 
@@ -149,10 +150,8 @@ def _open_tokenizer(file: Path, length: int | None) -> tuple[Callable[[list[str]
         raise ToolkitError(
             f"{file} needs tokenizers, which is not installed ({error}): pip install '.[clip]' in the kit's folder"
         ) from None
-    try:
+    with foreign_code(lambda error: ToolkitError(f"cannot read {file}: {describe_failure(error)}")):
         tokenizer = library.Tokenizer.from_file(str(file))
-    except Exception as error:  # the library raises Exception itself
-        raise ToolkitError(f"cannot read {file}: {describe_failure(error)}") from None
     beside = file.with_name("tokenizer_config.json")
     config = load_json(beside) if beside.is_file() else {}
     padding, cut = tokenizer.padding or {}, tokenizer.truncation or {}

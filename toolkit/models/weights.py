@@ -202,7 +202,7 @@ def _take_from_attacker(
         value = state.get(f"{normaliser}new_{field}")
         # the shortest decimals that are the same single-precision numbers: 0.485 and not 0.48500001
         numbers = () if value is None else tuple(float(str(one)) for one in value.detach().float().flatten().numpy())
-        if len(numbers) != 3 or not all(math.isfinite(one) and least <= one <= 1000 for one in numbers):
+        if len(numbers) != 3 or not all(math.isfinite(number) and least <= number <= 1000 for number in numbers):
             raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected three numbers, one for each colour")
         found[field] = numbers
     return _rename(state, lambda name: name[len(prefix) :] if name.startswith(prefix) else None), found
@@ -339,7 +339,7 @@ def _is_bomb(path: Path) -> bool:
 
 def is_inflated(path: Path, archive: ZipFile) -> bool:
     """Whether what an archive holds is larger than its file: torch compresses nothing, and bombs hold 1000 times it."""
-    return sum(one.file_size for one in archive.infolist()) > path.stat().st_size
+    return sum(member.file_size for member in archive.infolist()) > path.stat().st_size
 
 
 LOADING_BYTES, TRYING_BYTES = 1 << 30, 2 << 30

@@ -307,7 +307,7 @@ def make_turntable(mesh: Mesh, title: str, words: str) -> str | None:
     from trimesh.viewer.notebook import scene_to_html
 
     # metal shows what is round it, and here is nothing
-    dull = tuple(replace(one, metallic=0.0, roughness=max(one.roughness, 0.6)) for one in mesh.materials)
+    dull = tuple(replace(material, metallic=0.0, roughness=max(material.roughness, 0.6)) for material in mesh.materials)
     scene = trimesh.load_scene(BytesIO(to_glb(replace(mesh, materials=dull), title)), file_type="glb")
     page = scene_to_html(scene)
     for old, new in (

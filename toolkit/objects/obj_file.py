@@ -115,7 +115,7 @@ def _find_materials(materials: dict[str, ObjMaterial], used: set[str]) -> list[s
     """The names that are used and not there; those that differ from one material in letter case alone are added."""
     missing = []
     for name in sorted(used - set(materials)):
-        alike = [one for known, one in materials.items() if known.casefold() == name.casefold()]
+        alike = [material for known, material in materials.items() if known.casefold() == name.casefold()]
         if len(alike) == 1:
             materials[name] = alike[0]
         else:

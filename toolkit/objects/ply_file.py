@@ -66,7 +66,7 @@ def read_ply(path: Path) -> Iterator[Piece]:
         yield from _split_by_picture(path, surface, surface.uv, pictures)
         return
     if any(pictures):
-        say_left_out(path, [f"{one.name} (the file has no texture coordinates)" for one in pictures if one])
+        say_left_out(path, [f"{picture.name} (the file has no texture coordinates)" for picture in pictures if picture])
     yield Piece(surface.vertices, surface.corner_vertex[surface.triangles], _paint_plain(raw, surface))
 
 

@@ -264,13 +264,13 @@ class TextureRecord(BoosterRecord):
     @field_validator("objects")
     @classmethod
     def _once_each(cls, objects: list[TexturedObjectRecord]) -> list[TexturedObjectRecord]:
-        if len({one.name for one in objects}) < len(objects):
+        if len({item.name for item in objects}) < len(objects):
             raise ValueError("expected each object once")
         return objects
 
     def entry(self, name: str) -> TexturedObjectRecord | None:
         """What is recorded of an object, None where the texture is not for it."""
-        return next((one for one in self.objects if one.name == name), None)
+        return next((item for item in self.objects if item.name == name), None)
 
 
 @dataclass(frozen=True)
@@ -359,14 +359,14 @@ def read_texture(png_file: Path) -> Texture:
     png_file = Path(png_file)
     pixels, record = read_picture(png_file, TextureRecord, COMMAND)
     corner_uv, keep_images = {}, {}
-    for one in record.objects:
-        if one.uv_sha256 is not None:
-            file = inside(png_file.parent, uv_name(png_file.stem, one.name))
-            corner_uv[one.name] = _unpack_uv(read_recorded(file, one.uv_sha256, "table"), file)
-        if one.keep_image_sha256 is not None:
-            file = inside(png_file.parent, keep_name(png_file.stem, one.name))
-            mask = decode_png(read_recorded(file, one.keep_image_sha256), file, "L")
-            keep_images[one.name] = mask >= KEEP_LEVEL
+    for item in record.objects:
+        if item.uv_sha256 is not None:
+            file = inside(png_file.parent, uv_name(png_file.stem, item.name))
+            corner_uv[item.name] = _unpack_uv(read_recorded(file, item.uv_sha256, "table"), file)
+        if item.keep_image_sha256 is not None:
+            file = inside(png_file.parent, keep_name(png_file.stem, item.name))
+            mask = decode_png(read_recorded(file, item.keep_image_sha256), file, "L")
+            keep_images[item.name] = mask >= KEEP_LEVEL
     return Texture(pixels, record, corner_uv, keep_images)
 
 

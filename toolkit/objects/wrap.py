@@ -259,12 +259,12 @@ class WrapRecord(BaseModel):
 
     @model_validator(mode="after")
     def _fits(self) -> "WrapRecord":
-        if [one.number for one in self.pieces] != list(range(1, len(self.pieces) + 1)):
+        if [piece.number for piece in self.pieces] != list(range(1, len(self.pieces) + 1)):
             raise ValueError("expected pieces numbered from 1 in order")
-        for one in self.pieces:
-            left, low, right, high = self.box_px(one)
+        for piece in self.pieces:
+            left, low, right, high = self.box_px(piece)
             if left < 0 or low < 0 or right > self.n_px or high > self.n_px:
-                raise ValueError(f"piece {one.number} with its bleed leaves the canvas of {self.n_px} texels")
+                raise ValueError(f"piece {piece.number} with its bleed leaves the canvas of {self.n_px} texels")
         return self
 
     @property
@@ -509,7 +509,7 @@ def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
 
 def hash_wrap(record: WrapRecord) -> str:
     """SHA-256 of the hashes of all pictures of a wrap."""
-    return sha256_bytes("".join(one.png_sha256 for one in record.pieces).encode())
+    return sha256_bytes("".join(piece.png_sha256 for piece in record.pieces).encode())
 
 
 def check_wrap(wrap: Wrap, item: TableObject) -> None:
@@ -529,8 +529,8 @@ def piece_name(number: int) -> str:
 
 def _put_together(record: WrapRecord, pictures: Sequence[np.ndarray]) -> np.ndarray:
     canvas = np.full((record.n_px, record.n_px, 3), PLAIN, np.uint8)
-    for one, picture in zip(record.pieces, pictures, strict=True):
-        canvas[_rows_columns(record, one)] = picture
+    for piece, picture in zip(record.pieces, pictures, strict=True):
+        canvas[_rows_columns(record, piece)] = picture
     return canvas
 
 

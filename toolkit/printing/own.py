@@ -163,11 +163,11 @@ def _draw_pages(pdf: Pdf, plans: list[PagePlan], groups: list[list[int]], label:
     number, total = 0, sum(len(plan.pages) for plan in plans)
     for plan, group in zip(plans, groups, strict=True):
         waiting = iter(group)
-        for one in plan.pages:
+        for page in plan.pages:
             number += 1
-            sheet = _make_sheet(pdf, plan, label, draw, waiting if isinstance(one, CopiesPage) else None, group[0])
+            sheet = _make_sheet(pdf, plan, label, draw, waiting if isinstance(page, CopiesPage) else None, group[0])
             with pdf.page():
-                draw_page(pdf, plan, one, sheet, f"page {number} of {total}")
+                draw_page(pdf, plan, page, sheet, f"page {number} of {total}")
 
 
 def _make_sheet(

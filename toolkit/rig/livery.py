@@ -104,7 +104,7 @@ def _is_texture(file: Path) -> bool:
 
 def _check_form(item: TableObject, pixels: np.ndarray, file: Path, field: str) -> None:
     """Refuse a picture that is wider or higher than the object's own texture: it was drawn for another object."""
-    drawn = [one.texture for one in item.mesh.materials if (one.texture != one.texture[0, 0]).any()]
+    drawn = [material.texture for material in item.mesh.materials if (material.texture != material.texture[0, 0]).any()]
     height, width = max((texture.shape[:2] for texture in drawn), default=pixels.shape[:2])
     if abs(pixels.shape[1] * height / (pixels.shape[0] * width) - 1) > ASPECT:
         raise FieldError(

@@ -68,7 +68,9 @@ def find_family(name: str) -> str:
     Raises:
         ToolkitError: there is none of that name.
     """
-    by_short = {one.removeprefix("DICT_").removeprefix("APRILTAG_").lower(): one for one in DICTIONARIES}
+    by_short = {
+        dictionary.removeprefix("DICT_").removeprefix("APRILTAG_").lower(): dictionary for dictionary in DICTIONARIES
+    }
     short = name.strip().lower().removeprefix("dict_").removeprefix("apriltag_").removeprefix("tag")
     if short not in by_short:
         raise FieldError(f"no family of tags called '{name}': expected one of {', '.join(by_short)}", {})

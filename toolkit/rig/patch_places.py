@@ -131,7 +131,7 @@ def find_sheets(
 
 def share_seen(sheets: Sequence[Place]) -> float:
     """Share of the poses in which half of a sheet is seen or more, whichever it is."""
-    return float((np.max([one.shares for one in sheets], axis=0) >= SEEN).mean())
+    return float((np.max([sheet.shares for sheet in sheets], axis=0) >= SEEN).mean())
 
 
 def draw_poses(item: TableObject, camera: Camera, count: int, seed: int) -> list[Pose]:

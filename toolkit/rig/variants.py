@@ -116,9 +116,9 @@ def export_object(
     Raises:
         ToolkitError: no such object, format or variant, or a file cannot be written.
     """
-    for one in formats:
-        if one not in get_args(MeshFormat):
-            raise one_of("format", one, list(get_args(MeshFormat)))
+    for form in formats:
+        if form not in get_args(MeshFormat):
+            raise one_of("format", form, list(get_args(MeshFormat)))
     item = load_object(workspace.object_spec(name))
     booster = find_booster(workspace, item, variant)
     mesh = apply_booster(item, booster)
@@ -129,11 +129,11 @@ def export_object(
     if card:
         folder = folder / stem
         files = _write_card(workspace, item, variant, booster, folder)
-    for one in dict.fromkeys(formats):
-        contents = to_obj(mesh, stem) if one == "obj" else {f"{stem}.{one}": WRITERS[one](mesh, stem)}
+    for form in dict.fromkeys(formats):
+        contents = to_obj(mesh, stem) if form == "obj" else {f"{stem}.{form}": WRITERS[form](mesh, stem)}
         for file, content in contents.items():
             write_bytes(folder / file, content)
-        files.append(folder / f"{stem}.{one}")
+        files.append(folder / f"{stem}.{form}")
     return files, examine_solid(item.mesh)
 
 

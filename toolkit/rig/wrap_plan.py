@@ -143,7 +143,7 @@ def _fit_sheet(
     """The sheet, or one that holds the triangles that are larger: they are printed in tiles."""
     large = np.flatnonzero((surface.length.max(axis=1) + 2 * spare_mm > min(sheet_mm)) & (worth > 0))
     room = sheet_mm[0] - 2 * spare_mm, sheet_mm[1] - 2 * spare_mm
-    large = large[[not turn_to_fit(one[None], room)[1] for one in lay_triangles(surface.corners[large])]]
+    large = large[[not turn_to_fit(sheet[None], room)[1] for sheet in lay_triangles(surface.corners[large])]]
     if not len(large):
         return sheet_mm
     # all three boxes with a side along an edge have the same area: the one that is nearest to a square

@@ -43,9 +43,9 @@ def _check_bytes(document: Document) -> None:
             if extension(primitive, DRACO) is not None:
                 compressed.update(map(id, _accessors(document, primitive)))
     zeros = sum(
-        4 * _count(one.get("count")) * COMPONENTS.get(str(one.get("type")), 1)
-        for one in document.rows("accessors")
-        if "bufferView" not in one and id(one) not in compressed
+        4 * _count(row.get("count")) * COMPONENTS.get(str(row.get("type")), 1)
+        for row in document.rows("accessors")
+        if "bufferView" not in row and id(row) not in compressed
     )
     if zeros > MOST_ZERO_BYTES or viewed > MOST_VIEWED_BYTES:
         most, found = (MOST_ZERO_BYTES, zeros) if zeros > MOST_ZERO_BYTES else (MOST_VIEWED_BYTES, viewed)
@@ -68,7 +68,7 @@ def _check_nodes(document: Document) -> None:
     faces: list[int] = []
     for mesh in meshes:
         drawn = rows(mesh, "primitives")
-        shapes = [_at(accessors, one.get("indices", _position(one))) for one in drawn]
+        shapes = [_at(accessors, drawing.get("indices", _position(drawing))) for drawing in drawn]
         parts.append(len(drawn))
         faces.append(sum(_count(shape.get("count")) for shape in shapes) // 3)
     check_parts(path, max(len(nodes), sum(parts)))

@@ -29,7 +29,7 @@ def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, n
     content = document.view(draco.get("bufferView")).tobytes()
     with foreign_code(lambda error: DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({type(error).__name__})")):
         mesh = DracoPy.decode(content)
-        found = {one["unique_id"]: np.asarray(one["data"]) for one in mesh.attributes}
+        found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
         attributes = {name: found[number] for name, number in draco["attributes"].items()}
         faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
     return {name: values.reshape(len(values), -1) for name, values in attributes.items()}, faces

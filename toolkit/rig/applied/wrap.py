@@ -102,7 +102,7 @@ def list_wrap_files(workspace: Workspace, item: TableObject) -> list[Path]:
     if folder is None:
         return []
     pieces = read_json(folder / RECORD_FILE, WrapRecord).pieces
-    return [folder / name for name in (RECORD_FILE, MAP_FILE, *(piece_name(one.number) for one in pieces))]
+    return [folder / name for name in (RECORD_FILE, MAP_FILE, *(piece_name(piece.number) for piece in pieces))]
 
 
 WRAP = BoosterKind("wrapped", "wrap", find_wrap_booster, files=list_wrap_files)

@@ -411,7 +411,7 @@ def preview_request(
     Raises:
         ToolkitError: world, sky, time, weather, object or place are unknown, or a number is out of range.
     """
-    weathers = tuple(one for one in parse_weathers(request.weathers) if one != CLEAR)
+    weathers = tuple(weather for weather in parse_weathers(request.weathers) if weather != CLEAR)
     settings = PreviewSettings(
         request.resolution, film_s=request.film_s, weathers=weathers, seed=seed, renderer=request.renderer
     )

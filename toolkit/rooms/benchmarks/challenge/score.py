@@ -495,7 +495,9 @@ def run_entry(
         outcomes += _ask(entry, judge, captures, home, looks)
     # the board shows a picture of each object
     shown = (entry.record.variant, SHOWN_POSE)
-    pictures = {one.object: one.file.read_bytes() for one in captures if (one.variant, one.pose_id) == shown}
+    pictures = {
+        capture.object: capture.file.read_bytes() for capture in captures if (capture.variant, capture.pose_id) == shown
+    }
     return write_score(entry, [describe_judge(entry.record, judge) for judge in judges], outcomes, pictures)
 
 

@@ -96,11 +96,11 @@ def run_sweep(
     captures = _read_units(captures_dir, possible, variants, stale)
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
-    seen = [one for one in captures.captures if parse_tag(one.variant) is None]
+    seen = [capture for capture in captures.captures if parse_tag(capture.variant) is None]
     predictions, classified = predict_once(seen, classes, classifier, cache_file)
-    tags = [one for one in captures.captures if parse_tag(one.variant) is not None]
+    tags = [capture for capture in captures.captures if parse_tag(capture.variant) is not None]
     predictions += read_tags(tags, classes, classifier.labels)
-    order = {one: at for at, one in enumerate(captures.captures)}
+    order = {capture: at for at, capture in enumerate(captures.captures)}
     predictions.sort(key=lambda one: order[one.capture])
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     findings = replace(findings, origin=find_origin(captures, findings.no_pairs, classifier))

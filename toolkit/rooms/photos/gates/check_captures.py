@@ -97,15 +97,17 @@ def mark_failed_gates(folder: CaptureFolder) -> CaptureFolder:
     """
     logs: dict[Path, dict[str, CheckLine]] = {}
     captures: list[Capture] = []
-    for one in folder.captures:
-        source_dir = one.source_dir
+    for capture in folder.captures:
+        source_dir = capture.source_dir
         if source_dir not in logs:
             logs[source_dir] = {f"{line.path} {line.image_sha256}": line for line in open_gates_log(source_dir).read()}
-        line = logs[source_dir].get(f"{one.path_in_source} {one.image_sha256}")
+        line = logs[source_dir].get(f"{capture.path_in_source} {capture.image_sha256}")
         if line is not None:
             failed = [gate for gate in line.results if gate.failed]
-            one = replace(one, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed))
-        captures.append(one)
+            capture = replace(
+                capture, failed_gates=tuple(f"{gate.name} {gate.value:.3g} {gate.unit}" for gate in failed)
+            )
+        captures.append(capture)
     return replace(folder, captures=tuple(captures))
 
 

@@ -182,7 +182,7 @@ def match_pairs(
     numbers, placed = number_poses(rows, earlier), _find_photographs(rows, gathered)
     # a table without a class goes on with the earlier one's, where no spec has it
     others = [one for one in earlier if one.object not in known]
-    classes = {one.object: str(one.made["class"]) for one in others if one.made.get("class")}
+    classes = {other.object: str(other.made["class"]) for other in others if other.made.get("class")}
     names = ({*known, *(row.object for row in rows)}, {*VARIANTS, *(row.variant for row in rows)})
     found = Matched([], [], {})
     for candidate in gathered.candidates:
