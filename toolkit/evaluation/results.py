@@ -118,8 +118,8 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
             and plain_name(label) != plain_name(booster.class_name)
         ):
             lines.append(
-                f"{booster.source}: {booster.variant} ({booster.object}) was trained for '{booster.class_name}', and is "
-                f"judged as '{label}'"
+                f"{booster.source}: {booster.variant} ({booster.object}) was trained for '{booster.class_name}', and "
+                f"is judged as '{label}'"
             )
     return lines
 

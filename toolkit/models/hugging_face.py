@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -12,7 +13,7 @@ import torch
 from PIL import Image
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
 from toolkit.core.files import load_json, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.architectures import imagenet_labels
@@ -118,36 +119,38 @@ def _find_folder(model: str) -> tuple[Path, str]:
         expected = "expected hf:ORG/NAME, hf:ORG/NAME@REVISION, or hf:FOLDER"
         raise FieldError(f"{expected}; there is no folder {rest}", {"model": model})
     name, revision = found["name"], found["revision"]
-    try:
+
+    def explain(error: Exception) -> FieldError:
+        why = describe_failure(error, 160)
+        return FieldError(
+            f"cannot be fetched from the Hugging Face hub ({why}): name a folder that holds it: hf:FOLDER",
+            {"model": model},
+        )
+
+    # it may not be on this machine, which the hub's library tells by an error
+    with suppress(ToolkitError), foreign_code(explain):
         kept = Path(snapshot_download(name, revision=revision, local_files_only=True))
         if list(kept.glob("*.safetensors")):
             return kept, f"{name}@{kept.name}"
-    except Exception:  # not on this machine: the hub's own errors, by its version
-        pass
-    try:
+    with foreign_code(explain):
         # asked once: without a connection the download would try again for half a minute
         url = hf_hub_url(name, "config.json", revision=revision)
         commit = get_hf_file_metadata(url, timeout=HUB_TIMEOUT_S).commit_hash
         folder = snapshot_download(name, revision=commit, allow_patterns=WANTED, etag_timeout=HUB_TIMEOUT_S)
-    except Exception as error:
-        why = describe_failure(error, 160)
-        raise FieldError(
-            f"cannot be fetched from the Hugging Face hub ({why}): name a folder that holds it: hf:FOLDER",
-            {"model": model},
-        ) from None
     return Path(folder), f"{name}@{commit}"
 
 
 def _load(library: ModuleType, folder: Path, model: str, is_encoder: bool) -> tuple[Any, list[str]]:
     """The network in single precision, and the names of what its weights lack."""
     kind = library.AutoModel if is_encoder else library.AutoModelForImageClassification
-    try:
-        with without_log():
-            network, about = kind.from_pretrained(
-                folder, local_files_only=True, use_safetensors=True, trust_remote_code=False, output_loading_info=True
-            )
-    except Exception as error:  # transformers raises its own for each kind of file
-        raise FieldError(f"transformers cannot load it: {describe_failure(error)}", {"model": model}) from None
+
+    def explain(error: Exception) -> FieldError:
+        return FieldError(f"transformers cannot load it: {describe_failure(error)}", {"model": model})
+
+    with foreign_code(explain), without_log():
+        network, about = kind.from_pretrained(
+            folder, local_files_only=True, use_safetensors=True, trust_remote_code=False, output_loading_info=True
+        )
     missing = sorted(map(str, (*about["missing_keys"], *about["mismatched_keys"])))
     return network.float().eval().requires_grad_(False), missing
 
@@ -176,7 +179,11 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
     Raises:
         ToolkitError: there are no such words, or they give another picture than the processor does.
     """
-    try:
+
+    def explain(error: Exception) -> FieldError:
+        return FieldError(f"its image processor fails: {describe_failure(error)}", {"model": model})
+
+    with foreign_code(explain):
         with without_log():
             processor = library.AutoImageProcessor.from_pretrained(
                 folder, local_files_only=True, trust_remote_code=False
@@ -185,10 +192,6 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
         draws = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
         picture = Image.fromarray(draws).resize((2 * how.resize_px, 3 * how.resize_px // 2), Image.Resampling.BICUBIC)
         theirs = processor(images=picture, return_tensors="pt")["pixel_values"][0].numpy()
-    except ToolkitError:
-        raise
-    except Exception as error:  # a processor trips over foreign settings in its own way
-        raise FieldError(f"its image processor fails: {describe_failure(error)}", {"model": model}) from None
     mean, std = (np.reshape(values, (3, 1, 1)) for values in (how.mean, how.std))
     ours = resize_and_crop(np.asarray(picture), how).transpose(2, 0, 1) / 255
     if theirs.shape != ours.shape or np.abs(theirs * std + mean - ours).mean() * 255 > ROUNDING:
