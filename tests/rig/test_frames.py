@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from toolkit.core.threads import map_ahead
-from toolkit.rig import raycast
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
@@ -30,7 +29,7 @@ def renderer(make_box):
 @pytest.mark.parametrize("threads", [1, 2, 8])
 @pytest.mark.parametrize("count", [0, 1, 2, 9])
 def test_a_batch_has_the_bytes_of_single_frames_in_order(renderer, monkeypatch, threads, count):
-    monkeypatch.setattr(raycast, "count_cores", lambda: threads)
+    monkeypatch.setattr("toolkit.core.threads.count_cores", lambda: threads)
     alone = [renderer.render(CAMERA, pose) for pose in POSES[:count]]
     together = list(renderer.render_many((CAMERA, pose) for pose in POSES[:count]))
     assert [p.tobytes() for p in together] == [p.tobytes() for p in alone]
@@ -39,7 +38,7 @@ def test_a_batch_has_the_bytes_of_single_frames_in_order(renderer, monkeypatch, 
 
 @pytest.mark.parametrize("threads", [1, 2, 8])
 def test_a_batch_of_linear_views_has_the_bytes_of_single_ones_in_order(renderer, monkeypatch, threads):
-    monkeypatch.setattr(raycast, "count_cores", lambda: threads)
+    monkeypatch.setattr("toolkit.core.threads.count_cores", lambda: threads)
     texture = renderer._mesh.materials[0].texture
     alone = [renderer.render_linear(CAMERA, pose, texture).sha256 for pose in POSES[:5]]
     assert [view.sha256 for view in renderer.render_linear_many(CAMERA, POSES[:5], texture)] == alone

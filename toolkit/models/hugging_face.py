@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -96,8 +95,8 @@ def load_hub_network(model: str, device: str, features: AsEncoder | None = None)
 
 def _import_transformers(model: str) -> ModuleType:
     try:
-        library = import_module("transformers")
-        import_module("huggingface_hub")
+        import huggingface_hub  # noqa: F401 - fetches
+        import transformers as library
     except ImportError as error:
         raise FieldError(
             f"transformers is not installed ({error}): pip install '.[hub]' in the kit's folder", {"model": model}

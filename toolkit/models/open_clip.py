@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +52,7 @@ def open_towers(model: str) -> Towers:
     """
     rest = model.removeprefix(OPEN_CLIP_PREFIX)
     try:
-        library = import_module("open_clip")
+        import open_clip as library
     except ImportError as error:
         raise FieldError(
             f"open_clip is not installed ({error}): pip install '.[clip]' in the kit's folder", {"model": model}

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -145,7 +144,7 @@ def _check_shapes(path: Path, shapes: list[tuple[int | None, ...]]) -> tuple[int
 def _open_tokenizer(file: Path, length: int | None) -> tuple[Callable[[list[str]], Any], int | None]:
     """Texts to (ids, mask), both (n, tokens) int64; and the number of tokens, None: of the longest text."""
     try:
-        library = import_module("tokenizers")
+        import tokenizers as library
     except ImportError as error:
         raise ToolkitError(
             f"{file} needs tokenizers, which is not installed ({error}): pip install '.[clip]' in the kit's folder"

@@ -10,6 +10,7 @@ from torch.nn.functional import cross_entropy, linear, normalize
 from toolkit.core.console import progress
 from toolkit.core.files import delete_folder, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.work import INPUTS
 from toolkit.core.workspace import Workspace
 from toolkit.models.heads import LEAST_LENGTH, Head
 from toolkit.models.network import Classifier, check_finite
@@ -75,7 +76,7 @@ def train_head(
         what = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
         record = write_joined(
             file, encoder, head, labels=list(data.labels), trained_on=f"{words}, by features of {encoder.name}",
-            data=data.record, seed=config.seed, settings={**settings, "inputs_sha256": inputs},
+            data=data.record, seed=config.seed, settings={**settings, INPUTS: inputs},
             final=_measure(head(features), truth),
             held_out=summarise_answers(list(data.labels), data.held_out.classes, answers, what),
         )  # fmt: skip

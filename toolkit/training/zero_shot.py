@@ -11,6 +11,7 @@ from toolkit.core.console import notice, progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_json, write_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.work import INPUTS
 from toolkit.models.heads import Head
 from toolkit.models.network import Classifier
 from toolkit.models.text_towers import TextTower
@@ -73,7 +74,7 @@ def make_zero_shot(
         labels, nothing = list(prompts), np.zeros(0, np.int64)
         record = write_joined(
             file, image, head, labels=labels, trained_on=f"prompts, by {image.name} and {text.name}", data={}, seed=0,
-            settings={**settings, "inputs_sha256": inputs}, final={},
+            settings={**settings, INPUTS: inputs}, final={},
             held_out=summarise_answers(labels, nothing, nothing, "no images"),
         )  # fmt: skip
     return TrainedClassifier(file, record, (), 0, was_finished=False)
