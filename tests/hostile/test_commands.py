@@ -54,6 +54,8 @@ COMMANDS = {
     "landing fly": ("landing", "fly", "nobody"),
     "train-classifier": ("train-classifier", "--data", "nowhere", "--name", "new"),
     "refine-network": ("refine-network", "new", "--data", "nowhere"),
+    "head": ("head", "nobody", "--data", "nowhere", "--name", "new"),
+    "zero-shot": ("zero-shot", "new", "--image", "nobody", "--prompts", "nowhere"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
     "retexture": ("retexture", "photos", "--found", "nobody"),
@@ -64,6 +66,7 @@ COMMANDS = {
 }
 LEFT_OUT = {
     "studio": "serves until it is stopped",
+    "view": "serves until it is stopped",
     "demo": "walks the whole road",
     "landing demo": "walks the whole landing",
     "doctor": "reads nothing",

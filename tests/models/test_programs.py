@@ -433,7 +433,7 @@ def test_one_that_turns_bad_later_is_named_with_the_image(code, captured, functi
     from toolkit.evaluation.predict import predict_captures
 
     classifier = load(function)
-    line = error_of(lambda: predict_captures(captured, {"a": 0}, classifier))
+    line = error_of(lambda: predict_captures(captured, {"shots": 0}, classifier))
     assert line.startswith(f"model python:my_networks:{function}: ") and expected in line and where in line
 
 

@@ -12,7 +12,7 @@ from toolkit import __version__
 from toolkit.captures.capture import Capture
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import inside, read_bytes, sha256_bytes, write_bytes, write_json, write_text
+from toolkit.core.files import delete_file, inside, read_bytes, sha256_bytes, write_bytes, write_json, write_text
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predictions_csv import find_captures_dir, has_own_file, read_predictions
@@ -79,8 +79,7 @@ def write_imagefolder(
         raise ToolkitError(f"{found.root}: none of {left_out} images can be read")
     # after the new ones: until then the earlier set is whole
     for name in sorted(before - {row["file_name"] for row in rows}):
-        with suppress(FileNotFoundError):
-            inside(folder / SPLIT, name).unlink()
+        delete_file(inside(folder / SPLIT, name))
     columns = COLUMNS | _list_columns(runs)
     text = "".join(json.dumps({name: row.get(name) for name in columns}, ensure_ascii=False) + "\n" for row in rows)
     write_text(folder / METADATA, text, folder)

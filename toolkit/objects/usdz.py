@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_bytes
 from toolkit.objects.export_mesh import MM_PER_M, T_GLTF_WORLD, unit_normals
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import encode_png
@@ -47,7 +48,7 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
                 continue
             picture = pictures.setdefault(id(material.texture), f"picture{len(pictures) + 1}.png")
             if not (Path(folder) / picture).exists():
-                (Path(folder) / picture).write_bytes(encode_png(material.texture))
+                write_bytes(Path(folder) / picture, encode_png(material.texture))
             place = root.GetPath().AppendChild(f"piece{index + 1}")
             piece = _add_piece(usd, stage, place, mesh, rows)
             look = _add_look(usd, stage, place.AppendChild("look"), picture, material)

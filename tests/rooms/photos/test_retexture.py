@@ -17,6 +17,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.rooms.photos.config import RetextureConfig
 from toolkit.rooms.photos.prints.colours import bending, cube_weights, solve_cube
 from toolkit.rooms.photos.prints.fitted_photo import KnownPatch, fit_photo
@@ -374,11 +375,16 @@ def test_what_the_rest_of_two_photographs_changes_is_told_apart(
     from toolkit.rooms.photos.retexture import check_retexture, summarise
 
     first = photograph(make_patch(1))
-    limit = 0.9 * first[:40, :40].mean()
+    side = min(first.shape[:2])
+    how = Preprocessing(side, side, (0.0,) * 3, (1.0,) * 3)
+    limit = 0.9 * resize_and_crop(first, how)[:40, :40].mean() / 255
+
+    def see_table(batch):
+        light = batch[:, :, :40, :40].mean(dim=(1, 2, 3)) - limit
+        return torch.stack([torch.zeros_like(light), light], dim=1)
+
     network = SimpleNamespace(
-        name="table", device="cpu", labels=["dark", "light"],
-        preprocess=lambda image: torch.tensor([image[:40, :40].mean()]),
-        logits=lambda batch: torch.cat([torch.zeros_like(batch), batch - limit], dim=1),
+        name="table", arch="table", weights=SimpleNamespace(name="", sha256=""), device="cpu", labels=["dark", "light"], preprocessing=how, logits=see_table
     )  # fmt: skip
     save(tmp_path / "photos" / "one_desk.png", first)
     save(tmp_path / "photos" / "two_desk.png", np.rint(dimmed * photograph(make_patch(2))).astype(np.uint8))
