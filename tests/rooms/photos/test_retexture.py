@@ -384,7 +384,8 @@ def test_what_the_rest_of_two_photographs_changes_is_told_apart(
         return torch.stack([torch.zeros_like(light), light], dim=1)
 
     network = SimpleNamespace(
-        name="table", arch="table", weights=SimpleNamespace(name="", sha256=""), device="cpu", labels=["dark", "light"], preprocessing=how, logits=see_table
+        name="table", arch="table", weights=SimpleNamespace(name="", sha256=""), device="cpu",
+        labels=["dark", "light"], preprocessing=how, logits=see_table,
     )  # fmt: skip
     save(tmp_path / "photos" / "one_desk.png", first)
     save(tmp_path / "photos" / "two_desk.png", np.rint(dimmed * photograph(make_patch(2))).astype(np.uint8))
