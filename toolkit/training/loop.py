@@ -142,7 +142,7 @@ class TrainingTask(ABC, Generic[Made]):
 
     def list_inputs(self) -> list[Any]:
         """All that decides the result, as JSON; a task needs them if its result is kept."""
-        raise NotImplementedError
+        raise TypeError(f"{type(self).__name__} keeps its result, so it must define list_inputs")
 
     @abstractmethod
     def parameters(self) -> Mapping[str, "torch.Tensor"]:
