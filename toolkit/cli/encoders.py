@@ -14,10 +14,6 @@ from toolkit.core.errors import FieldError
 from toolkit.core.workspace import open_workspace
 from toolkit.training.head_config import HeadConfig
 
-Out = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
-]
-
 
 @from_config(config=HeadConfig)
 def head(
@@ -38,7 +34,7 @@ def head(
         int | None,
         typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
     ] = None,
-    out: Out = None,
+    out: options.ClassifierFolder = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
@@ -106,7 +102,7 @@ def zero_shot(
             help="Factor of the cosine. Default: the tower's own, else CLIP's 100.",
         ),
     ] = None,
-    out: Out = None,
+    out: options.ClassifierFolder = None,
     restart: options.Restart = False,
     device: options.Device = "auto",
     workspace: options.Workspace = None,

@@ -114,6 +114,9 @@ WeightsFile = Annotated[
         help="State dict (.pth, .ckpt, .safetensors) of --model; FILE.json may hold its labels.",
     ),
 ]
+ClassifierFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
+]
 Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
 RenderThreads = Annotated[
     int | None,

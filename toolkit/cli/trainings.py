@@ -218,9 +218,7 @@ def train_classifier(
         int | None,
         typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
-    ] = None,
+    out: options.ClassifierFolder = None,
     keep_data: Annotated[
         bool, typer.Option("--keep-data", help="Keep the rendered images, for another training under this name.")
     ] = False,

@@ -180,7 +180,7 @@ OPEN_CLIP_PREFIX = "open_clip:"
 SUFFIX = ".safetensors"
 TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
 HF_PREFIX = "hf:"
-"""Of networks of the Hugging Face hub, which bring their weights."""
+"""Prefix of networks of the Hugging Face hub, which bring their weights."""
 EXPORTED_SUFFIX = ".pt2"
 
 

@@ -28,7 +28,7 @@ WANTED = ["*.json", "*.safetensors"]
 """Names of the files that are fetched."""
 HUB_TIMEOUT_S = 10.0
 LIKE_IMAGENET = 900
-"""Of 1000 names so many are ImageNet's own in its order; the hub's networks spell some of them otherwise."""
+"""So many of 1000 names are ImageNet's own in its order; the hub's networks spell some of them otherwise."""
 ROUNDING = 2.0
 """Mean difference, in levels of 255, between transformers' images and ours: its resizing rounds in other places."""
 

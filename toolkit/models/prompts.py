@@ -13,7 +13,7 @@ from toolkit.core.text import list_some
 from toolkit.models.labels import LabelsFile, find_labels, read_lines, read_names
 
 DEFAULT_TEMPLATE = "a photo of a {}."
-"""Of Radford et al. (2021), section 3.1.4."""
+"""Template of Radford et al. (2021), section 3.1.4."""
 PLACE = re.compile(r"\{\w*\}")
 """Where the class goes: `{}`, or CLIP_benchmark's `{c}`."""
 

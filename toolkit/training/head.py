@@ -26,9 +26,9 @@ VERSION = 1
 BATCH, BLOCK = 32, 256
 """Images at a time, and images whose features are kept as one file, so that an interrupted run resumes."""
 MOST_SCALE = 100.0
-"""Of cosines as logits: CLIP's bound (Radford et al. 2021, section 2.5)."""
+"""Largest factor of cosines as logits: CLIP's bound (Radford et al. 2021, section 2.5)."""
 STEPS = 200
-"""Of L-BFGS at most; some dozens are enough."""
+"""Steps of L-BFGS at most; some dozens are enough."""
 
 
 def train_head(

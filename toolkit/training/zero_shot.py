@@ -22,7 +22,7 @@ from toolkit.training.joined import choose_file, name_encoder, write_joined
 VERSION = 1
 """Raised when the same prompts give another classifier."""
 CLIP_SCALE = 100.0
-"""Of cosines as logits, where nothing says another: CLIP's own (Radford et al. 2021, section 2.5)."""
+"""Factor of cosines as logits if the tower states none: CLIP's own (Radford et al. 2021, section 2.5)."""
 KEPT = ".embeddings"
 
 

@@ -41,7 +41,7 @@ from toolkit.rooms.benchmarks.challenge import (
 ENTRY, BOOSTERS, OBJECTS = "entry.json", "boosters", "objects"
 SCORE, SCORE_FILE, OUTCOMES, PICTURES = "score", "score.json", "outcomes.csv", "pictures"
 SCORE_FOLDER = re.compile(rf"{SCORE}(-[1-9]\d{{0,2}})?")
-"""Of the first judges, and of others."""
+"""Folders of scores: by the first judges, and by others."""
 MOST_LISTED = 20
 """Largest number of misplaced files that are listed, each on its own line."""
 MOST_LETTERS = 2000

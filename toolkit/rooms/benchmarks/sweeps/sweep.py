@@ -17,6 +17,7 @@ from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.origin import find_origin
 from toolkit.evaluation.predict import predict_once
+from toolkit.evaluation.prediction import Prediction
 from toolkit.evaluation.results import compare_predictions
 from toolkit.models.network import Classifier
 from toolkit.rig.applied.tag import parse_tag
@@ -94,14 +95,7 @@ def run_sweep(
     with (engine or EngineConfig()).open() as workers:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
     captures = _read_units(captures_dir, possible, variants, stale)
-    classes = find_true_classes(captures, workspace, classifier)
-    cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
-    seen = [capture for capture in captures.captures if parse_tag(capture.variant) is None]
-    predictions, classified = predict_once(seen, classes, classifier, cache_file)
-    tags = [capture for capture in captures.captures if parse_tag(capture.variant) is not None]
-    predictions += read_tags(tags, classes, classifier.labels)
-    order = {capture: at for at, capture in enumerate(captures.captures)}
-    predictions.sort(key=lambda one: order[one.capture])
+    predictions, classified = _judge(workspace, captures, classifier)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     findings = replace(findings, origin=find_origin(captures, findings.no_pairs, classifier))
     evaluation = write_evaluation(
@@ -114,6 +108,18 @@ def run_sweep(
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
     return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot=shot, kept=kept, classified=classified)
+
+
+def _judge(workspace: Workspace, captures: CaptureFolder, classifier: Classifier) -> tuple[list[Prediction], int]:
+    """Return predictions in the order of the captures, tags by their reader, and how many the network was asked for."""
+    classes = find_true_classes(captures, workspace, classifier)
+    cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
+    seen = [capture for capture in captures.captures if parse_tag(capture.variant) is None]
+    predictions, classified = predict_once(seen, classes, classifier, cache_file)
+    tags = [capture for capture in captures.captures if parse_tag(capture.variant) is not None]
+    predictions += read_tags(tags, classes, classifier.labels)
+    order = {capture: at for at, capture in enumerate(captures.captures)}
+    return sorted(predictions, key=lambda prediction: order[prediction.capture]), classified
 
 
 def base_setup(workspace: Workspace, config: SweepConfig) -> ShootSetup:
