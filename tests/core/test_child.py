@@ -172,6 +172,7 @@ STARTING = {
 IMPORTING = {"import_module", "__import__", "exec", "eval", "compile", "SourceFileLoader", "spec_from_file_location"}
 IMPORTERS = {
     ("__init__.py", "import_module"),  # the front door's own list
+    ("core/extras.py", "import_module"),  # packages of extras
     ("core/rooms.py", "import_module"),  # the lists of commands, and of what rooms offer
     ("models/load.py", "import_module"),  # timm
     ("models/onnx_graphs.py", "import_module"),  # libraries of the extra

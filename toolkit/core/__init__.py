@@ -1,1 +1,1 @@
-"""What knows nothing of the field: errors, files, seeded draws, console, statistics, the workspace."""
+"""Tools without knowledge of the field: errors, files, seeded draws, console, statistics, the workspace."""

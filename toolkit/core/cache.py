@@ -1,14 +1,11 @@
-"""What is kept on disk between runs, with the user and never beside the code: see `keep_arrays`.
-
-A folder of the cache that others could have filled is never used.
-"""
+"""Arrays that are kept on disk between runs, in the user's cache folder, if nobody else could have written to it."""
 
 import grp
 import hashlib
 import os
 import pwd
 import stat
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from io import BytesIO
@@ -20,7 +17,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 
 PLACE = "TOOLKIT_CACHE"
-"""The variable that names another folder for the cache."""
+"""Environment variable with another folder for the cache."""
 PACKAGE = Path(__file__).parents[1]
 MOST_BYTES = 512 * 2**20
 """Largest size of all cached arrays, bytes; the least recently used are deleted first."""
@@ -29,22 +26,23 @@ Arrays = dict[str, np.ndarray]
 
 
 def cache_root() -> Path:
-    """The folder of the cache, which may not be there yet."""
+    """Return the folder of the cache, which need not exist."""
     home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
     return Path(os.environ.get(PLACE) or Path(home) / "toolkit")
 
 
 def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays]) -> Arrays:
-    """What `make` returns, taken from disk where a process of this version made it of the same inputs before.
+    """Return the result of `make`, from disk if this version made it from the same inputs before.
 
     Args:
-        kind: what they are, for the file's name.
-        inputs: all that they follow from, besides the package's sources; arrays, or what `repr` tells apart.
-        make: named arrays without Python objects.
+        kind: kind of the arrays, for the file's name.
+        inputs: all inputs besides the package's sources: arrays, or objects that `repr` distinguishes.
+        make: function that returns named arrays without Python objects.
     """
     folder = _arrays_folder(cache_root())
     if folder is None:
         return make()
+    # the key: sources of the package, and all inputs
     digest = hashlib.sha256(_hash_sources())
     for part in inputs:
         if isinstance(part, np.ndarray):
@@ -54,7 +52,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     file = folder / f"{kind}-{digest.hexdigest()[:32]}"
     with suppress(OSError, ValueError):
         content = file.read_bytes()
-        # a bit that has flipped is a wrong picture: then they are made again
+        # a damaged file is made again
         if hashlib.sha256(content[DIGEST_BYTES:]).digest() == content[:DIGEST_BYTES]:
             with np.load(BytesIO(content[DIGEST_BYTES:]), allow_pickle=False) as stored:
                 found = {name: stored[name] for name in stored.files}
@@ -63,7 +61,7 @@ def keep_arrays(kind: str, inputs: Sequence[object], make: Callable[[], Arrays])
     made = make()
     stream = BytesIO()
     np.savez(stream, **made)  # type: ignore[arg-type]  # its stubs take any name for `allow_pickle`
-    with suppress(OSError, ToolkitError):  # a full disk costs the next run a moment, and this run nothing
+    with suppress(OSError, ToolkitError):  # a full disk costs only time in the next run
         write_bytes(file, hashlib.sha256(stream.getvalue()).digest() + stream.getvalue())
         _trim(folder)
     return made
@@ -90,6 +88,7 @@ def _hash_sources() -> bytes:
 def _trim(folder: Path) -> None:
     facts = sorted(((file.stat(), file) for file in folder.iterdir()), key=lambda pair: pair[0].st_mtime)
     spare = sum(status.st_size for status, _ in facts) - MOST_BYTES
+    # oldest first
     for status, file in facts:
         if spare <= 0:
             break
@@ -101,11 +100,7 @@ OTHERS_READ_OR_WRITE = stat.S_IRWXG | stat.S_IRWXO
 
 
 def make_private(folder: Path) -> bool:
-    """Make a folder, and those above it that are missing, for this user alone; whether it was not there before.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """Make a folder, with missing folders above it, for this user alone; return whether it is new."""
     missing = [place for place in (folder, *folder.parents) if not place.is_dir()]
     for place in reversed(missing):
         place.mkdir(mode=0o700, exist_ok=True)
@@ -113,13 +108,13 @@ def make_private(folder: Path) -> bool:
 
 
 def explain_distrust(folder: Path) -> str:
-    """Why somebody else could have put a file into a folder, or the folder into its place; empty where nobody could.
+    """Return why somebody else could have written into a folder, or replaced it; empty if nobody could.
 
-    All that lies in it must be this user's, no link, and closed to the writing of others. The folders above may be the
-    administrator's too, or shared if they are sticky as /tmp is.
+    Everything in it must belong to this user, be no link, and be closed to others. Folders above may belong to the
+    administrator, or be shared and sticky as /tmp is.
     """
     mine = os.geteuid()
-    trusted = (mine, Path("/").stat().st_uid)  # the administrator, whatever number a container gives him
+    trusted = (mine, Path("/").stat().st_uid)  # the administrator, also in a container
     folder = folder.absolute()
     for above in dict.fromkeys((*folder.parents, *(folder.parent.resolve() / folder.name).parents)):
         facts = above.stat()
@@ -128,7 +123,11 @@ def explain_distrust(folder: Path) -> str:
         if _is_open(facts) and not facts.st_mode & stat.S_ISVTX:
             return f"others may write to {above}"
     is_closed = not folder.lstat().st_mode & OTHERS_READ_OR_WRITE
-    for path, facts in _look_through(folder):
+    for path in (folder, *folder.rglob("*")):
+        try:
+            facts = path.lstat()
+        except FileNotFoundError:  # another process has just renamed a file
+            continue
         if stat.S_ISLNK(facts.st_mode):
             return f"{path} is a link"
         if facts.st_uid != mine:
@@ -139,26 +138,13 @@ def explain_distrust(folder: Path) -> str:
     return ""
 
 
-def _look_through(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    yield folder, folder.lstat()
-    for path in folder.rglob("*"):
-        try:
-            yield path, path.lstat()
-        except FileNotFoundError:  # another process is compiling, and has just renamed a file
-            continue
-
-
 def _is_open(facts: os.stat_result) -> bool:
-    """Whether anybody but its owner may write to it; a group of the owner alone, as many systems make, is nobody."""
-    if facts.st_mode & stat.S_IWOTH:
-        return True
-    return bool(facts.st_mode & stat.S_IWGRP) and not _is_own_group(facts)
-
-
-def _is_own_group(facts: os.stat_result) -> bool:
+    """Whether others may write; many systems make a group of the owner alone, which does not count."""
+    if facts.st_mode & stat.S_IWOTH or not facts.st_mode & stat.S_IWGRP:
+        return bool(facts.st_mode & stat.S_IWOTH)
     try:
         owner, group = pwd.getpwuid(facts.st_uid), grp.getgrgid(facts.st_gid)
     except KeyError:
-        return False
-    is_theirs = owner.pw_gid == group.gr_gid and owner.pw_name == group.gr_name
-    return is_theirs and set(group.gr_mem) <= {owner.pw_name}
+        return True
+    is_own = owner.pw_gid == group.gr_gid and owner.pw_name == group.gr_name and set(group.gr_mem) <= {owner.pw_name}
+    return not is_own

@@ -1,8 +1,7 @@
-"""What this process may use of the machine, and processes that it starts: none imports from the current folder.
+"""Limits of this process, and child processes, which never import from the current folder.
 
-For `-c` and `-m` Python looks for modules there first, and multiprocessing starts its processes with `-c`. What forbids
-it, `-P` and PYTHONSAFEPATH, came with Python 3.11. So every child begins with a statement of its own, by which it looks
-where this process looks.
+With `-c`, as in multiprocessing, Python looks for modules in the current folder first. Python 3.10 has no option
+against it, so every child begins with a statement that sets the path of this process.
 """
 
 import gc
@@ -24,16 +23,16 @@ from typing import Any
 
 _starting = threading.Lock()
 LATE = 124
-"""The code of a process that was ended as it took too long; that of `timeout` as well."""
+"""Exit code of a process that took too long, as `timeout` has it."""
 
 
 def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "subprocess.CompletedProcess[bytes]":
-    """Run statements in a process of their own, and wait for it.
+    """Run Python code in a child process, and wait for it.
 
     Args:
-        code: Python.
-        given: what it reads from its input.
-        most_s: seconds of work after which it is ended, with the code `LATE`; and where it waits, six times as long.
+        code: Python statements.
+        given: standard input.
+        most_s: CPU seconds after which it is ended with the code `LATE`, or six times as many seconds of waiting.
     """
     limit = "" if most_s is None else f"from toolkit.core.child import limit_time; limit_time({most_s}); "
     command, longest = [sys.executable, "-c", f"{_begin()}{limit}\n{code}"], None if most_s is None else 6 * most_s
@@ -47,16 +46,13 @@ def run_python(code: str, given: bytes = b"", most_s: float | None = None) -> "s
 
 
 def open_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes with a core each, which end with their parent.
-
-    They are spawned, not forked: torch and numba do not survive a fork.
-    """
-    with _begin_safely():  # multiprocessing's count of semaphores is a process too
+    """Return a pool of processes with a core each, which end with their parent; torch and numba cannot be forked."""
+    with _begin_safely():  # multiprocessing's resource tracker is a process too
         return ProcessPoolExecutor(workers, _Context(), _begin_worker)
 
 
 def _begin() -> str:
-    """The first statement of a child; `sys` is built in, so that no file can stand in for it."""
+    """Return the first statement of a child; `sys` is built in, so no file can replace it."""
     return f"import sys; sys.path[:] = {[place for place in sys.path if place]!a}; "
 
 
@@ -73,7 +69,7 @@ class _Context(SpawnContext):
 
 @contextmanager
 def _begin_safely() -> Iterator[None]:
-    """Within, what multiprocessing starts begins with our statement: it has no setting for that."""
+    """Within, every process of multiprocessing begins with our statement, for which it has no setting."""
 
     def start(path: bytes, arguments: Sequence[Any], open_files: Sequence[int]) -> int:
         code = arguments.index("-c") + 1
@@ -93,11 +89,10 @@ def _begin_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed tells its workers nothing, and they would wait for it for ever."""
+    """End this worker with its parent: without a parent it would wait for ever."""
     parent = parent_process()
     if parent is not None:
-        # returns when the parent has ended, killed or not
-        parent.join()
+        parent.join()  # returns when the parent has ended, also if it was killed
         os._exit(1)
 
 
@@ -108,10 +103,7 @@ _before = (0, 0)
 
 
 def count_cores() -> int:
-    """Number of cores that this process may use, at least 1: as `limit_cores` said, else as the system allows.
-
-    The system's bounds are the process's affinity and, in a container, the quota of its control groups.
-    """
+    """Return the number of cores for this process: that of `limit_cores`, else by affinity and the CPU quota."""
     if _limit is not None:
         return _limit
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -120,13 +112,13 @@ def count_cores() -> int:
 
 
 def find_cpu_quota(own: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")) -> float:
-    """Least CPU time per time that this process's control groups and those around them allow; infinite without a bound.
+    """Return the least CPU quota, in cores, of this process's control groups; infinite without a bound.
 
     Source: the kernel's documentation, `cpu.max` of version 2 and `cpu.cfs_quota_us` of version 1.
 
     Args:
-        own: a line `number:controllers:path` for each hierarchy that the process is in.
-        root: where the hierarchies are mounted: version 2 there or in `unified`, those of version 1 by their names.
+        own: file with a line `number:controllers:path` for each hierarchy of the process.
+        root: mount point of the hierarchies: version 2 there or in `unified`, version 1 by their names.
     """
     least = math.inf
     for line in _read_text(own).splitlines():
@@ -135,7 +127,7 @@ def find_cpu_quota(own: Path = Path("/proc/self/cgroup"), root: Path = Path("/sy
             continue
         mounts = (root / controllers, root / "cpu") if controllers else (root, root / "unified")
         inner = Path(path.lstrip("/"))
-        # a container may see its own group as the root, while the path is that of the host
+        # in a container the root may be its own group, while the path is that of the host
         for group in (mount / part for mount in mounts for part in (inner, *inner.parents)):
             words = _read_text(group / "cpu.max") or " ".join(
                 _read_text(group / f"cpu.cfs_{name}_us") for name in ("quota", "period")
@@ -154,10 +146,10 @@ def _read_text(file: Path) -> str:
 
 
 def limit_cores(count: int) -> None:
-    """From now on use no more: threads of ours, and those of torch and OpenCV. For a process among many."""
+    """Limit the threads of this process, also those of torch and OpenCV."""
     global _limit
     _limit = count
-    # read by the libraries when they are first imported, which takes seconds: not here, where they may not be needed
+    # libraries that are not imported yet read these variables
     os.environ |= {"OMP_NUM_THREADS": str(count), "OPENCV_FOR_THREADS_NUM": str(count)}
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(count)
@@ -166,21 +158,19 @@ def limit_cores(count: int) -> None:
 
 
 def limit_time(seconds: float) -> None:
-    """From now on this process ends when its cores have worked so long for it."""
+    """End this process after so many CPU seconds."""
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(seconds), resource.RLIM_INFINITY))
 
 
 @contextmanager
 def limit_memory(most_bytes: int) -> Iterator[None]:
-    """Within, this process may take so many bytes more, on Linux; then allocations fail as on a full machine.
-
-    The bound is the process's: of several bounds, nested or in threads, the lowest counts.
-    """
+    """Within, limit further memory of this process on Linux; of nested or parallel limits the lowest counts."""
     global _before
+    # size of the data segment now, from kB
     try:
         facts = Path("/proc/self/status").read_text()
         used = int(facts.partition("VmData:")[2].split()[0]) << 10
-    except (OSError, ValueError, IndexError):  # not on Linux: nothing is bounded
+    except (OSError, ValueError, IndexError):  # not on Linux
         yield
         return
     mine = used + most_bytes
@@ -203,14 +193,14 @@ def limit_memory(most_bytes: int) -> Iterator[None]:
 
 
 def is_memory_full(error: BaseException) -> bool:
-    """Whether this is what Python, torch or ONNX Runtime raises where memory cannot be had."""
+    """Whether this is the error of Python, torch or ONNX Runtime for a full memory."""
     words = ("can't allocate memory", "out of memory", "allocate memory", "bad_alloc", "bad allocation")
     return isinstance(error, MemoryError) or any(word in str(error).lower() for word in words)
 
 
 @contextmanager
 def without_collector() -> Iterator[None]:
-    """Within, Python looks for no cycles: where millions of objects are made that live on, that is much of the work."""
+    """Within, switch off the garbage collector, which slows down the making of millions of objects."""
     was_on = gc.isenabled()
     gc.disable()
     try:

@@ -1,10 +1,10 @@
-"""Settings declared once: a config is their flags, their validation, their record and their hash.
+"""Settings declared once: a config defines flags, validation, record and hash.
 
     class Sheet(Config):
         size_px: Annotated[int, Field(ge=8, le=224), Flag()] = Field(100, description="Side of the patch, pixels.")
 
-A config is frozen. A recipe is an instance of it, `with_overrides` makes another. A config may hold others, and a
-field of a nested config is named by its path, such as `affine.share`.
+A config is frozen. A recipe is an instance; `with_overrides` returns a changed copy. A config may hold other configs,
+whose fields are named by their path, such as `affine.share`.
 """
 
 import inspect
@@ -31,16 +31,14 @@ Self = TypeVar("Self", bound="Config")
 
 @dataclass(frozen=True)
 class Flag:
-    """Marks a field that has a flag, and holds what only the command line needs to know of it.
+    """Mark of a field with a flag.
 
     Attributes:
-        name: where it is not the field's own, such as `--rotation` for `rotation_deg`.
-        metavar: what stands for its value in the help, such as `LOW HIGH`.
-        group: heading in the help that it stands under.
-        positional: an argument without a flag.
-        typed: what is typed, where a validator makes the field's own type of it.
-        make: a field that holds a part or None is a switch, `--pose/--no-pose`; this makes the part that it switches
-            on. By default the part's class, without arguments.
+        name: name of the flag, if it differs from the field, such as `--rotation` for `rotation_deg`.
+        metavar: placeholder of the value in the help, such as `LOW HIGH`.
+        typed: type on the command line, if a validator converts it to the field's type.
+        make: maker of the part that a switch `--pose/--no-pose` turns on, for a field that holds a part or None; by
+            default the part's class.
     """
 
     name: str | None = None
@@ -53,14 +51,14 @@ class Flag:
 
 @dataclass(frozen=True)
 class Expect:
-    """What a field's errors say they expected, where its type and bounds do not say it well: `0 to 16 texels`."""
+    """Expected values in the errors of a field, in place of type and bounds: `0 to 16 texels`."""
 
     words: str
 
 
 @dataclass(frozen=True)
 class Rising:
-    """Bounds of a pair of numbers, lowest first: `Annotated[Range, Rising(0.02, 2)]`."""
+    """Bounds of a rising pair of numbers: `Annotated[Range, Rising(0.02, 2)]`."""
 
     low: float
     high: float
@@ -79,13 +77,13 @@ class Rising:
 
 @dataclass(frozen=True)
 class Joined:
-    """Marks a pair of numbers that is no range, such as a size or a place, and holds what stands between the two."""
+    """Mark of a pair that is no range, such as a size; `by` stands between the two numbers."""
 
     by: str
 
 
 class Later:
-    """Marks a field that came later: left out of record and hash while it has its default, so that old hashes stay."""
+    """Mark of a later field: its default is left out of record and hash, so that old hashes stay."""
 
 
 if TYPE_CHECKING:
@@ -95,7 +93,7 @@ else:
 
 
 class _ShortHelp(ModelMetaclass):
-    """Keeps what pydantic's models can do out of `help(SomeConfig)`, which would be most of it."""
+    """Hides pydantic's methods from `help(SomeConfig)`."""
 
     def __dir__(cls) -> list[str]:
         ours = [vars(base) for base in cls.__mro__ if not base.__module__.startswith(("pydantic", "builtins"))]
@@ -118,12 +116,12 @@ class Config(BaseModel, metaclass=_ShortHelp):
         except ValidationError as error:
             raise explain(type(self), values, error.errors()[0]) from None
 
-    # pydantic would else run this __init__ for configs within configs, whose errors would lose the outer field's name
+    # else pydantic runs this __init__ for nested configs, and errors lose the outer field's name
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Let `help` show each field with what it means, and a signature without validators."""
+        """Let `help` show each field with its description, and a signature without validators."""
         kind = inspect.Parameter.KEYWORD_ONLY
         lines, parameters = [], []
         for name, info in cls.model_fields.items():
@@ -138,24 +136,25 @@ class Config(BaseModel, metaclass=_ShortHelp):
     def _dump(self, dump: Callable[["Config"], dict[str, Any]]) -> dict[str, Any]:
         dumped = dump(self)
         for name, info in type(self).model_fields.items():
-            if _has(info, Later) and getattr(self, name) == info.get_default(call_default_factory=True):
+            is_later = any(mark is Later or isinstance(mark, Later) for mark in info.metadata)
+            if is_later and getattr(self, name) == info.get_default(call_default_factory=True):
                 dumped.pop(name, None)
         return dumped
 
     def record(self) -> dict[str, Any]:
-        """All settings as JSON holds them; fields declared with `exclude=True` are not among them."""
+        """Return all settings as JSON values, without fields declared with `exclude=True`."""
         return self.model_dump(mode="json")
 
     def with_overrides(self: Self, overrides: Mapping[str, Any] | None = None, /, **by_name: Any) -> Self:
-        """Another config with some fields changed.
+        """Return a copy with some fields changed.
 
         Args:
-            overrides: path of a field -> its new value. For a field that holds a part or None, True keeps or makes the
-                part, and False or None takes it away.
-            by_name: the same, for fields of this config.
+            overrides: path of a field -> new value. For a field that holds a part or None, True keeps or makes the
+                part, and False or None removes it.
+            by_name: likewise, for fields of this config.
 
         Raises:
-            FieldError: a value cannot be used, or belongs to a part that does not act.
+            FieldError: a value cannot be used, or belongs to a part that is off.
         """
         values = {name: getattr(self, name) for name in type(self).model_fields}
         below: dict[str, dict[str, Any]] = {}
@@ -172,20 +171,21 @@ class Config(BaseModel, metaclass=_ShortHelp):
         return type(self)(**values)
 
     def rows(self) -> list[tuple[str, str]]:
-        """(name, value) of every setting, in words; a part as a single line, without what is None."""
+        """Return (name, value) of every setting in words; a part is a single row, None is left out."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
         return [(name.replace("_", " "), _describe_field(self, name)) for name, value in held if value is not None]
 
 
 def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails) -> ToolkitError:
-    """One validation error of pydantic's in the project's words."""
+    """Return the error of pydantic in the project's words."""
+    # follow the path of the error through nested configs
     names: list[str] = []
     info: FieldInfo | None = None
     found: object = values
     owner: type[Config] | None = config
     for step in error["loc"]:
         if owner is None or step not in owner.model_fields:
-            continue  # the number of an item, or the tag of a union's member
+            continue  # number of an item, or tag of a union's member
         name = str(step)
         info, found = owner.model_fields[name], found.get(name) if isinstance(found, Mapping) else None
         names.append(name)
@@ -204,7 +204,7 @@ def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails
 
 
 def expected_of(info: FieldInfo, found: object = None) -> str:
-    """What a field can hold, in words, from its type and bounds; of `found` only whether its type is right matters."""
+    """Return what a field can hold, in words, from its type and bounds."""
     for mark in info.metadata:
         if isinstance(mark, Expect):
             return mark.words
@@ -214,14 +214,15 @@ def expected_of(info: FieldInfo, found: object = None) -> str:
     if get_origin(kind) is Literal:
         known = [str(choice) for choice in get_args(kind)]
         near = get_close_matches(str(found), known, n=1)
-        return _or(known) + (f"; did you mean {near[0]}?" if near else "")
-    # of a number that is out of bounds the bounds are enough
+        listed = known[0] if len(known) == 1 else f"{', '.join(known[:-1])} or {known[-1]}"
+        return listed + (f"; did you mean {near[0]}?" if near else "")
+    # for a number out of bounds the bounds are enough
     words, bounds = KINDS.get(kind, ""), bounds_of(info)
     return ", ".join(filter(None, [words, bounds])) if not bounds or isinstance(found, str) else bounds
 
 
 def bounds_of(info: FieldInfo) -> str:
-    """A number's bounds in words: `8 to 224`, `at least 2`, `above 0 and at most 1`; empty where there are none."""
+    """Return a number's bounds in words: `8 to 224`, `at least 2`, `above 0 and at most 1`; empty without bounds."""
     low = high = ""
     for mark in info.metadata:
         match mark:
@@ -239,7 +240,7 @@ def bounds_of(info: FieldInfo) -> str:
 
 
 def typed_as(info: FieldInfo) -> Any:
-    """What a user gives for a field: its type without None, or what its flag says."""
+    """Return the type that a user gives for a field: that of its flag, else its own without None."""
     flag = flag_of(info)
     if flag is not None and flag.typed is not None:
         return flag.typed
@@ -248,36 +249,34 @@ def typed_as(info: FieldInfo) -> Any:
 
 
 def flag_of(info: FieldInfo) -> Flag | None:
-    """The mark of a field's flag, if it has a flag."""
+    """Return the flag of a field, if it has any."""
     return next((mark for mark in info.metadata if isinstance(mark, Flag)), None)
 
 
 def part_maker(config: type[Config], name: str) -> Callable[[], object] | None:
-    """What makes the part that a field holds while it is switched on; None for a field that is no switch."""
+    """Return the maker of the part that a switch turns on; None for a field that is no switch."""
     info = config.model_fields.get(name)
     if info is None or NoneType not in get_args(info.annotation):
         return None
     flag = flag_of(info)
     if flag is not None and flag.make is not None:
         return flag.make
-    return next((kind for kind in _members(info.annotation) if _is_part(kind)), None)
+    # a part is a config or a dataclass
+    kinds = [kind for kind in _members(info.annotation) if get_origin(kind) is None and isinstance(kind, type)]
+    return next((kind for kind in kinds if is_config(kind) or is_dataclass(kind)), None)
 
 
 def describe(value: object, name: str = "", between: str = " to ") -> str:
-    """A setting's value in words, with the unit that its name ends in; a part's fields, its probabilities last.
-
-    Args:
-        value: of the setting.
-        name: of the setting.
-        between: stands between the two numbers of a pair.
-    """
+    """Return a value in words, with the unit in its name; of a part all fields, probabilities last."""
     if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
         if hasattr(value, "describe"):
             return str(value.describe())
         names = list(type(value).model_fields) if isinstance(value, Config) else [field.name for field in fields(value)]
         held = [field for field in names if getattr(value, field) is not None]
         held.sort(key=lambda name: name.endswith("probability"))
-        return ", ".join(f"{_words(field)} {_describe_field(value, field)}" for field in held)
+        words = [field.removesuffix(f"_{_unit_of(field)}").replace("_", " ") for field in held]
+        pairs = zip(words, held, strict=True)
+        return ", ".join(f"{word} {_describe_field(value, field)}" for word, field in pairs)
     unit = UNITS.get(_unit_of(name), "")
     if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
         return f"{value[0]:g}{between}{value[1]:g}{unit}"
@@ -293,7 +292,7 @@ def _describe_field(owner: object, name: str) -> str:
 
 
 def align_rows(rows: list[tuple[str, str]]) -> list[str]:
-    """`name  value` lines, the values below each other."""
+    """Return `name  value` lines, the values below each other."""
     width = max((len(name) for name, _ in rows), default=0)
     return [f"  {name:<{width}}  {value}" for name, value in rows]
 
@@ -321,27 +320,10 @@ def _members(annotation: object) -> list[Any]:
 
 
 def is_config(kind: object) -> TypeGuard[type["Config"]]:
-    """Whether an annotation is a class of configs; for Python 3.10 `tuple[int, int]` is a type too, but no class."""
+    """Whether an annotation is a config class; in Python 3.10 `tuple[int, int]` is a type, but no class."""
     return get_origin(kind) is None and isinstance(kind, type) and issubclass(kind, Config)
 
 
-def _is_part(kind: object) -> bool:
-    return is_config(kind) or (get_origin(kind) is None and isinstance(kind, type) and is_dataclass(kind))
-
-
-def _has(info: FieldInfo, mark: type) -> bool:
-    return any(note is mark or isinstance(note, mark) for note in info.metadata)
-
-
-def _words(name: str) -> str:
-    unit = _unit_of(name)
-    return (name.removesuffix(f"_{unit}") if unit else name).replace("_", " ")
-
-
 def _unit_of(name: str) -> str:
-    """The unit that a field's name ends in, as it stands there: `mm` of `size_mm`, `m_s` of `fastest_m_s`."""
+    """Return the unit at the end of a field's name: `mm` of `size_mm`, `m_s` of `fastest_m_s`."""
     return next((unit for unit in UNITS if f"_{name}".endswith(f"_{unit}")), "")
-
-
-def _or(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"

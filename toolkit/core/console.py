@@ -1,4 +1,4 @@
-"""What the user sees: a progress bar with rate and time left, tables, and the closing words of a command."""
+"""Console: progress bars with rate and time left, notices, and lists of skipped files."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,10 +22,10 @@ from toolkit.core.text import escape
 
 
 class LineConsole(Console):
-    """A console that prints each string as a single line, whatever names from elsewhere stand in it."""
+    """A console that prints each string as a single line, without control codes of names in it."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """As rich does; a string loses its power over the terminal."""
+        """Print as rich does, with control codes escaped."""
         super().print(*(escape(item) if isinstance(item, str) else item for item in objects), **options)
 
 
@@ -38,7 +38,7 @@ _is_quiet = False
 
 @contextmanager
 def quietly(quiet: bool = True) -> Iterator[None]:
-    """Within, there are no progress bars and no notices; with `quiet=False` it stays as it is around it."""
+    """Within, there are no progress bars and no notices; `quiet=False` changes nothing."""
     global _is_quiet
     before = _is_quiet
     _is_quiet = before or quiet
@@ -49,12 +49,12 @@ def quietly(quiet: bool = True) -> Iterator[None]:
 
 
 def is_quiet() -> bool:
-    """Whether this runs `quietly`."""
+    """Whether progress bars and notices are off."""
     return _is_quiet
 
 
 def notice(line: str) -> None:
-    """Say on stderr what the user should know along the way."""
+    """Print a notice on stderr."""
     if not _is_quiet:
         errors.print(line, markup=False, soft_wrap=True)
 
@@ -63,33 +63,33 @@ _noticed: set[str] = set()
 
 
 def notice_once(line: str) -> None:
-    """`notice`, but the same line only once in a process: a command reads some files several times."""
+    """Print a notice, each line only once in a process."""
     if not _is_quiet and line not in _noticed:
         _noticed.add(line)
         notice(line)
 
 
 def list_skipped(skipped: Iterable[tuple[str, str]]) -> None:
-    """Say on stderr which files could not be used, and why."""
+    """Print on stderr which files could not be used, and why."""
     for path, reason in skipped:
         errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
 
 
 class RateColumn(ProgressColumn):
-    """Units of work per second."""
+    """Column with the units of work per second."""
 
     def render(self, task: Task) -> Text:
-        """The rate over the last moments, empty until it is known."""
+        """Return the recent rate; empty until it is known."""
         speed = task.finished_speed or task.speed
         return Text(f"{speed:.1f}/s" if speed else "", style="cyan")
 
 
 LINE_EVERY_S = 10.0
-"""Where stderr is no terminal, a line tells how far the work is."""
+"""Seconds between lines of progress if stderr is no terminal."""
 
 
 class Ticker:
-    """Handle on one running progress bar, or on the lines that stand in for it."""
+    """Handle of a progress bar, or of the lines in its place."""
 
     def __init__(
         self, progress: Progress | None, task: TaskID, title: str = "", total: int = 0, done: int = 0
@@ -102,7 +102,7 @@ class Ticker:
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
         self._done += amount
-        # what comes before the first unit, such as baking a world's light, is done once
+        # preparation before the first unit, such as baking a world's light, does not count for the rate
         if amount and self._first is None:
             self._first = monotonic(), self._done
         if self._progress is not None:
@@ -119,18 +119,20 @@ class Ticker:
 
 @contextmanager
 def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
-    """A progress bar on stderr over `total` units, `done` of them finished by an earlier run; none `quietly`.
+    """Show a progress bar on stderr over `total` units, `done` of them finished by an earlier run.
 
-    Where stderr is no terminal, lines stand in for the bar: a line at the start, and a line every ten seconds.
+    If stderr is no terminal, print a line at the start and every ten seconds.
     """
     if quiet or _is_quiet:
         yield Ticker(None, TaskID(0))
         return
+    # lines for a log
     if not errors.is_terminal:
         counts = f"{title}: {total - done} to do" + (f", {done} done before" if done else "")
         errors.print(f"{title} …" if total == 1 else counts, markup=False)
         yield Ticker(None, TaskID(0), "" if total == 1 else title, total, done)
         return
+    # a bar for a terminal
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

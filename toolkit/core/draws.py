@@ -1,6 +1,6 @@
-"""Randomness by address: what step i draws depends on (seed, i) and on who draws, never on what was drawn before.
+"""Random draws by address: a draw depends on seed, step and part, never on earlier draws.
 
-What an image gets under a corruption depends on its own seed, the corruption and the severity alone.
+The draws for a corrupted image depend on its seed, the corruption and the severity.
 """
 
 import hashlib
@@ -19,9 +19,8 @@ class Draws:
     """Random draws of a training step.
 
     Attributes:
-        seed: of the run; several numbers if a single number is ambiguous.
-        step: which step of it.
-        phase: what the steps are of, such as `train` or `validate`; the same step of another draws something else.
+        seed: seed of the run; several numbers if a single number is ambiguous.
+        phase: phase of the step, such as `train` or `validate`, each with its own draws.
     """
 
     seed: int | tuple[int, ...]
@@ -29,7 +28,7 @@ class Draws:
     phase: str = "train"
 
     def key(self, part: str) -> tuple[int, ...]:
-        """Return the seed of a part: adding a part to a recipe leaves the draws of the others as they were."""
+        """Return the seed of a part; a new part does not change the draws of the others."""
         seeds = (self.seed,) if isinstance(self.seed, int) else self.seed
         return (*seeds, self.step, crc32(f"{self.phase}/{part}".encode()))
 
@@ -41,12 +40,7 @@ class Draws:
 
 
 def image_seed(seed: int, image_id: str | int) -> int:
-    """Return the seed of an image of a run: the same for the same `seed` and `image_id`, whatever else is in the run.
-
-    Args:
-        seed: of the run.
-        image_id: a name that stays with the image, such as its path below the folder, with forward slashes.
-    """
+    """Return the seed of an image, from the run's seed and a constant name, such as its path with forward slashes."""
     return _hash(f"{seed}/{image_id}")
 
 
@@ -56,10 +50,9 @@ def _hash(address: str) -> int:
 
 
 class RandomStreams:
-    """Random numbers of a batch under a corruption: a stream per image.
+    """Random numbers of a batch under a corruption, a stream for each image.
 
-    They are drawn on the CPU whatever the device, so that a GPU makes the same picture as a CPU, and image by image, so
-    that neither the batch nor its order matters.
+    They are drawn on the CPU, so that a GPU gives the same image, and by image, so that the batch does not matter.
     """
 
     def __init__(self, seeds: Sequence[int], name: str, severity: int, device: "torch.device") -> None:
@@ -69,11 +62,11 @@ class RandomStreams:
         self._streams = [torch.Generator().manual_seed(_hash(f"{seed}/{name}/{severity}")) for seed in seeds]
 
     def normal(self, *shape: int) -> "torch.Tensor":
-        """(b, *shape) float32 of the standard normal distribution."""
+        """Return (b, *shape) float32 of the standard normal distribution."""
         return self._fill(shape, lambda numbers, stream: numbers.normal_(generator=stream))
 
     def uniform(self, *shape: int) -> "torch.Tensor":
-        """(b, *shape) float32, uniform on [0, 1) in steps of 2⁻²⁴."""
+        """Return (b, *shape) float32, uniform on [0, 1) in steps of 2⁻²⁴."""
         return self._fill(shape, lambda numbers, stream: numbers.uniform_(generator=stream))
 
     def _fill(

@@ -1,4 +1,4 @@
-"""The errors that a user can put right."""
+"""Errors that a user can correct."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -11,14 +11,14 @@ FIELD_PATH = re.compile(r"\{([a-z_][a-z0-9_.]*)\}")
 
 
 class ToolkitError(Exception):
-    """What the user gave cannot be used: a single line that says what, where, what was expected and what to do.
+    """Bad input: a single line with what, where, what was expected and what to do.
 
     The command line prints the message without a traceback and exits with code 2.
     """
 
 
 def one_of(kind: str, found: str, expected: list[str]) -> ToolkitError:
-    """The error for a name that is not in a list: says what was found and names the nearest known names."""
+    """Return the error for an unknown name, with the nearest known names."""
     from difflib import get_close_matches
 
     found = shorten(found, LONGEST_SHOWN)
@@ -28,11 +28,11 @@ def one_of(kind: str, found: str, expected: list[str]) -> ToolkitError:
 
 
 class FieldError(ToolkitError):
-    """A setting that cannot be used; it names fields, and the command line alone turns them into flags.
+    """A setting that cannot be used; it names fields, and the command line writes them as flags.
 
     Attributes:
-        expected: what the fields can hold. Other fields are named in it as `{path}`, such as `{pose.length_mm}`.
-        found: the value of each field, by its path. Empty where a value is missing: `expected` then says all.
+        expected: values that the fields can hold. Other fields are written as `{path}`, such as `{pose.length_mm}`.
+        found: value of each field by its path; empty if a value is missing.
     """
 
     def __init__(self, expected: str, found: Mapping[str, object]) -> None:
@@ -40,11 +40,11 @@ class FieldError(ToolkitError):
         super().__init__(self.spell(str))
 
     def spell(self, name_of: Callable[[str], str], show: "Callable[[str, object], str] | None" = None) -> str:
-        """The message with every field's path replaced by what `name_of` makes of it.
+        """Return the message with the name of every field.
 
         Args:
             name_of: path -> name.
-            show: (name, value) -> both as they are written; by default `name value`.
+            show: (name, value) -> text; by default `name value`.
         """
         show = show or (lambda name, value: f"{name} {show_value(value)}")
         given = " ".join(show(name_of(path), value) for path, value in self.found.items())
@@ -52,13 +52,13 @@ class FieldError(ToolkitError):
         return f"{given}: {expected}" if given else expected
 
     def within(self, parent: str) -> "FieldError":
-        """The same error as seen from the config that holds these fields below `parent`."""
+        """Return the error for the config that holds these fields below `parent`."""
         expected = FIELD_PATH.sub(rf"{{{parent}.\1}}", self.expected)
         return FieldError(expected, {f"{parent}.{path}": value for path, value in self.found.items()})
 
 
 def show_value(value: object) -> str:
-    """A setting's value in words: `0.2 0.42` for a range, `on` for True, `fog:3` for a name with a severity."""
+    """Return a setting's value in words: `0.2 0.42` for a range, `on` for True, `fog:3` for a name with a severity."""
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, float):
@@ -72,13 +72,10 @@ def show_value(value: object) -> str:
 
 @contextmanager
 def foreign_code(explain: Callable[[Exception], Exception]) -> Iterator[None]:
-    """Within, other people's code reads what other people made: decoders, converters, unpicklers, graphs.
+    """Within, other people's code reads other people's files: decoders, converters, graphs.
 
-    On damaged or hostile input, such code raises nearly every built-in exception, so all are caught. A `ToolkitError`
-    passes as it is.
-
-    Args:
-        explain: returns the error to raise for the caught one.
+    On damaged or hostile input it may raise any exception, so all are replaced by the result of `explain`. A
+    `ToolkitError` passes.
     """
     try:
         yield
@@ -89,5 +86,5 @@ def foreign_code(explain: Callable[[Exception], Exception]) -> Iterator[None]:
 
 
 def describe_failure(error: BaseException, longest: int = 200) -> str:
-    """What code that is not ours raised, as a single line: its kind and what it says, cut off after so many letters."""
+    """Return an exception of other code as a single line: its kind and the first letters of its message."""
     return f"{error.__class__.__name__}: {' '.join(str(error).split())[:longest]}"

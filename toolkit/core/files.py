@@ -1,4 +1,4 @@
-"""Files: read within bounds, and written whole or not at all, never outside the folder that was meant."""
+"""Files: read within bounds, and written whole or not at all, never outside of their folder."""
 
 import contextlib
 import errno
@@ -37,17 +37,17 @@ BETWEEN_KEYS, KEY_DOT = re.compile(r"[=\[\]{},#\n]"), re.compile(r"[\w\"'-][ \t]
 NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 NOT_PLAIN = "it is a pipe or a device, expected a plain file"
-SECOND_NAME = "the file has a second name (a hard link), and would change there too: delete this one of the two"
+SECOND_NAME = "the file has a second name (a hard link), and would change there too: delete this name"
 
 WRITE_TROUBLE = {
-    errno.ENOSPC: "the disk is full: free some space and run the same command again, it goes on where it stopped",
+    errno.ENOSPC: "the disk is full: free some space and run the same command again to resume",
     errno.EDQUOT: "the disk quota is used up: free some space and run the same command again",
     errno.EFBIG: "it is larger than this disk or account allows (ulimit -f): write elsewhere, and run it again",
     errno.EROFS: "the file system is read-only: choose a folder that you can write to",
     errno.EACCES: "permission denied: choose a folder that you can write to",
     errno.EISDIR: "a folder of that name is there: choose another name",
     errno.ENAMETOOLONG: "the name is too long for the file system: choose one under 200 bytes",
-    errno.ELOOP: "it is a link, which is not followed: write to the file that it leads to, or delete the link",
+    errno.ELOOP: "it is a link, which is not followed: write to its target, or delete the link",
 }
 READ_TROUBLE = {
     errno.ENOENT: "no such file",
@@ -60,7 +60,7 @@ READ_TROUBLE = {
 
 
 def explain_write_error(path: Path, error: OSError, doing: str = "write") -> ToolkitError:
-    """One line for an `OSError` met while writing `path`, or `doing` something else to it."""
+    """Return the error for an `OSError` while writing `path`, or `doing` something else to it."""
     if error.errno in (errno.ENOTDIR, errno.EEXIST):
         file = next((place for place in (Path(path), *Path(path).parents) if place.is_file()), None)
         if file is not None:
@@ -70,7 +70,7 @@ def explain_write_error(path: Path, error: OSError, doing: str = "write") -> Too
 
 
 def explain_read_error(path: Path, error: OSError | ValueError) -> ToolkitError:
-    """One line for what was met while reading `path`; a `ValueError` comes of a path that none can be."""
+    """Return the error for an exception while reading `path`; an impossible path raises a `ValueError`."""
     code = getattr(error, "errno", None)
     return ToolkitError(f"cannot read {path}: {READ_TROUBLE.get(code or 0, getattr(error, 'strerror', None) or error)}")
 
@@ -79,21 +79,19 @@ POINTER = b"version https://git-lfs.github.com/"
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a file to read; a pipe or a device, which may wait or go on for ever, is refused before it is read.
+    """Open a plain file to read; pipes and devices, which may never end, are refused.
 
     Raises:
-        OSError: it is not there, not a plain file, may not be read, or is Git LFS's stand-in for a large one.
+        OSError: it does not exist, is not a plain file, may not be read, or is a Git LFS pointer.
     """
-    # opened first and looked at then: between a look and an opening it could be changed
+    # open first, then check: the file could change in between
     number = os.open(path, os.O_RDONLY | NO_WAITING)
     kind = os.fstat(number).st_mode
     if stat.S_ISREG(kind):
         file = os.fdopen(number, "rb")
         if file.peek(len(POINTER)).startswith(POINTER):
             file.close()
-            raise OSError(
-                errno.EINVAL, "it is a Git LFS pointer, not the file: run 'git lfs pull' where it lies", str(path)
-            )
+            raise OSError(errno.EINVAL, "it is a Git LFS pointer, not the file: run 'git lfs pull' there", str(path))
         return file
     os.close(number)
     if stat.S_ISDIR(kind):
@@ -102,7 +100,7 @@ def open_plain(path: Path) -> BinaryIO:
 
 
 def open_in_place(path: Path, flags: int = 0) -> int:
-    """Open a file that is changed where it lies, a log or a lock, made where it is missing; nothing of it is cut off.
+    """Open a log or a lock to change it in place, without truncation; it is made if it is missing.
 
     Raises:
         OSError: it is a link, has a second name, is not a plain file, or may not be written.
@@ -118,14 +116,14 @@ def open_in_place(path: Path, flags: int = 0) -> int:
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
-    """The content of a plain file.
+    """Return the content of a plain file.
 
     Raises:
-        ToolkitError: it is not there, not plain, may not be read, or is larger than `most_bytes`.
+        ToolkitError: it does not exist, is not plain, may not be read, or is larger than `most_bytes`.
     """
     try:
         with open_plain(path) as file:
-            # a byte more than allowed: a size that is asked for beforehand may have grown
+            # a byte more than allowed, as the file may grow meanwhile
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:
         raise explain_read_error(path, error) from None
@@ -136,17 +134,16 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
 
 @contextlib.contextmanager
 def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
-    """A file to write that takes the place of `path` when the block has ended, and is gone when it fails.
+    """Open a file that replaces `path` when the block has ended, and is deleted if the block fails.
 
-    Every file of the kit is written here. A link to a file at `path` is replaced, not followed.
+    All files are written here. A link at `path` is replaced, not followed.
 
     Args:
-        path: where to.
-        root: folder that the file must lie in, for a path with parts that came from a file; links count for what they
-            lead to.
+        path: file to write.
+        root: folder that must hold the file, after following links, for a path from another file.
 
     Raises:
-        ToolkitError: the path leaves `root`, or a link in a workspace leads to it (see `check_links`); something other
+        ToolkitError: the path leaves `root`, or a link in a workspace leads to it (see `check_links`); something else
             than a file is there, the disk is full or read-only, or the folder may not be written.
     """
     path = Path(path)
@@ -160,7 +157,7 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
                 file.flush()
                 # on disk before the rename, or a crash could leave the new name on an empty file
                 os.fsync(file.fileno())
-                partial.replace(path)  # before it is closed: until then it is nobody else's
+                partial.replace(path)  # before it is closed, while it is locked
             except BaseException:
                 with contextlib.suppress(OSError):
                     partial.unlink(missing_ok=True)
@@ -170,13 +167,13 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
 
 
 def _open_partial(path: Path) -> tuple[int, Path]:
-    """A temporary file beside `path`, and its name; it may be the file of a killed run, never a file in use."""
+    """Return a temporary file beside `path`: new, or of a killed run, never a file in use."""
     partial = path.with_name(f".{path.name}.partial")
     with contextlib.suppress(OSError):
         number = open_in_place(partial)
         with contextlib.suppress(OSError):
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.path.samestat(os.fstat(number), partial.lstat()):  # its last holder did not rename it meanwhile
+            if os.path.samestat(os.fstat(number), partial.lstat()):  # not renamed by its last holder
                 os.truncate(number, 0)
                 return number, partial
         os.close(number)
@@ -185,7 +182,7 @@ def _open_partial(path: Path) -> tuple[int, Path]:
 
 
 def _check_replaceable(path: Path) -> None:
-    """An `OSError` where a folder, a pipe or a device is, or a link to them; a renamed file would take its place."""
+    """Raise an `OSError` for a folder, a pipe, a device, or a link to them, which a renamed file would replace."""
     try:
         kind = path.stat().st_mode
     except OSError:  # nothing is there, or a link to nothing
@@ -198,9 +195,16 @@ def _check_replaceable(path: Path) -> None:
 
 
 def make_folder(folder: Path, root: Path | None = None) -> Path:
-    """Make a folder with those above it, for files to be written to; raises as `open_whole`."""
+    """Make a folder and the folders above it; raises as `open_whole`."""
     if root is not None:
-        _check_within(folder, root)
+        # links are followed on both sides, or a link within would lead out
+        home = real_path(root)
+        try:
+            place = Path(folder).resolve()
+        except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
+            raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
+        if not place.is_relative_to(home):
+            raise ToolkitError(f"'{folder}' leads outside {home}, to {place}: nothing is written there")
     check_links(folder)
     try:
         with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty folder above
@@ -212,38 +216,22 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
 
 
 def real_path(path: Path) -> Path:
-    """`path` without links and dots; of links in a circle what can be followed, where `Path.resolve` raises."""
+    """Return `path` without links and dots; unlike `Path.resolve`, links in a circle do not raise."""
     return Path(os.path.realpath(path))
 
 
-def _check_within(folder: Path, root: Path) -> None:
-    """A `ToolkitError` where `folder` is not in `root`, whatever links and dots say."""
-    # links are followed on both sides, or a link within would lead out
-    home = real_path(root)
-    try:
-        place = Path(folder).resolve()
-    except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
-        raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
-    if not place.is_relative_to(home):
-        raise ToolkitError(f"'{folder}' leads outside {home}, to {place}: nothing is written there")
-
-
 def delete_file(path: Path) -> None:
-    """Delete a file or a link, if it exists.
-
-    Raises:
-        ToolkitError: a link in a workspace leads to its folder (see `check_links`), or it may not be deleted.
-    """
+    """Delete a file or a link, if it exists; a `ToolkitError` as `check_links`, or if it may not be deleted."""
     check_links(path.parent)
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        if error.errno != errno.ENOTDIR:  # a file in the place of its folder: there is nothing to delete
+        if error.errno != errno.ENOTDIR:  # its folder is a file: there is nothing to delete
             raise explain_write_error(path, error, "delete") from error
 
 
 def delete_folder(folder: Path) -> None:
-    """Delete a folder with all that lies in it, as far as that is allowed; raises for links as `delete_file` does."""
+    """Delete a folder with its content, as far as allowed; raises as `check_links`."""
     check_links(folder)
     shutil.rmtree(folder, ignore_errors=True)
 
@@ -251,51 +239,46 @@ def delete_folder(folder: Path) -> None:
 def walk_folders(
     root: Path, on_error: Callable[[OSError], None] = lambda error: None
 ) -> Iterator[tuple[Path, list[str], list[str]]]:
-    """Each folder below `root` and itself, with the sorted names of the folders and of the files in it.
+    """Yield each folder from `root` down, with the sorted names of its folders and files, as `os.walk`.
 
-    As `os.walk`, and with its way to leave folders out: those that are taken out of the list. It needs no recursion,
-    which ends at a thousand levels. Links to folders are listed and not followed; `on_error` is called with what a
-    folder that may not be read raises.
+    Folders that the caller takes out of the list are skipped. There is no recursion, which ends at a thousand levels.
+    Links to folders are listed and not followed. `on_error` gets the error of a folder that may not be read.
     """
+
+    def is_folder(entry: "os.DirEntry[str]") -> bool:
+        try:
+            return entry.is_dir()
+        except OSError:  # links in a circle
+            return False
+
     waiting = [Path(root)]
     while waiting:
         here = waiting.pop()
         try:
             with os.scandir(here) as found:
-                kinds = {entry.name: _is_folder(entry) for entry in found}
+                kinds = {entry.name: is_folder(entry) for entry in found}
         except OSError as error:
             on_error(error)
             continue
-        folders = sorted(name for name, is_folder in kinds.items() if is_folder)
-        yield here, folders, sorted(name for name, is_folder in kinds.items() if not is_folder)
+        folders = sorted(name for name, is_dir in kinds.items() if is_dir)
+        yield here, folders, sorted(name for name, is_dir in kinds.items() if not is_dir)
         waiting += [here / name for name in reversed(folders) if not (here / name).is_symlink()]
 
 
-def _is_folder(entry: "os.DirEntry[str]") -> bool:
-    try:
-        return entry.is_dir()
-    except OSError:  # links in a circle
-        return False
-
-
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
-    """Write `content` to `path` so that an interruption leaves the old file or the new file, never half a file.
-
-    Raises:
-        ToolkitError: as `open_whole`.
-    """
+    """Write `content` to `path`; an interruption leaves the old or the new file. Raises as `open_whole`."""
     with open_whole(path, root) as file:
         file.write(content)
     return Path(path)
 
 
 def write_text(path: Path, content: str, root: Path | None = None) -> Path:
-    """`write_bytes` for UTF-8 text."""
+    """Write UTF-8 text; see `write_bytes`."""
     return write_bytes(path, content.encode(), root)
 
 
 def write_json(path: Path, content: Any, root: Path | None = None) -> Path:
-    """`write_bytes` for JSON, indented so that a person can read and edit it."""
+    """Write indented JSON; see `write_bytes`."""
     return write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", root)
 
 
@@ -310,11 +293,7 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
 
 
 def link_file(original: Path, path: Path, root: Path) -> bool:
-    """Put a hard link to a file at `path`; False if it is on another disk, or on a disk without links.
-
-    Raises:
-        ToolkitError: as `open_whole`.
-    """
+    """Make a hard link to a file at `path`; False on another disk, or without links. Raises as `open_whole`."""
     make_folder(path.parent, root)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -333,12 +312,12 @@ def link_file(original: Path, path: Path, root: Path) -> bool:
 
 
 def sha256_bytes(content: bytes) -> str:
-    """SHA-256 of `content`, 64 hex digits."""
+    """Return the SHA-256 of `content`, 64 hex digits."""
     return hashlib.sha256(content).hexdigest()
 
 
 def sha256_file(path: Path) -> str:
-    """SHA-256 of a plain file, 64 hex digits, read in blocks; raises as `open_plain`."""
+    """Return the SHA-256 of a plain file, 64 hex digits, read in blocks; raises as `open_plain`."""
     digest = hashlib.sha256()
     with open_plain(path) as file:
         for block in iter(lambda: file.read(1 << 20), b""):
@@ -347,15 +326,15 @@ def sha256_file(path: Path) -> str:
 
 
 def sha256_json(content: Any) -> str:
-    """SHA-256 of a value that JSON can hold, keys in any order; what JSON does not know is taken as text."""
+    """Return the SHA-256 of a JSON value, keys in any order; other values are hashed as text."""
     return sha256_bytes(json.dumps(content, sort_keys=True, default=str).encode())
 
 
 def load_json(path: Path) -> Any:
-    """The content of a JSON file.
+    """Return the content of a JSON file.
 
     Raises:
-        ToolkitError: it cannot be read, is not JSON, or is larger or deeper than any that is meant.
+        ToolkitError: it cannot be read, is not JSON, or is too large or too deep.
     """
     content, constants = _load_json(path)
     if constants:
@@ -364,7 +343,7 @@ def load_json(path: Path) -> Any:
 
 
 def _load_json(path: Path) -> tuple[Any, list[str]]:
-    """The content, and NaN and infinities by name, which JSON has not: a field that forbids them says it better."""
+    """Return the content, and the names of NaN and infinities, which are no JSON."""
     text = _read_text(path, MOST_JSON_BYTES)
     constants: list[str] = []
 
@@ -372,21 +351,29 @@ def _load_json(path: Path) -> tuple[Any, list[str]]:
         constants.append(name)
         return float(name)
 
-    try:
+    with _explain_syntax(path, "JSON"):
         content = json.loads(text, parse_constant=note)
-        if _is_deep(content):
-            raise RecursionError
+        _check_depth(content)
+        # escapes may hold half a pair of surrogates, which cannot be written
         if "\\u" in text:
-            json.dumps(content, ensure_ascii=False).encode()  # half a pair of surrogates can never be written again
+            json.dumps(content, ensure_ascii=False).encode()
+    return content, constants
+
+
+@contextlib.contextmanager
+def _explain_syntax(path: Path, kind: str) -> Iterator[None]:
+    """Within, errors of a parser become a `ToolkitError`."""
+    try:
+        yield
     except json.JSONDecodeError as error:
         raise ToolkitError(f"{path}: not JSON at line {error.lineno}: {error.msg}") from None
     except RecursionError:
         raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
     except UnicodeEncodeError:
         raise ToolkitError(f"{path}: not JSON: it holds half of a surrogate pair") from None
-    except ValueError as error:
-        raise ToolkitError(f"{path}: not JSON: {_say_digits(error)}") from None
-    return content, constants
+    except ValueError as error:  # also TOML's syntax
+        why = "a number of thousands of digits" if "digits" in str(error) else error
+        raise ToolkitError(f"{path}: not {kind}: {why}") from None
 
 
 def read_json(path: Path, model: type[Model]) -> Model:
@@ -396,7 +383,7 @@ def read_json(path: Path, model: type[Model]) -> Model:
         ToolkitError: the file is missing, is not JSON, or a field is wrong; the message names file and field.
     """
     content, constants = _load_json(path)
-    # the model's own words first: they name the field
+    # the model's errors first: they name the field
     made = _validate(path, content, model)
     if constants:
         raise ToolkitError(f"{path}: not JSON: {constants[0]} is not allowed as a number")
@@ -406,36 +393,25 @@ def read_json(path: Path, model: type[Model]) -> Model:
 def read_toml(path: Path, model: type[Model]) -> Model:
     """Read and validate a TOML file; raises as `read_json` does."""
     text = _read_text(path, MOST_TOML_BYTES)
-    try:
-        # its reader takes memory with the square of a dotted key's length
+    with _explain_syntax(path, "TOML"):
+        # tomllib needs memory with the square of a dotted key's length
         if any(len(KEY_DOT.findall(part)) >= MOST_LEVELS for part in BETWEEN_KEYS.split(text)):
             raise RecursionError
         content = tomllib.loads(text)
-        if _is_deep(content):
-            raise RecursionError
-    except tomllib.TOMLDecodeError as error:
-        raise ToolkitError(f"{path}: not TOML: {error}") from None
-    except RecursionError:
-        raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
-    except ValueError as error:
-        raise ToolkitError(f"{path}: not TOML: {_say_digits(error)}") from None
+        _check_depth(content)
     return _validate(path, content, model)
 
 
 def _read_text(path: Path, most_bytes: int) -> str:
     try:
-        return read_bytes(path, most_bytes).decode("utf-8-sig")  # Windows' editors put a mark before it
+        return read_bytes(path, most_bytes).decode("utf-8-sig")  # Windows' editors write a byte order mark
     except UnicodeDecodeError as error:
         raise ToolkitError(f"cannot read {path}: not UTF-8 text at byte {error.start}: save it as UTF-8") from None
 
 
-def _say_digits(error: ValueError) -> str:
-    return "a number of thousands of digits" if "digits" in str(error) else str(error)
-
-
-def _is_deep(content: Any) -> bool:
+def _check_depth(content: Any) -> None:
+    """Raise a `RecursionError` for too many levels, without recursion, which a deep file would exhaust."""
     level = [content]
-    # level by level, without recursion: a deep file must not exhaust the stack that asks
     for _ in range(MOST_LEVELS):
         level = [
             child
@@ -444,8 +420,8 @@ def _is_deep(content: Any) -> bool:
             for child in (node.values() if isinstance(node, dict) else node)
         ]
         if not level:
-            return False
-    return True
+            return
+    raise RecursionError
 
 
 def _validate(path: Path, content: Any, model: type[Model]) -> Model:
@@ -458,7 +434,7 @@ def _validate(path: Path, content: Any, model: type[Model]) -> Model:
 
 
 def explain_validation(error: ValidationError) -> str:
-    """The first thing that is wrong, its field in front: `field 'camera.width': expected …, found 3`."""
+    """Return the first error with its field: `field 'camera.width': expected …, found 3`."""
     first = error.errors()[0]
     field = ".".join(str(part)[:40] for part in first["loc"])
     if first["type"] == "missing":
@@ -476,17 +452,13 @@ def explain_validation(error: ValidationError) -> str:
 
 
 def inside(root: Path, relative: str) -> Path:
-    """`root / relative`, for a path that came from a file.
-
-    Raises:
-        ToolkitError: the path leaves `root`, or is no path at all.
-    """
+    """Return `root / relative` for a path from a file; a `ToolkitError` if it leaves `root` or is no path."""
     root = Path(root).resolve()
     try:
         path = (root / relative).resolve()
         is_usable = all(len(os.fsencode(part)) <= MOST_NAME_BYTES for part in path.parts)
         if any(place.is_symlink() for place in (path, *path.parents)):
-            raise OSError("links in a circle")  # Python 3.13 and later leave them unresolved without a word
+            raise OSError("links in a circle")  # Python 3.13 and later leave them unresolved
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
         raise ToolkitError(f"path {relative!r} in {root} cannot be used: {error}") from None
     if not is_usable:

@@ -1,4 +1,4 @@
-"""Tables that other programs wrote: any usual encoding, commas, semicolons or tabs, decimal points or commas."""
+"""Read tables of other programs: usual encodings, commas, semicolons or tabs, decimal points or commas."""
 
 import csv
 import io
@@ -13,9 +13,9 @@ from toolkit.core.tables import decode_cell
 
 MOST_BYTES = 256 << 20
 MARKS = (";", "\t", ",")
-"""What stands between cells. Of equally many in the heading the first: a comma may also be a decimal sign."""
+"""Separators of cells. The commonest in the heading counts, else the first: a comma may be a decimal sign."""
 SEPARATOR_LINE = re.compile(r"sep=([;,|\t])\r?\n", re.IGNORECASE)
-"""Spreadsheets write and read this line in front of the heading."""
+"""Line of spreadsheets before the heading."""
 BYTE_ORDER_MARKS = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE | re.ASCII)
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
@@ -26,10 +26,8 @@ class ForeignTable:
     """A table with a heading.
 
     Attributes:
-        file: where it was read.
-        heads: names of the columns, in lower case and without blanks around them.
-        mark: what stands between the cells of a line.
-        lines: number of each line in the file, and its cells without blanks around them. Empty lines are left out.
+        heads: names of the columns, in lower case and stripped.
+        lines: number of each line in the file, and its stripped cells, without empty lines.
     """
 
     file: Path
@@ -38,66 +36,52 @@ class ForeignTable:
     lines: tuple[tuple[int, tuple[str, ...]], ...]
 
     def find(self, names: Sequence[str]) -> int | None:
-        """Return the column with the first of these names that exists; None without a match.
-
-        Raises:
-            ToolkitError: two columns have that name.
-        """
+        """Return the column with the first of these names that exists; a `ToolkitError` if two columns have it."""
         name = next((name for name in names if name in self.heads), None)
         if name is None:
             return None
         if self.heads.count(name) > 1:
-            raise ToolkitError(f"{self.file}: two columns are called '{name}': expected one: rename the other")
+            raise ToolkitError(f"{self.file}: two columns are called '{name}': rename one of them")
         return self.heads.index(name)
 
     def plain(self, cell: str) -> str:
-        """A cell's text, of a number with a decimal comma the same with a point."""
+        """Return a cell's text; a decimal comma becomes a point."""
         is_decimal = self.mark != "," and DECIMAL_COMMA.fullmatch(cell)
         return cell.replace(",", ".") if is_decimal else cell
 
     def number(self, cell: str) -> float | None:
-        """The number in a cell; None for other text."""
+        """Return the number in a cell; None for other text."""
         text = self.plain(cell)
-        # Python's own also reads 1_0, infinity and the digits of other scripts
+        # `float` would also read 1_0, infinity and the digits of other scripts
         return float(text) if NUMBER.fullmatch(text) else None
 
 
 def read_foreign_table(file: Path, most_bytes: int = MOST_BYTES) -> ForeignTable:
-    """Read a table of any program: UTF-8 or UTF-16, its cells parted by commas, semicolons or tabs.
+    """Read a table of any program: UTF-8 or UTF-16, with commas, semicolons or tabs.
 
     Raises:
         ToolkitError: the file is missing, too large, in another encoding, or no table.
     """
-    text = _decode(file, read_bytes(file, most_bytes))
+    content = read_bytes(file, most_bytes)
+    # -sig: spreadsheets begin UTF-8 with a byte order mark
+    code = next((code for mark, code in BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8-sig")
+    try:
+        text = content.decode(code)
+    except UnicodeDecodeError:
+        raise ToolkitError(f"{file}: not a readable CSV table: expected UTF-8: save it as CSV UTF-8") from None
     given = SEPARATOR_LINE.match(text)
     body = text[given.end() :] if given else text
-    mark = given[1] if given else _find_mark(body)
-    # a blank after a comma may stand before a quote
+    heading = re.sub(r'"[^"]*"', "", body.partition("\n")[0])
+    mark = given[1] if given else max(MARKS, key=heading.count)
+    # a blank may stand between a comma and a quote
     lines = csv.reader(io.StringIO(body, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
     try:
         heads = tuple(head.strip().lower() for head in next(lines, []))
         above = int(bool(given))
         # spreadsheets write lines of empty cells below the last row
-        rows = tuple((lines.line_num + above, cells) for cells in map(_clean, lines) if any(cells))
+        cleaned = (tuple(decode_cell(cell.strip()) for cell in cells) for cells in lines)
+        rows = tuple((lines.line_num + above, cells) for cells in cleaned if any(cells))
         return ForeignTable(file, heads, mark, rows)
     except csv.Error as error:
         number = lines.line_num + bool(given)
         raise ToolkitError(f"{file}, line {number}: not a readable CSV table ({error}): save it as CSV again") from None
-
-
-def _clean(cells: list[str]) -> tuple[str, ...]:
-    return tuple(decode_cell(cell.strip()) for cell in cells)
-
-
-def _decode(file: Path, content: bytes) -> str:
-    # -sig: spreadsheets begin UTF-8 with a byte order mark
-    code = next((code for mark, code in BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8-sig")
-    try:
-        return content.decode(code)
-    except UnicodeDecodeError:
-        raise ToolkitError(f"{file}: not a readable CSV table: expected UTF-8: save it as CSV UTF-8") from None
-
-
-def _find_mark(text: str) -> str:
-    heading = re.sub(r'"[^"]*"', "", text.partition("\n")[0])
-    return max(MARKS, key=heading.count)

@@ -1,4 +1,4 @@
-"""Where a workspace begins, and the rule that keeps what is written within it: no link below it is followed."""
+"""Recognise a workspace, and refuse to write through links in it."""
 
 import os
 from pathlib import Path
@@ -10,21 +10,19 @@ MARKER = "toolkit.toml"
 
 def is_workspace(folder: Path) -> bool:
     """Return whether a folder has `toolkit.toml`, or is an older workspace: with `rig/`, without source code."""
-    return (folder / MARKER).is_file() or _is_older(folder)
-
-
-def _is_older(folder: Path) -> bool:
+    if (folder / MARKER).is_file():
+        return True
     rig = folder / "rig"
     if not rig.is_dir() or (folder / "__init__.py").exists() or (rig / "__init__.py").exists():
         return False
-    return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
+    return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # a folder `rig` of tests is no workspace
 
 
 def check_links(folder: Path) -> None:
     """Raise a `ToolkitError` if a link below a workspace leads to `folder`, which is about to be changed.
 
-    A workspace that somebody sends may hold links: what is written through them would land anywhere. Links that lead
-    to the workspace itself, and those outside a workspace, are the user's own and are followed.
+    The links of a workspace from somebody else could lead anywhere. Links to a workspace, and outside of a workspace,
+    are the user's own and are followed.
     """
     place = Path(folder).absolute()
     real = Path(place.anchor)
@@ -36,5 +34,5 @@ def check_links(folder: Path) -> None:
                     f"{below} is a link: nothing is written or deleted through a link in a workspace: "
                     "put a folder in its place, or move the whole workspace to where there is room"
                 )
-            below = Path(os.path.realpath(below))  # of links in a circle what can be followed
+            below = Path(os.path.realpath(below))  # links in a circle do not raise
         real = below

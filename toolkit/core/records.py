@@ -1,7 +1,4 @@
-"""Append-only logs of records, a JSON object per line: safe against a kill, resumable, a single writer for all.
-
-A folder is held by a single run at a time: a second run waits, so that no work is done and no line is written twice.
-"""
+"""Append-only logs of records, a JSON object on each line, and locks that keep other runs out of a folder."""
 
 import fcntl
 import json
@@ -30,24 +27,23 @@ from toolkit.core.places import check_links
 LOCK = ".lock"
 _held = threading.local()
 MOST_LINE_BYTES = 16 << 20
-"""Largest size of a record, bytes; ours take a few thousand. It bounds the memory for a file without line ends."""
+"""Largest size of a record, bytes, which bounds the memory for a file without line ends."""
 
 
 @contextmanager
 def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
     """Keep other runs out of a folder until the block has ended; if another run holds it, report it and wait.
 
-    The lock is the kernel's (flock): it ends with its process however that ends, so that nobody waits for the dead.
-    Within the block the same thread may hold the folder again; another thread waits.
+    The lock is the kernel's (flock) and ends with its process. The same thread may hold the folder again.
 
     Args:
-        folder: made where it is missing.
-        name: of the lock's file in it, which is gone afterwards; another name is another lock.
+        folder: folder, made if it is missing.
+        name: name of the lock's file in it, which is deleted afterwards; another name is another lock.
 
     Raises:
         ToolkitError: the folder may not be written, or a link in a workspace leads to it.
     """
-    check_links(folder)  # before it is forgotten which it is
+    check_links(folder)  # before links are followed
     file = real_path(Path(folder)) / name
     mine: set[Path] = _held.__dict__.setdefault("files", set())
     if file in mine:
@@ -60,7 +56,7 @@ def hold_folder(folder: Path, name: str = LOCK) -> Iterator[None]:
         yield
     finally:
         mine.discard(file)
-        file.unlink(missing_ok=True)  # before the lock ends: who waits sees that it guards nothing any more
+        file.unlink(missing_ok=True)  # before the lock ends, so that a waiting run takes a new file
         if is_new:
             with suppress(OSError):  # something was written
                 file.parent.rmdir()
@@ -79,10 +75,12 @@ def _lock(file: Path) -> int:
                 if not is_said:
                     from toolkit.core.console import notice
 
-                    notice(f"waiting until {_read_holder(number)} has finished with {file.parent}")
+                    holder = os.read(number, 200).decode("utf-8", errors="replace")
+                    who = f"process {holder}" if holder else "another run"
+                    notice(f"waiting until {who} has finished with {file.parent}")
                 is_said = True
                 fcntl.flock(number, fcntl.LOCK_EX)
-            # still the file of that name: else its last holder removed it between our opening and our lock
+            # without a name, its last holder removed it between our opening and our lock
             if os.fstat(number).st_nlink:
                 os.truncate(number, 0)
                 os.write(number, f"{os.getpid()} ({' '.join(['toolkit', *sys.argv[1:2]])})".encode())
@@ -92,39 +90,30 @@ def _lock(file: Path) -> int:
         except BaseException:  # Ctrl-C while waiting
             os.close(number)
             raise
-        os.close(number)  # its last holder removed it: take the new file
-
-
-def _read_holder(number: int) -> str:
-    said = os.read(number, 200).decode("utf-8", errors="replace")
-    return f"process {said}" if said else "another run"
+        os.close(number)  # try again with a new file
 
 
 Record = TypeVar("Record", bound=BaseModel)
 
 
 class RecordLog(Generic[Record]):
-    """A file of JSON lines, a record in each.
-
-    A last line that a kill cut short is passed over by `read` and dropped by the next `append`.
+    """A file of JSON lines, a record in each. A last line that a kill cut short is dropped.
 
     Attributes:
-        file: the log; it need not exist.
-        model: of the records.
-        required: a broken line is an error, as the records cannot be made again; otherwise it is passed over.
-        compact: lines without spaces and with escapes only where JSON needs them, as pydantic writes them.
+        required: whether a broken line is an error, as records cannot be made again; otherwise it is skipped.
+        compact: whether lines have no spaces, as pydantic writes them.
     """
 
     def __init__(self, file: Path, model: type[Record], required: bool = True, compact: bool = False) -> None:
         self.file, self.model, self.required, self.compact = Path(file), model, required, compact
 
     def read(self) -> Iterator[Record]:
-        """The records from first to last; nothing where there is no file.
+        """Yield the records from first to last; none without a file.
 
         Raises:
-            ToolkitError: the file cannot be read, or a record is `required` and its line is broken; the message names
-                the line and the field.
+            ToolkitError: the file cannot be read, or a `required` line is broken; the message names line and field.
         """
+        # a missing file is an empty log
         try:
             stream = open_plain(self.file)
         except (FileNotFoundError, NotADirectoryError):
@@ -132,7 +121,7 @@ class RecordLog(Generic[Record]):
         except (OSError, ValueError) as error:
             raise explain_read_error(self.file, error) from None
         with stream:
-            # ended by b"\n" alone: names may hold what Unicode calls an end
+            # lines end with b"\n" alone: names may hold other line ends of Unicode
             for number, line in enumerate(iter(lambda: stream.readline(MOST_LINE_BYTES), b""), 1):
                 text = line.decode("utf-8", errors="replace")
                 if not text.strip():
@@ -147,16 +136,16 @@ class RecordLog(Generic[Record]):
                 yield record
 
     def read_last(self, key: Callable[[Record], str]) -> dict[str, Record]:
-        """The last record of each key, in the order in which the keys first came; raises as `read`."""
+        """Return the last record of each key, in the order of the keys' first records; raises as `read`."""
         return {key(record): record for record in self.read()}
 
     def append(self, *records: Record) -> None:
-        """Append records in a single write and flush them to disk; a link in the log's place is not followed.
-
-        Raises:
-            ToolkitError: the disk is full or read-only, or the folder may not be written.
-        """
-        content = "".join(f"{self._write_line(record)}\n" for record in records).encode()
+        """Append records in a single write and flush them to disk; a `ToolkitError` if they cannot be written."""
+        if self.compact:
+            lines = [record.model_dump_json() for record in records]
+        else:
+            lines = [json.dumps(record.model_dump(), ensure_ascii=False) for record in records]
+        content = "".join(f"{line}\n" for line in lines).encode()
         try:
             make_folder(self.file.parent)
             number = open_in_place(self.file, os.O_APPEND)
@@ -168,15 +157,12 @@ class RecordLog(Generic[Record]):
         except OSError as error:
             raise explain_write_error(self.file, error) from error
 
-    def _write_line(self, record: Record) -> str:
-        return record.model_dump_json() if self.compact else json.dumps(record.model_dump(), ensure_ascii=False)
-
 
 def _end_last_line(stream: BinaryIO) -> None:
-    """End a last line that is whole, as an editor may leave it; drop a line that a kill cut short."""
+    """End a complete last line, as an editor may leave it; drop a line that a kill cut short."""
     size, last = stream.seek(0, os.SEEK_END), b""
     while len(last) < size and b"\n" not in last:
-        start = max(0, size - 2 * len(last) - 1)  # a byte is enough for a whole line, then twice as much each time
+        start = max(0, size - 2 * len(last) - 1)  # a byte shows a complete line, then twice as much each time
         stream.seek(start)
         last = stream.read(size - start)
     last = last.rpartition(b"\n")[2]

@@ -1,6 +1,6 @@
-"""Rooms: the parts of the kit beside its core, each a folder of `toolkit/rooms` whose `room.py` says what it adds.
+"""Rooms: parts beside the core, each a folder of `toolkit/rooms` whose `room.py` lists what it adds.
 
-The core imports no room. It asks for what rooms offer by a name, and an error says which room is missing.
+The core imports no room. It asks for offers of rooms by name; an error names a missing room.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ SHIPPED: Mapping[str, tuple[str, ...]] = {
         "builtin:racer", "builtin:warplane", "builtin:coffeepot", "builtin:eggnog",
     ),
 }  # fmt: skip
-"""What each room of the kit adds, its commands by their first words, so that a room that is missing can be named."""
+"""Offers and first words of commands of each built-in room, so that an error can name a missing room."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -36,8 +36,7 @@ class Entry(NamedTuple):
 
     Attributes:
         place: `module:function` below `toolkit.cli`, or below the room.
-        about: what it does, in a few words.
-        old: earlier spelling of an option -> today's. It goes on working, and no help shows it.
+        old: earlier spelling of an option -> present spelling; it still works, and no help shows it.
     """
 
     place: str
@@ -46,13 +45,13 @@ class Entry(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What a room adds to the core. Its places are `module:name` below the room; each loads when it is used.
+    """Additions of a room to the core. Places are `module:name` below the room; each loads when it is used.
 
     Attributes:
         needs: rooms that it imports.
-        commands: heading in the help -> name -> command; they follow those that the heading has already.
-        words: word that several commands begin with -> what the help says of them.
-        offers: what the core asks for by this name -> its place.
+        commands: heading in the help -> name -> command.
+        words: first word of several commands -> their help.
+        offers: name of an offer -> its place.
     """
 
     needs: tuple[str, ...] = ()
@@ -63,7 +62,7 @@ class Room(NamedTuple):
 
 @cache
 def find_rooms() -> dict[str, Room]:
-    """Return the rooms that are installed together with all rooms that they need, by name."""
+    """Return the installed rooms whose needed rooms are installed too, by name."""
     rooms = dict(_list_rooms())
     while broken := [name for name, room in rooms.items() if not rooms.keys() >= {*room.needs}]:
         for name in broken:
@@ -84,39 +83,33 @@ def _list_rooms() -> dict[str, Room]:
 
 
 def load(place: str) -> Any:
-    """Import what lies at `package.module:name`."""
+    """Import the object at `package.module:name`."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 @cache
 def list_offers() -> dict[str, str]:
-    """Return what the rooms that are installed offer, by name, and the place of each."""
-    return {
-        what: f"{PACKAGE}.{name}.{place}" for name, room in find_rooms().items() for what, place in room.offers.items()
-    }
+    """Return the place of each offer of the installed rooms, by name."""
+    offers = [(name, *offer) for name, room in find_rooms().items() for offer in room.offers.items()]
+    return {what: f"{PACKAGE}.{name}.{place}" for name, what, place in offers}
 
 
 def find_offer(what: str) -> Any:
-    """Return what a room that is installed offers by this name; None if none does."""
+    """Return the offer of an installed room by its name; None if there is none."""
     place = list_offers().get(what)
     return None if place is None else load(place)
 
 
 def find_code(prefix: str) -> list[Path]:
-    """Return the folders, directly below a room, of the modules behind the offers whose names begin with a prefix."""
-    places = [
-        place.removeprefix(f"{PACKAGE}.").split(".") for what, place in list_offers().items() if what.startswith(prefix)
-    ]
+    """Return the folders, directly below a room, with the modules of offers whose names begin with a prefix."""
+    found = [place for what, place in list_offers().items() if what.startswith(prefix)]
+    places = [place.removeprefix(f"{PACKAGE}.").split(".") for place in found]
     return sorted({FOLDER / room / folder for room, folder, *_ in places})
 
 
 def ask_room(what: str) -> Any:
-    """Return what a room offers by this name.
-
-    Raises:
-        ToolkitError: its room is not installed.
-    """
+    """Return the offer of a room by its name; a `ToolkitError` if the room is not installed."""
     offer = find_offer(what)
     if offer is None:
         raise explain_missing(what) or LookupError(f"no room offers '{what}'")
@@ -124,7 +117,7 @@ def ask_room(what: str) -> Any:
 
 
 def explain_missing(what: str) -> ToolkitError | None:
-    """Return the error for a command or an offer of a room of the kit that is not installed; None for any other."""
+    """Return the error for a command or offer of a built-in room that is not installed; None for any other."""
     room = next((name for name, has in SHIPPED.items() if what in has and name not in find_rooms()), None)
     if room is None:
         return None

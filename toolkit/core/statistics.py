@@ -1,4 +1,4 @@
-"""What a handful of images can show: an interval for a share, exact tests and intervals for pairs, ranks."""
+"""Statistics of few images: intervals of shares, exact tests and intervals of pairs, bootstrap, ranks."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,13 +17,12 @@ Interval = tuple[float, float]
 
 
 def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
-    """Wilson score interval of a proportion, 95 % by default; (0, 1) without trials.
+    """Return the Wilson score interval of a proportion, 95 % by default; (0, 1) without trials.
 
-    It keeps its coverage for a few dozen trials and for shares near 0 and 1, where the usual ± interval fails
-    (Wilson 1927; Brown, Cai and DasGupta 2001).
+    It keeps its coverage for few trials and for shares near 0 and 1 (Wilson 1927; Brown, Cai and DasGupta 2001).
 
     Raises:
-        ToolkitError: fewer trials than successes, or less than none.
+        ToolkitError: there are more successes than trials, or fewer than 0.
     """
     if not 0 <= successes <= trials:
         raise ToolkitError(f"{successes} successes of {trials} trials: expected 0 to {trials} of them")
@@ -35,27 +34,26 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> Interval:
     half = z * sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     scale = 1 + z * z / trials
     low, high = (centre - half) / scale, (centre + half) / scale
-    # at none or all the bound is exact; rounding would leave it a hair off
+    # with no or only successes the bound is exact, without rounding
     return (0.0 if successes == 0 else max(0.0, low)), (1.0 if successes == trials else min(1.0, high))
 
 
-@lru_cache(maxsize=1 << 14)  # of very many groups, most have few pairs, and the same numbers of them
+@lru_cache(maxsize=1 << 14)  # many groups have the same small numbers
 def mcnemar_p(gained: int, lost: int) -> float:
-    """Two-sided exact McNemar p of paired right-or-wrong outcomes; 1 where no pair changed.
+    """Return the two-sided exact McNemar p of paired binary outcomes; 1 if no pair changed.
 
-    Under the null, each pair that changed is as likely to be gained as lost (McNemar 1947): a binomial test.
+    Under the null, a changed pair is as likely gained as lost (McNemar 1947): a binomial test of the changed pairs.
     """
     from scipy.stats import binomtest
 
-    # pairs that did not change say nothing: of those that did, half would change either way by chance
     return float(binomtest(gained, gained + lost, 0.5).pvalue) if gained + lost else 1.0
 
 
 def mcnemar_mid_p(gained: int, lost: int) -> float:
-    """Two-sided mid-p McNemar: the exact p less half the probability of what was seen; 1 where no pair changed.
+    """Return the two-sided mid-p of McNemar: the exact p less half the probability of the observed counts.
 
-    It keeps to its level nearly always, and is less cautious than the exact test (Fagerland, Lydersen and Laake, BMC
-    Medical Research Methodology 13, 2013).
+    It is less conservative than the exact test, and nearly always keeps its level (Fagerland, Lydersen and Laake, BMC
+    Medical Research Methodology 13, 2013). It is 1 if no pair changed.
     """
     from scipy.stats import binom
 
@@ -66,10 +64,10 @@ def mcnemar_mid_p(gained: int, lost: int) -> float:
 
 
 def adjust_holm(ps: Sequence[float]) -> list[float]:
-    """Holm's step-down correction of several tests (Scandinavian Journal of Statistics 6, 1979), in their order."""
+    """Return p values after Holm's step-down correction (Scandinavian Journal of Statistics 6, 1979), in order."""
     adjusted, highest = [0.0] * len(ps), 0.0
     for rank, k in enumerate(sorted(range(len(ps)), key=lambda k: ps[k])):
-        # the smallest p counts for all tests, the next for a test less; never below an earlier value
+        # the smallest p counts for all tests, the next for one test less; never below an earlier value
         highest = max(highest, min(1.0, (len(ps) - rank) * ps[k]))
         adjusted[k] = highest
     return adjusted
@@ -77,7 +75,7 @@ def adjust_holm(ps: Sequence[float]) -> list[float]:
 
 @dataclass(frozen=True)
 class PairedOutcomes:
-    """2 × 2 table of paired outcomes: pairs with both, only the first, only the second or neither correct."""
+    """2 × 2 table of pairs: both, only the first, only the second, or neither correct."""
 
     both: int
     only_first: int
@@ -86,28 +84,28 @@ class PairedOutcomes:
 
     @classmethod
     def count(cls, outcomes: Iterable[tuple[bool, bool]]) -> "PairedOutcomes":
-        """The table of (first is right, second is right) of every pair."""
+        """Return the table of (first is correct, second is correct) of every pair."""
         seen = [(bool(first), bool(second)) for first, second in outcomes]
         return cls(*(seen.count(cell) for cell in ((True, True), (True, False), (False, True), (False, False))))
 
     @property
     def n(self) -> int:
-        """Pairs."""
+        """Number of pairs."""
         return self.both + self.only_first + self.only_second + self.neither
 
     @property
     def n_first(self) -> int:
-        """In how many the first is right."""
+        """Number of pairs with the first correct."""
         return self.both + self.only_first
 
     @property
     def n_second(self) -> int:
-        """In how many the second is right."""
+        """Number of pairs with the second correct."""
         return self.both + self.only_second
 
     @property
     def gain(self) -> float:
-        """Share right of the second less that of the first."""
+        """Accuracy of the second less that of the first."""
         return (self.only_second - self.only_first) / self.n
 
     @property
@@ -127,21 +125,20 @@ class PairedOutcomes:
 
     @property
     def second_is_better(self) -> bool:
-        """Whether the second is right more often, and the test says that it is no chance."""
+        """Whether the second is correct significantly more often."""
         return self.only_second > self.only_first and self.mcnemar_p < SIGNIFICANT
 
     @property
     def first_is_better(self) -> bool:
-        """Whether the first is right more often, and the test says that it is no chance."""
+        """Whether the first is correct significantly more often."""
         return self.only_first > self.only_second and self.mcnemar_p < SIGNIFICANT
 
 
 def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> Interval:
-    """95 % interval of (first's share - second's share) on the same trials; (-1, 1) without trials.
+    """Return the 95 % interval of (first's share - second's share) on the same trials; (-1, 1) without trials.
 
-    Method 10 of Newcombe (Statistics in Medicine 17, 2635-2650, 1998): the Wilson intervals of both shares, squared and
-    added, less twice their product with the phi correlation, which is corrected for continuity. It stays within ±1 and
-    keeps its coverage for a dozen pairs and where none of them differ.
+    Method 10 of Newcombe (Statistics in Medicine 17, 2635-2650, 1998) combines the Wilson intervals of both shares with
+    their phi correlation, corrected for continuity. It keeps its coverage for a dozen pairs, and without differences.
     """
     n = both + first_only + second_only + neither
     if n == 0:
@@ -161,7 +158,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _corrected_phi(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Newcombe's: a positive correlation is brought half a pair per cell nearer to 0; 0 where a margin is empty."""
+    """Return Newcombe's phi: a positive correlation is moved half a pair per cell to 0; 0 with an empty margin."""
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
         return 0.0
@@ -173,14 +170,13 @@ def _corrected_phi(both: int, first_only: int, second_only: int, neither: int) -
 
 
 def cohen_kappa(both: int, first_only: int, second_only: int, neither: int) -> float | None:
-    """Agreement of two yes-or-no judges beyond chance: 1 full, 0 as by chance (Cohen 1960); None where undefined.
+    """Return Cohen's kappa (1960) of two binary judges: 1 full agreement, 0 as by chance.
 
-    It is undefined without trials, and where both judges say the same thing of everything: there is nothing to tell
-    apart.
+    None without trials, or if both judges give the same answer to everything.
     """
     n = both + first_only + second_only + neither
     yes_1, yes_2 = both + first_only, both + second_only
-    # how often two judges with these shares of yes would agree if they were independent
+    # agreement of independent judges with these shares of yes
     by_chance = yes_1 * yes_2 + (n - yes_1) * (n - yes_2)  # times n², in whole numbers
     if by_chance == n * n:
         return None
@@ -191,10 +187,10 @@ BOOTSTRAP_DRAWS = 4000
 
 
 def resample_clusters(count: int, draws: int = BOOTSTRAP_DRAWS, seed: int = 0) -> "np.ndarray":
-    """(draws, count) float: how often each of `count` clusters is in each bootstrap sample of as many clusters.
+    """Return (draws, count) float: the number of times that each cluster is in each bootstrap sample.
 
-    Trials that share a cluster, as pictures of a place do, are drawn together (Field and Welsh 2007). With a handful
-    of clusters the percentile intervals are too narrow: five have 126 different samples.
+    Trials of a cluster, such as images of a place, are drawn together (Field and Welsh 2007). With very few clusters
+    the percentile intervals are too narrow: five clusters have 126 different samples.
     """
     import numpy as np
 
@@ -203,24 +199,21 @@ def resample_clusters(count: int, draws: int = BOOTSTRAP_DRAWS, seed: int = 0) -
 
 
 def percentile_interval(values: "np.ndarray") -> Interval | None:
-    """2.5 to 97.5 % of bootstrapped values, which may be infinite; those that are NaN are left out.
-
-    None where fewer than half are numbers.
-    """
+    """Return the 2.5 and 97.5 % quantiles of bootstrapped values without NaN; None if over half are NaN."""
     import numpy as np
 
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return None
-    # a value that was drawn, never a value between: between a number and infinity there is none
+    # drawn values, never between two values: these may be infinite
     low, high = np.quantile(known, [0.025, 0.975], method="inverted_cdf")
     return float(low), float(high)
 
 
 def sign_flip_p(differences: Sequence[float]) -> float:
-    """Two-sided exact p of the mean of paired differences of clusters: each could as well have the other sign.
+    """Return the two-sided exact p of a sign-flip test of the mean of paired differences of clusters.
 
-    The smallest that k clusters can give is 2 / 2^k. Of more than 16, 65,536 drawn patterns of signs stand for all.
+    The smallest p of k clusters is 2 / 2^k. For more than 16 clusters 65,536 patterns of signs are drawn.
     """
     import numpy as np
 
@@ -230,12 +223,12 @@ def sign_flip_p(differences: Sequence[float]) -> float:
         # every pattern of signs, from the bits of its number
         signs = 1 - 2 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
     else:
-        # too many to list: drawn, the seed being the count, so that p is the same each time
+        # too many to list: drawn with a fixed seed
         signs = np.random.default_rng(count).choice([-1, 1], (2**16, count))
-        # the observed value counts among them, so that p is never 0
+        # with the observed value among them, so that p is never 0
         signs[0] = 1
     means = np.abs(signs @ found)
-    # the tolerance is for sums in another order
+    # tolerance for sums in another order
     return float((means >= abs(found.sum()) - 1e-12).mean())
 
 
@@ -247,10 +240,8 @@ class RankCorrelation:
     """Spearman's rank correlation.
 
     Attributes:
-        n: pairs of values.
-        rho: None where there is none.
-        ci95: None where it cannot be given: fewer than five pairs, or all in the same or the opposite order.
-        why: why `rho` is None, else empty.
+        ci95: None for fewer than five pairs, or if all are in the same or opposite order.
+        why: why `rho` is None.
     """
 
     n: int
@@ -260,10 +251,10 @@ class RankCorrelation:
 
 
 def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCorrelation:
-    """Spearman's rho of paired values, ties at their mean rank, with a 95 % interval.
+    """Return Spearman's rho of paired values, ties at their mean rank, with a 95 % interval.
 
     The interval is Fisher's z with the standard error √((1 + ρ²/2) / (n − 3)) of Bonett and Wright (Psychometrika 65,
-    2000), which keeps its coverage better than 1/√(n − 3) does for ranks.
+    2000), which suits ranks better than 1/√(n − 3).
     """
     from scipy.stats import spearmanr
 

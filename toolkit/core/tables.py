@@ -1,4 +1,4 @@
-"""How numbers are written, and tables as CSV and on the console; reports and documentation use the same functions."""
+"""Format numbers, and write tables as CSV and on the console; reports use the same functions."""
 
 import csv
 import io
@@ -16,64 +16,62 @@ if TYPE_CHECKING:
 NONE = "–"
 ROUNDING = 1e-9
 FIRST_WIDTH, TEXT_WIDTH = 6, 12
+"""Least width of the first and of other columns of text on a narrow console."""
 BREAKS = re.compile(r"/(?=\w)")
-"""To which a first and another column of text may be narrowed on a small console."""
 
 
 def format_percent(share: float | None) -> str:
-    """`61`, or a dash where there is none; a tenth more where rounding would hide that it is not 0 or 100."""
+    """Return `61`, or a dash for None; with a decimal if rounding would wrongly give 0 or 100."""
     if share is None:
         return NONE
-    # 0 and 100 % are said only where they are exact
     is_hidden = ROUNDING < share <= 0.005 or 0.995 <= share < 1 - ROUNDING
     return f"{min(max(100 * share, 0.1), 99.9):.1f}" if is_hidden else f"{100 * share:.0f}"
 
 
 def format_interval(interval: Interval | None) -> str:
-    """`55–67`, in per cent as `format_percent` has it; empty where there is none."""
+    """Return `55–67`, in per cent; empty without an interval."""
     return f"{format_percent(interval[0])}–{format_percent(interval[1])}" if interval else ""
 
 
 def format_count(count: int, n: int) -> str:
-    """`13 of 18 (72 %, 95 % interval 49–88 %)`."""
+    """Return a count with its share and interval: `13 of 18 (72 %, …)`."""
     if n == 0:
         return "0 of 0"
-    return (
-        f"{count} of {n} ({format_percent(count / n)} %, 95 % interval {format_interval(wilson_interval(count, n))} %)"
-    )
+    interval = format_interval(wilson_interval(count, n))
+    return f"{count} of {n} ({format_percent(count / n)} %, 95 % interval {interval} %)"
 
 
 def format_points(share: float) -> str:
-    """`−6`, `0`, `+11`: a difference of shares in percentage points."""
+    """Return a difference of shares in percentage points: `−6`, `0`, `+11`."""
     points = round(100 * share)
     return "0" if points == 0 else _minus(f"{points:+d}")
 
 
 def format_points_interval(interval: Interval | None) -> str:
-    """`−6 to +11`, empty where there is none."""
+    """Return `−6 to +11`; empty without an interval."""
     return f"{format_points(interval[0])} to {format_points(interval[1])}" if interval else ""
 
 
 def format_p(p: float | None) -> str:
-    """`0.031`, or `< 0.0001`; empty where there is none."""
+    """Return `0.031` or `< 0.0001`; empty for None."""
     return "" if p is None else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
 
 
 def format_test(p: float) -> str:
-    """`exact McNemar p = 0.031`, or `exact McNemar p < 0.0001`."""
+    """Return `exact McNemar p = 0.031` or `exact McNemar p < 0.0001`."""
     number = format_p(p)
     return f"exact McNemar p {number if number[0] == '<' else f'= {number}'}"
 
 
 def format_rank(rank: RankCorrelation) -> str:
-    """`0.81 (0.55 to 0.93)`, `0.81` or why there is none."""
+    """Return a correlation with its interval, or why there is none."""
     if rank.rho is None:
         return rank.why
     return _minus(f"{rank.rho:.2f}" + (f" ({rank.ci95[0]:.2f} to {rank.ci95[1]:.2f})" if rank.ci95 else ""))
 
 
 def format_kappa(kappa: float | None) -> str:
-    """`0.45`, or `all equal` where nothing can be told apart."""
+    """Return `0.45`, or `all equal` for None."""
     return "all equal" if kappa is None else _minus(f"{kappa:.2f}")
 
 
@@ -82,21 +80,21 @@ def _minus(text: str) -> str:
 
 
 class FormattedNumber(str):
-    """A number, or some with spaces between as a box has, that is already written as a table is to have it."""
+    """Formatted numbers for a CSV cell, such as those of a box."""
 
 
 def encode_csv(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """The text of a CSV file; None is an empty cell, and a text that a spreadsheet would run has a `'` before it.
+    """Return the text of a CSV file; None is an empty cell, and a text that a spreadsheet would run gets a `'`.
 
-    A formula may read other files and open addresses. `decode_cell` gives the text back, but for `NUL`, in whose place
-    its symbol ␀ stands. Numbers stay as they are; a text of digits is none, as it may be a name: `+1` of a folder.
+    A formula may read files and open addresses. `decode_cell` restores the text, but for `NUL`, which becomes ␀.
+    Numbers stay as they are; a text of digits may be a name, such as a folder `+1`.
     """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     quoted = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_ALL)
     for row in chain([heads], rows):
         cells = [_encode_cell(cell) for cell in row]
-        # a reader ends a line at a bare \r, which the module does not quote by itself
+        # readers end a line at a lone \r, which the module does not quote
         (quoted if any(isinstance(cell, str) and "\r" in cell for cell in cells) else table).writerow(cells)
     return text.getvalue()
 
@@ -107,17 +105,17 @@ FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
 def _encode_cell(cell: object) -> object:
     if not isinstance(cell, str) or isinstance(cell, FormattedNumber):
         return "" if cell is None else cell
-    cell = cell.replace("\0", "\N{SYMBOL FOR NULL}")  # no spreadsheet reads it, nor does Python 3.10
+    cell = cell.replace("\0", "\N{SYMBOL FOR NULL}")  # spreadsheets and Python 3.10 cannot read it
     return f"'{cell}" if FORMULA.match(cell) else cell
 
 
 def decode_cell(text: str) -> str:
-    """The text that `encode_csv` was given."""
+    """Return the text before `encode_csv`."""
     return text[1:] if text[:1] == "'" and FORMULA.match(text) else text
 
 
 def share_width(columns: Sequence[Sequence[str]], room: int) -> list[int]:
-    """Width of each column: of its longest word at least, and more, from the left, as far as there is room."""
+    """Return the width of each column: its longest word, and more, from the left, while there is room."""
     widths = [max(map(len, " ".join(cells).split()), default=0) for cells in columns]
     left = room - sum(widths)
     for at, cells in enumerate(columns):
@@ -129,14 +127,14 @@ def share_width(columns: Sequence[Sequence[str]], room: int) -> list[int]:
 def build_table(
     title: str, texts: Sequence[str], numbers: Sequence[str], rows: Iterable[Sequence[str]], bold: str | None = None
 ) -> "Table":
-    """A table for the console.
+    """Return a table for the console.
 
     Args:
-        title: above it.
-        texts: heads of the columns of text on the left, which are folded where the console is narrow.
-        numbers: heads of the columns on the right, whose cells are never cut off.
-        rows: a cell for each column. A cell in the first column equal to the cell above is left out.
-        bold: first cell of the rows that stand out.
+        title: text above the table.
+        texts: heads of text columns on the left, which are folded on a narrow console.
+        numbers: heads of columns on the right, whose cells are never cut off.
+        rows: a cell for each column; a first cell equal to the cell above is left out.
+        bold: first cell of bold rows.
     """
     from rich.table import Table
     from rich.text import Text
@@ -146,7 +144,7 @@ def build_table(
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     cells = [[escape(cell) for cell in row] for row in rows]
     broken = [[*(BREAKS.sub("/ ", cell) for cell in row[: len(texts)]), *row[len(texts) :]] for row in cells]
-    # long names such as landing/apriltag may be broken after a slash, then heads between words, but no number
+    # if there is no room: break long names after a slash, and heads between words, but no number
     for heads, shown in product(([[head] for head in numbers], [head.split() for head in numbers]), (cells, broken)):
         columns = list(zip((*texts, *numbers), *shown, strict=True))
         numeric = [max(map(len, [*head, *of])) for head, (_, *of) in zip(heads, columns[len(texts) :], strict=True)]
@@ -154,7 +152,7 @@ def build_table(
         widths = share_width(columns[: len(texts)], room)
         if sum(widths) <= room:
             break
-    # without room for all, text columns keep a least width, and numbers are folded
+    # still no room: text columns keep a least width, and numbers are folded
     fits = sum(widths) <= room
     for i, (name, width) in enumerate(zip(texts, widths, strict=True)):
         least = width if fits else min(width, TEXT_WIDTH if i else FIRST_WIDTH)

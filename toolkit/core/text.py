@@ -1,4 +1,4 @@
-"""Text from anywhere: made fit to be shown, and what of it may be the name of a file or folder."""
+"""Text from anywhere: safe to print, and valid names of files and folders."""
 
 import json
 import os
@@ -13,14 +13,14 @@ from pydantic import AfterValidator
 
 FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
-"""A hundred characters: with what is added to them, below the 255 bytes that a file system takes."""
+"""A hundred characters: with suffixes below the 255 bytes of a file system."""
 LONGEST = 2000
 MOST_LABEL = 1000
-"""Letters of a class; ImageNet's longest label has 131, with all its synonyms."""
+"""Letters of a class; ImageNet's longest label has 131."""
 
 
 def quote(word: str | Path) -> str:
-    """A path or another word as it is typed in a command: in quotes if it holds blanks or what a shell reads."""
+    """Return a word as it is typed in a shell, in quotes if needed."""
     text = str(word)
     if os.name == "nt":
         return f'"{text}"' if re.search(r"[\s&()^]", text) else text
@@ -28,12 +28,12 @@ def quote(word: str | Path) -> str:
 
 
 def is_file_name(name: str) -> bool:
-    """Whether a file may be called this, without its suffix: an object, a patch, a texture."""
+    """Whether this can be the name of a file without suffix: an object, a patch, a texture."""
     return FILE.fullmatch(name) is not None
 
 
 def is_folder_name(name: str) -> bool:
-    """Whether a folder may be called this: a source, a variant, a run. Dots may stand within."""
+    """Whether this can be the name of a folder, with dots inside: a source, a variant, a run."""
     return FOLDER.fullmatch(name) is not None
 
 
@@ -57,23 +57,20 @@ def _check_folder(name: str) -> str:
 
 FileName = Annotated[str, AfterValidator(_check_file)]
 Label = Annotated[str, AfterValidator(_check_label)]
-"""What a network or a person calls a class."""
+"""Name of a class."""
 LabelOrIndex = Annotated[str | int, AfterValidator(_check_label)]
 FolderName = Annotated[str, AfterValidator(_check_folder)]
 
 
 def escape(text: str) -> str:
-    """Return text as a single line, with what a terminal would obey or hide written as an escape.
-
-    That is control codes, line ends, marks that turn the direction of writing, and half pairs of surrogates.
-    """
+    """Return text as a line, with escapes for control codes, line ends, marks of direction and half surrogates."""
     if text.isprintable():
         return text
     return "".join(sign if _is_shown(sign) else sign.encode("unicode_escape").decode() for sign in text)
 
 
 def shorten(text: str, most: int = LONGEST) -> str:
-    """Text with its middle left out where it is longer than `most`."""
+    """Return text, without its middle if it is longer than `most`."""
     if len(text) <= most:
         return text
     half = (most - 5) // 2
@@ -81,7 +78,7 @@ def shorten(text: str, most: int = LONGEST) -> str:
 
 
 def to_json(content: Any) -> str:
-    """Indented JSON that a terminal can show: letters as they are, and escapes for what `escape` escapes."""
+    """Return indented JSON for a terminal, with escapes as in `escape`."""
     text = json.dumps(content, indent=2, ensure_ascii=False)
     return "".join(sign if sign == "\n" or _is_shown(sign) else json.dumps(sign)[1:-1] for sign in text)
 
@@ -91,23 +88,23 @@ def _is_shown(sign: str) -> bool:
 
 
 def count_of(count: int, noun: str) -> str:
-    """`1 pair`, `2 pairs`: a number with its noun, which takes an s."""
+    """Return a number with its noun: `1 pair`, `2 pairs`."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
 
 
 def list_some(names: Sequence[str], most: int) -> str:
-    """`a, b and 3 more`: the first names, at most so many, and how many are left."""
+    """Return the first names and the number of others: `a, b and 3 more`."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 def kept_before(count: int) -> str:
-    """`, 3 kept from before`, or nothing."""
+    """Return `, 3 kept from before`, or nothing."""
     return f", {count} kept from before" if count else ""
 
 
 def name_letter(number: int) -> str:
-    """A … Z, AA, AB …, as columns are named in a spreadsheet; `number` counts from 0."""
+    """Return A … Z, AA, AB …, as in a spreadsheet; `number` counts from 0."""
     name = ""
     number += 1
     while number:

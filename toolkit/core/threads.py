@@ -1,4 +1,4 @@
-"""Work on several threads: steps of torch, each on its own thread alone; what is read or drawn ahead of its use."""
+"""Work on several threads: steps of torch, each on a single thread, and items that are made ahead."""
 
 import os
 import threading
@@ -19,8 +19,8 @@ _starting = threading.Lock()
 def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
     import torch
 
-    # by process: the threads of a pool do not survive a fork, as of a data loader's workers
-    # all threads are started, and pinned to a thread each, before the process's own setting is put back
+    # a pool for each process: threads do not survive a fork, such as of a data loader's workers
+    # all threads are started, and limited to a thread each, before the process's own setting is restored
     ready = threading.Barrier(workers + 1)
 
     def keep_to_one_thread() -> None:
@@ -34,7 +34,7 @@ def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
         pool.submit(int)
     ready.wait()
     ready.wait()
-    # OpenMP keeps the setting by thread, torch also a setting for the process, which the workers have just changed
+    # OpenMP has a setting for each thread, torch also one for the process, which the workers have just changed
     torch.set_num_threads(workers)
     return pool
 
@@ -59,19 +59,19 @@ def run_each(work: Callable[[int], object], count: int) -> None:
 def map_ahead(
     make: Callable[[Item], Made], items: Iterable[Item], threads: int | None = None, ahead: int | None = None
 ) -> Generator[Made]:
-    """Yield `make` of each item, in order, made on threads of their own.
+    """Yield `make` of each item in order, made ahead on threads.
 
     Args:
-        make: is called on several threads at once.
-        items: are taken as they are needed.
-        threads: by default one for each core; one thread is the caller's own, which makes each when it is asked for.
-        ahead: items that are made in advance, by default two for each thread, so that a long list fills no memory.
+        make: function that several threads call at once.
+        items: items, taken as they are needed.
+        threads: number of threads, by default the number of cores; a single thread is the caller's own.
+        ahead: items made in advance, by default two for each thread.
     """
     threads = threads or count_cores()
     if threads == 1:
         yield from map(make, items)
         return
-    # threads, not processes: decoders, kernels and torch run without the interpreter's lock, and share memory
+    # threads, not processes: decoders, kernels and torch release the interpreter's lock
     waiting: deque[Future[Made]] = deque()
     with ThreadPoolExecutor(threads, "ahead") as pool:
         try:
@@ -81,6 +81,7 @@ def map_ahead(
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
+        # the caller stopped early
         finally:
             for future in waiting:
                 future.cancel()

@@ -1,4 +1,4 @@
-"""Keys of kept results: a hash of what was done, the version of its method, and all inputs."""
+"""Keys of kept results: a hash of the kind of work, its version, and all inputs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,17 +18,16 @@ Made = TypeVar("Made")
 class Work:
     """A kind of work whose results are kept, so that nothing is done twice.
 
-    State it once, beside the method. Raise `version`, and leave `old_at` out, when the same inputs give another result.
+    Define it once, beside the method. Raise `version`, and remove `old_at`, if the same inputs give another result.
 
         CELLS = Work("cell", 1)
         key = CELLS.key(image_sha256, weights_sha256, severity)
 
     Attributes:
-        kind: what is made; part of every key.
-        version: of the method; part of every key.
-        old_at: for work that is older than this class, so that its results stay readable: the place of the version
-            among the inputs, its name if the only input is a mapping, or `NOWHERE` if the first version is left out.
-            Such keys do not hold the kind.
+        kind: kind of the result; part of every key.
+        version: version of the method; part of every key.
+        old_at: for keys that are older than this class, without the kind: the place of the version among the inputs,
+            its name if the only input is a mapping, or `NOWHERE` if the first version is left out.
     """
 
     kind: str
@@ -36,7 +35,7 @@ class Work:
     old_at: int | str | None = None
 
     def key(self, *inputs: object) -> str:
-        """Hash of kind, version and inputs, which must be JSON; what is not is hashed as `str` shows it."""
+        """Return the hash of kind, version and inputs: JSON values, or their `str`."""
         if isinstance(self.old_at, str):
             (named,) = inputs
             return sha256_json({**named, self.old_at: self.version})  # type: ignore[dict-item]
@@ -47,10 +46,7 @@ class Work:
 
 
 def find_made(key: str, read: Callable[[], Made], held: Callable[[Made], object], *files: Path) -> Made | None:
-    """What `read` finds of an earlier run, if all files are there and it `held` the same key; else None.
-
-    What cannot be read is made again: a kill between a file and its record leaves such a pair.
-    """
+    """Return the result of `read` if all files exist and it `held` the key; else None, also if it cannot be read."""
     if not all(file.is_file() for file in files):
         return None
     try:

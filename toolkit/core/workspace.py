@@ -1,4 +1,4 @@
-"""The folder that a user works in, and the package's own data behind it."""
+"""Workspace: the folder that a user works in, and the package's own data behind it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,12 +17,11 @@ PACKAGE_DATA = Path(__file__).parents[1] / "data"
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder with `rig/`, `print/`, `captures/` and `eval/`; what it lacks comes from the package's data.
+    """A folder with `rig/`, `print/`, `captures/` and `eval/`; missing files come from the package's data.
 
     Attributes:
         root: the folder.
-        patch_set: the sub-folder of `print/patches` that is worked with, such as `rig18` for patches of that
-            classifier; None for the patches that lie in `print/patches` itself.
+        patch_set: sub-folder of `print/patches` to work with, such as `rig18`; None for `print/patches` itself.
         board: file of the board in the photographs; None for the board that was printed last.
     """
 
@@ -32,7 +31,7 @@ class Workspace:
 
     @property
     def plan_file(self) -> Path:
-        """Where the capture plan is written."""
+        """File of the capture plan."""
         return self.root / "rig" / "plan.json"
 
     @property
@@ -42,17 +41,17 @@ class Workspace:
 
     @property
     def classifiers_dir(self) -> Path:
-        """Classifiers of the user's own, and their records."""
+        """The user's own classifiers, and their records."""
         return self.root / "rig" / "classifiers"
 
     @property
     def worlds_dir(self) -> Path:
-        """Worlds of the user's own, and the previews of all."""
+        """The user's own worlds, and the previews of all."""
         return self.root / "rig" / "worlds"
 
     @property
     def print_dir(self) -> Path:
-        """Printed pages; those of a patch set have a folder of their own."""
+        """Printed pages; a patch set has its own folder."""
         return self.root / "print" / (self.patch_set or "")
 
     @property
@@ -62,12 +61,12 @@ class Workspace:
 
     @property
     def textures_dir(self) -> Path:
-        """Trained textures, their records, and the objects that wear them."""
+        """Trained textures, their records, and objects with them."""
         return self.root / "rig" / "textures"
 
     @property
     def wraps_dir(self) -> Path:
-        """Plans of flat pieces to stick on objects, a folder each."""
+        """Plans of flat pieces for objects, a folder each."""
         return self.root / "print" / "wraps"
 
     @property
@@ -76,9 +75,9 @@ class Workspace:
         return self.root / "captures"
 
     def source_dir(self, source: str) -> Path:
-        """`captures/SOURCE`; a `FieldError` where no folder may be called that."""
+        """Return `captures/SOURCE`; a `FieldError` if no folder can have this name."""
         if not is_folder_name(source):
-            raise FieldError(f"{{source}} '{source}': expected the name of one folder below captures/", {})
+            raise FieldError(f"{{source}} '{source}': expected the name of a folder below captures/", {})
         return self.captures_dir / source
 
     @property
@@ -87,26 +86,26 @@ class Workspace:
         return self.root / "eval"
 
     def object_specs(self) -> dict[str, Path]:
-        """Spec file of every known object by name; a file of the workspace wins over the package's."""
+        """Return the spec file of every object by name; a file of the workspace replaces the package's."""
         return _named_files("objects", "*.toml", self.objects_dir)
 
     def patches(self) -> dict[str, Path]:
-        """PNG of every known patch by name; a file of the workspace wins over the package's."""
+        """Return the PNG of every patch by name; a file of the workspace replaces the package's."""
         return _named_files(Path("patches", self.patch_set or ""), "*.png", self.patches_dir)
 
     def textures(self) -> dict[str, Path]:
-        """PNG of every known texture by name; a file of the workspace wins over the package's."""
+        """Return the PNG of every texture by name; a file of the workspace replaces the package's."""
         found = _named_files("textures", "*.png", self.textures_dir)
         return {name: file for name, file in found.items() if is_file_name(name)}  # others mask their paint
 
     def wraps(self) -> dict[str, Path]:
-        """Folder of every known wrap by name; a folder of the workspace wins over the package's."""
+        """Return the folder of every wrap by name; a folder of the workspace replaces the package's."""
         places = (PACKAGE_DATA / "wraps", self.wraps_dir)
         found = [file.parent for place in places for file in sorted(place.glob("*/wrap.json"))]
         return {folder.name: folder for folder in found if is_file_name(folder.name)}
 
     def with_patches(self, patch_set: str | None) -> "Workspace":
-        """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
+        """Return the workspace with the patches in a sub-folder of `print/patches`, or with None in the folder itself.
 
         Raises:
             ToolkitError: no such sub-folder holds a patch, here or in the package's data.
@@ -119,13 +118,12 @@ class Workspace:
         if known:
             raise one_of("set of patches", patch_set, known)
         raise ToolkitError(
-            f"no set of patches called '{patch_set}': expected a folder of patches in "
-            f"{self.root / 'print' / 'patches'}: "
-            f"make one with 'toolkit train-patch --model MODEL --out print/patches/NAME'"
+            f"no set of patches called '{patch_set}' in {self.root / 'print' / 'patches'}: "
+            "make a set with 'toolkit train-patch --model MODEL --out print/patches/NAME'"
         )
 
     def patch_sets(self) -> list[str]:
-        """Names of the sub-folders of `print/patches` that hold patches, the package's own among them."""
+        """Return the names of the sub-folders of `print/patches` with patches, also the package's own."""
         places = (PACKAGE_DATA / "patches", self.root / "print" / "patches")
         found = {file.parent.name for place in places for file in place.glob("*/*.png")}
         return sorted(name for name in found if is_file_name(name) and name != "previews")
@@ -146,9 +144,7 @@ class Workspace:
         """Return the folder of a wrap; an unknown name is a `ToolkitError`."""
         known = self.wraps()
         if not known:
-            raise ToolkitError(
-                f"no wrap called '{name}', as there is none yet: make one with 'toolkit wrap --object NAME'"
-            )
+            raise ToolkitError(f"no wrap called '{name}': there is none yet: run 'toolkit wrap --object NAME'")
         return _find_named("wrap", name, known)
 
 
@@ -164,11 +160,7 @@ def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
 
 
 class WorkspaceFile(BaseModel):
-    """`toolkit.toml`, which marks a folder as a workspace.
-
-    Attributes:
-        schema_version: of the workspace's layout.
-    """
+    """`toolkit.toml`, which marks a folder as a workspace."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1]
@@ -182,13 +174,13 @@ schema_version = 1
 
 
 def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False) -> Workspace:
-    """The workspace of a command: `folder` if it is named, else the nearest from the current folder upwards.
+    """Return the workspace of a command: `folder`, else the nearest from the current folder upwards.
 
-    Where there is none, the current folder: built-in objects, plan and patches need no workspace.
+    Without a workspace, the current folder: built-in objects, plan and patches need none.
 
     Args:
         folder: the workspace.
-        is_needed: for what writes into `rig/`, `print/` or `captures/`, which would make a workspace of any folder.
+        is_needed: whether the command writes into `rig/`, `print/` or `captures/`, which only a workspace may have.
 
     Raises:
         ToolkitError: `folder` is no workspace (see `is_workspace`), there is none and it `is_needed`, or its
@@ -235,7 +227,7 @@ SPEC_GUIDE = """\
 
 
 def make_workspace(folder: Path | str) -> Workspace:
-    """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
+    """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; existing files stay as they are.
 
     Raises:
         ToolkitError: `folder` is a file, or cannot be written; a folder in it is a link; its `toolkit.toml` has a
@@ -254,17 +246,13 @@ def make_workspace(folder: Path | str) -> Workspace:
 
 
 def copy_objects(workspace: Workspace, folder: Path) -> Workspace:
-    """Make a workspace with the objects of another and nothing else of it.
+    """Make a workspace with only the objects of another; raises as `make_workspace`."""
 
-    Raises:
-        ToolkitError: as `make_workspace`.
-    """
+    def list_linked(parent: str, names: list[str]) -> list[str]:
+        # linked folders may lead out of the workspace, or in a circle
+        return [name for name in names if (path := Path(parent, name)).is_symlink() and path.is_dir()]
+
     space = make_workspace(folder)
     if workspace.objects_dir.is_dir():
-        copytree(workspace.objects_dir, space.objects_dir, ignore=_list_linked_folders, dirs_exist_ok=True)
+        copytree(workspace.objects_dir, space.objects_dir, ignore=list_linked, dirs_exist_ok=True)
     return space
-
-
-def _list_linked_folders(folder: str, names: list[str]) -> list[str]:
-    """Those that may lead out of the workspace, or round in a circle."""
-    return [name for name in names if (path := Path(folder, name)).is_symlink() and path.is_dir()]

@@ -1,7 +1,4 @@
-"""Lists of idempotent work units, addressed by the hash of their inputs: here, in a pool of processes, or on Ray.
-
-Where they are done is declared here once, for the command line and for Python.
-"""
+"""Run lists of work units in this process, in a pool of processes, or on Ray, with settings for all of them."""
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,29 +14,26 @@ WHERE = "Where it runs"
 
 
 class EngineConfig(Config):
-    """Where units are done, and by how many; the results are the same."""
+    """Place and number of workers; the results do not depend on them."""
 
     engine: Annotated[Literal["local", "ray"], Flag(group=WHERE)] = Field(
         "local", description="This machine, or a Ray cluster (needs the extra [ray])."
     )
     workers: Annotated[int | None, Field(ge=1, le=1024), Flag(group=WHERE)] = Field(
         None,
-        description="Processes with one core each. Default: this one alone, whose threads use all cores; with ray as "
-        "many as the cluster has room for.",
+        description="Processes with a core each. Default: a single process with threads on all cores; with ray as many "
+        "as the cluster has cores.",
     )
     address: Annotated[str | None, Flag(metavar="HOST:PORT", group=WHERE)] = Field(
-        None, description="Address of a Ray cluster, or auto for the one on this machine; default: start one here."
+        None, description="Address of a Ray cluster, or auto for the cluster here. Default: start a cluster here."
     )
 
     def open(self, gpus: int = 0) -> "Engine":
-        """The engine; used as a context manager.
-
-        Args:
-            gpus: that each unit needs, where the cluster has any.
+        """Return the engine, a context manager; on a cluster each unit gets `gpus` GPUs.
 
         Raises:
             FieldError: an address without Ray.
-            ToolkitError: Ray is not installed, or nobody answers at the address.
+            ToolkitError: Ray is not installed, or does not answer at the address.
         """
         from toolkit.engine.local import InProcess, LocalPool
 

@@ -18,38 +18,38 @@ from toolkit.core.errors import ToolkitError
 from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
 TRIES = 2
-"""How often a unit may end its process before it is given up."""
+"""Number of tries for a unit whose process dies."""
 Done = tuple[list[Result], str]
-"""Results of a unit, and the reason where it failed."""
+"""Results of a unit, and the reason if it failed."""
 
 
 class Here(Generic[Value]):
-    """A shared value of this very process."""
+    """A shared value in this process."""
 
     def __init__(self, value: Value) -> None:
         self._value = value
 
     def get(self) -> Value:
-        """The value."""
+        """Return the value."""
         return self._value
 
 
 class InProcess:
-    """Does each unit here when its turn comes; the work itself may use all cores.
+    """Runs units in this process, in their order; the work may use all cores.
 
     Attributes:
-        raises: a unit's error ends the run.
+        raises: whether a unit's error ends the run.
     """
 
     def __init__(self, raises: bool = False) -> None:
         self.raises = raises
 
     def share(self, value: Value) -> Here[Value]:
-        """The value as it is."""
+        """Return the value as it is."""
         return Here(value)
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `Engine.run`; a result is handed over before the unit's next result is begun."""
+        """See `Engine.run`; a result is yielded before the next result of the unit is begun."""
         for unit in units:
             try:
                 for key, result in zip(unit.keys, unit.work(*unit.inputs), strict=True):
@@ -67,7 +67,7 @@ class InProcess:
 
 
 class Stored(Generic[Value]):
-    """A shared value in a file, which each worker reads once; the file goes when nobody in the driver holds this."""
+    """A shared value in a file, which each worker reads once; the file is deleted with this object."""
 
     def __init__(self, file: Path, value: Value) -> None:
         self._file = file
@@ -81,10 +81,10 @@ class Stored(Generic[Value]):
         weakref.finalize(self, file.unlink, missing_ok=True)
 
     def get(self) -> Value:
-        """Return the value, read from its file or from this process's cache."""
+        """Return the value, from the file or this process's cache."""
         return _load(self._file)
 
-    # workers get the path alone, and must not delete the file at their end
+    # workers get only the path, and must not delete the file
     def __reduce__(self) -> tuple[Callable[[Path], "Stored[Any]"], tuple[Path]]:
         return _open_stored, (self._file,)
 
@@ -98,16 +98,13 @@ def _open_stored(file: Path) -> "Stored[Any]":
 @lru_cache(maxsize=8)
 def _load(file: Path) -> Any:
     with file.open("rb") as stream:
-        return pickle.load(stream)  # of our own, in a folder that only this user may write to
+        return pickle.load(stream)  # our own file, in a folder that only this user may write to
 
 
 class LocalPool:
     """A pool of processes on this machine.
 
-    A worker that dies costs its unit another try, with no other unit beside it; a unit that fails twice is given up.
-
-    Attributes:
-        workers: how many processes; each uses a core.
+    A unit whose worker dies is tried again alone; after two tries it has failed.
     """
 
     def __init__(self, workers: int) -> None:
@@ -117,11 +114,7 @@ class LocalPool:
         self._numbers = itertools.count()
 
     def share(self, value: Value) -> Stored[Value]:
-        """Write the value where the workers find it.
-
-        Raises:
-            ToolkitError: it cannot be sent to another process.
-        """
+        """Write the value to a file for the workers; a `ToolkitError` if it cannot be sent."""
         if self._folder is None:
             self._folder = Path(tempfile.mkdtemp(prefix="toolkit-engine-"))
         return Stored(self._folder / f"{next(self._numbers)}.pickle", value)
@@ -137,11 +130,13 @@ class LocalPool:
         try:
             return future.result()
         except BrokenProcessPool:
-            # a pool that breaks does not say who broke it: the unit that was waited for is tried by itself
+            # the pool does not know which unit broke it: try this unit alone
             found = self._try_alone(unit)
-            for _ in range(len(waiting)):  # the pool took them all down with it
+            # the others were lost with the pool, but for units that had ended before
+            for _ in range(len(waiting)):
                 other, done = waiting.popleft()
-                waiting.append((other, self._again(other, done)))
+                is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
+                waiting.append((other, done if is_there else self._submit(other)))
             return found
         except Exception as error:  # inputs or results that cannot be sent
             return [], explain_failure(error)
@@ -153,13 +148,8 @@ class LocalPool:
             self._close()
             return self._open().submit(do_work, unit.work, unit.inputs)
 
-    def _again(self, unit: Unit[Result], done: "Future[Done[Result]]") -> "Future[Done[Result]]":
-        """Return the results of a unit that had ended before; otherwise submit it again."""
-        is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
-        return done if is_there else self._submit(unit)
-
     def _try_alone(self, unit: Unit[Result]) -> Done[Result]:
-        """Run a unit alone in a pool, so that a killed process is its own fault."""
+        """Run a unit alone in a pool, so that it caused the death of a process."""
         for _ in range(TRIES):
             self._close()
             try:

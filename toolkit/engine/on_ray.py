@@ -1,7 +1,7 @@
-"""Units on a Ray cluster: plain tasks, inputs and results through the object store, no shared file system.
+"""Units on a Ray cluster: plain tasks, with inputs and results in the object store, without a shared file system.
 
-The driver alone writes. Ray starts a task again where its node or its worker died; what the work itself raises comes
-back as a reason. The kit travels with the tasks, so that the nodes need Python, Ray and the libraries alone.
+Only the driver writes files. Ray repeats a task if its node or worker died; errors of the work return as a reason. The
+package is sent with the tasks, so nodes need only Python, Ray and the libraries.
 """
 
 import os
@@ -18,40 +18,41 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from toolkit.core.child import limit_cores
 from toolkit.core.errors import ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
 if TYPE_CHECKING:
     import ray
 
 RETRIES = 3
-"""How often Ray does a unit again whose worker or node died."""
+"""Number of repeats of a unit whose worker or node died."""
 ANSWER_S = 5.0
-"""How long a cluster may take to answer at its address."""
+"""Seconds to wait for an answer of a cluster."""
 HTTP2_SETTINGS = b"\x04"
 HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + b"\0\0\0\0\0"
 KEPT = 8
-"""Shared values that a worker keeps, such as networks on their device."""
+"""Number of shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
-"""Packages whose version changes results: every node needs the same version."""
+"""Packages whose version changes results, which must be the same on every node."""
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
 class InStore(Generic[Value]):
-    """A shared value in Ray's object store; each worker reads it once and keeps it.
+    """A shared value in Ray's object store, which each worker reads once.
 
-    It lies there pickled whole: arrays that Ray takes apart come back read-only, another type to compiled code.
+    It is pickled as a whole: Ray would return read-only arrays, another type for compiled code.
     """
 
     def __init__(self, reference: "ray.ObjectRef[bytes]") -> None:
         self._reference = reference
 
     def get(self) -> Value:
-        """The value."""
+        """Return the value."""
         import ray
 
         name = self._reference.hex()
         if name not in _kept:
-            _kept[name] = pickle.loads(ray.get(self._reference))  # put there by this engine's own driver
+            _kept[name] = pickle.loads(ray.get(self._reference))  # from this engine's own driver
             while len(_kept) > KEPT:
                 _kept.popitem(last=False)
         _kept.move_to_end(name)
@@ -60,34 +61,27 @@ class InStore(Generic[Value]):
 
 
 class RayEngine:
-    """A Ray cluster: a running cluster, or a cluster that is started on this machine and ends with the engine."""
+    """A running Ray cluster, or a cluster that is started on this machine and ends with the engine."""
 
     def __init__(self, address: str | None = None, workers: int | None = None, gpus: int = 0) -> None:
-        """Not connected yet.
+        """Prepare the engine, without a connection.
 
         Args:
             address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the cluster on this machine; None
                 starts a cluster here.
-            workers: units that run at once; by default as many as the cluster has cores, or GPUs if they need a GPU.
-            gpus: that each unit needs.
+            workers: parallel units; by default as many as the cluster has cores, or GPUs if units need a GPU.
+            gpus: GPUs of each unit.
 
         Raises:
             ToolkitError: Ray is not installed.
         """
-        try:
-            import ray  # noqa: F401
-        except ImportError:
-            raise ToolkitError("Ray is not installed: pip install '.[ray]' in the kit's folder") from None
+        import_package("ray", "ray", "the engine ray")
         self.address, self.workers, self.gpus = address, workers, gpus
         self._task: Any = None
         self._is_mine = False
 
     def __enter__(self) -> "RayEngine":
-        """Connect, or start.
-
-        Raises:
-            ToolkitError: nobody answers at the address, or who answers is no Ray of this version.
-        """
+        """Connect or start a cluster; a `ToolkitError` if no Ray of this version answers at the address."""
         import ray
 
         if not ray.is_initialized():
@@ -102,9 +96,9 @@ class RayEngine:
         import ray
 
         _check_answer(self.address)
-        os.environ.setdefault("RAY_task_oom_retries", str(RETRIES))  # else a unit too large is tried for ever
+        os.environ.setdefault("RAY_task_oom_retries", str(RETRIES))  # else a too large unit is tried for ever
         kit = Path(__file__).parents[1]
-        nothing = tempfile.mkdtemp(prefix="toolkit-engine-")  # else workers import from the current folder first of all
+        nothing = tempfile.mkdtemp(prefix="toolkit-engine-")  # else workers import from the current folder
         settings: dict[str, Any] = {
             "runtime_env": {"py_modules": [str(kit)], "working_dir": nothing, "excludes": ["**/__pycache__/**"]},
             "log_to_driver": False, "logging_level": "ERROR",
@@ -121,11 +115,7 @@ class RayEngine:
         self._is_mine = True
 
     def share(self, value: Value) -> InStore[Value]:
-        """Put a value into the object store.
-
-        Raises:
-            ToolkitError: it cannot be sent to another process.
-        """
+        """Put a value into the object store; a `ToolkitError` if it cannot be sent."""
         import ray
 
         try:
@@ -134,11 +124,7 @@ class RayEngine:
             raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `run_ahead`; the results of units that are not asked for yet wait in the store.
-
-        Raises:
-            ToolkitError: a node has other libraries, which would give other results.
-        """
+        """See `run_ahead`; results wait in the store. A `ToolkitError` if a node has other libraries."""
         return run_ahead(units, self.workers or 1, self._submit, self._wait)
 
     def _wait(self, unit: Unit[Result], reference: Any, waiting: object) -> tuple[list[Result], str]:
@@ -162,7 +148,7 @@ class RayEngine:
     def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray
 
-        # shared values are in the object store already; the rest is sent with the unit
+        # shared values are in the object store; the other inputs are sent with the unit
         shared = {at: value for at, value in enumerate(unit.inputs) if isinstance(value, InStore)}
         own = tuple(None if at in shared else value for at, value in enumerate(unit.inputs))
         try:
@@ -173,7 +159,7 @@ class RayEngine:
         return reference
 
     def __exit__(self, *error: object) -> None:
-        """Leave the cluster; a cluster that was started here ends."""
+        """Leave the cluster, and end a cluster that was started here."""
         import ray
 
         if self._is_mine:
@@ -182,16 +168,13 @@ class RayEngine:
 
 
 def _check_answer(address: str | None) -> None:
-    """Find out in seconds what Ray itself takes a minute to say.
-
-    Raises:
-        ToolkitError: the address has no port, or nobody answers there.
-    """
+    """Raise a `ToolkitError` if no cluster answers at an address, within seconds; Ray itself would take a minute."""
     if address in (None, "auto", "local"):
         return
     host, _, port = str(address).removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise ToolkitError(f"Ray's address '{address}': expected HOST:PORT, such as 10.0.0.1:6379, or auto")
+    # a plain connection shows in seconds whether anything answers
     try:
         with socket.create_connection((host, int(port)), ANSWER_S) as line:
             is_grpc = os.environ.get("RAY_USE_TLS", "0") != "0" or _speaks_http2(line)
@@ -207,7 +190,7 @@ def _check_answer(address: str | None) -> None:
 
 
 def _speaks_http2(line: socket.socket) -> bool:
-    """Whether a server opens with a frame of settings, as gRPC's do (RFC 9113, section 3.4)."""
+    """Whether a server begins with a frame of settings, as gRPC does (RFC 9113, section 3.4)."""
     line.sendall(HTTP2_PREFACE)
     start = b""
     try:
@@ -219,7 +202,7 @@ def _speaks_http2(line: socket.socket) -> bool:
 
 
 def explain_start(where: str, error: Exception) -> str:
-    """Return in a line why Ray could not be reached or started."""
+    """Return why Ray could not be reached or started, as a line."""
     said = " ".join(str(error).split())
     found = re.findall(r"Ray: (\S+) Python: (\S+)", said)
     if len(found) == 2:
@@ -229,24 +212,24 @@ def explain_start(where: str, error: Exception) -> str:
 
 
 Done = tuple[list[Any], str, bool]
-"""Results of a unit, the reason where it failed, and whether its node is fit for the work."""
+"""Results of a unit, the reason if it failed, and whether its node has the right libraries."""
 
 
 @lru_cache(maxsize=1)
 def list_versions() -> dict[str, str]:
-    """Versions of the libraries here that results depend on."""
+    """Return the versions of `LIBRARIES` here."""
     return {name: version(name) if any(distributions(name=name)) else "none" for name in LIBRARIES}
 
 
 def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
-    """Return how a node's libraries differ from the driver's, in words; empty if they are the same."""
+    """Return how a node's libraries differ from the driver's, in words; empty if they do not."""
     return ", ".join(f"{name} {here[name]} for {version}" for name, version in wanted.items() if here[name] != version)
 
 
 def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
     import ray
 
-    # a task has a single core; otherwise each would start threads for all
+    # a task has a single core
     limit_cores(1)
     difference = find_difference(versions, list_versions())
     if difference:
@@ -256,6 +239,6 @@ def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[
 
 
 def _unpack_work(pickled: bytes, shared: dict[int, InStore[Any]]) -> Iterable[Any]:
-    """Do the work; unpacking it fails as the work does, such as for a module that the node does not have."""
+    """Unpack and do the work; a module that the node lacks then fails like the work."""
     work, inputs = pickle.loads(pickled)
     return work(*(shared.get(at, value) for at, value in enumerate(inputs)))

@@ -1,4 +1,4 @@
-"""A unit of work, what came of it, what runs lists of them, and the loop that does what is missing."""
+"""Units of work, their outcomes, engines that run lists of units, and the loop that does missing work."""
 
 import traceback
 from collections import deque
@@ -20,22 +20,22 @@ Value_co = TypeVar("Value_co", covariant=True)
 
 
 class Shared(Protocol[Value_co]):
-    """A value that many units need: a network, a shard of images. It travels once to each process that needs it."""
+    """A value for many units, such as a network or a shard of images, which is sent to each process once."""
 
     def get(self) -> Value_co:
-        """The value, where the work runs."""
+        """Return the value in the process of the work."""
         ...
 
 
 @dataclass(frozen=True)
 class Unit(Generic[Result]):
-    """Work that gives the same results wherever and however often it is done.
+    """Work with the same results wherever and however often it is done.
 
     Attributes:
-        keys: of its results, in their order: what tells each from all others, such as a hash of its inputs.
-        work: function of a module; from `inputs` an iterable of a result for each key.
-        inputs: all that it needs; values of `Shared` stand for what other units need as well.
-        name: what it is called where it fails.
+        keys: unique keys of its results, in their order, such as hashes of their inputs.
+        work: function of a module that returns an iterable of a result for each key.
+        inputs: arguments of `work`; a `Shared` stands for a value of many units.
+        name: name in messages.
     """
 
     keys: tuple[Any, ...]
@@ -46,13 +46,10 @@ class Unit(Generic[Result]):
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """One result of a unit, or why there are no more.
+    """A result of a unit, or why it failed.
 
     Attributes:
-        unit: whose.
-        key: of the result; None where it failed.
-        result: None where it failed.
-        reason: why it failed, in a line; empty where it did not.
+        reason: why the unit failed, as a line.
     """
 
     unit: Unit[Result]
@@ -62,43 +59,39 @@ class Outcome(Generic[Result]):
 
 
 class Engine(Protocol):
-    """What runs units; a context manager, which holds its processes until it is left."""
+    """Runs units; a context manager, which holds its processes."""
 
     def share(self, value: Value) -> Shared[Value]:
-        """Make a value ready for many units; it is dropped when no unit holds it any more."""
+        """Prepare a value for many units; it is dropped when no unit holds it any more."""
         ...
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """Do the units, and give their results in the order of the units, whoever finishes first.
+        """Run units, and yield their results in the order of the units.
 
-        Of `units` no more are read than the workers need next. A unit fails alone: its outcome has a reason.
+        Units are taken only as the workers need them. A unit that fails has an outcome with a reason.
         """
         ...
 
     def __enter__(self) -> "Engine":
-        """Start what is needed."""
+        """Start the processes."""
         ...
 
     def __exit__(self, *error: object) -> None:
-        """End it."""
+        """End the processes."""
         ...
 
 
 class Reason(str):
-    """Why a unit failed, in a line.
-
-    Attributes:
-        trace: the traceback of an error that nobody foresaw; empty for others.
-    """
+    """Why a unit failed, as a line; `trace` is the traceback of an unexpected error."""
 
     trace: str = ""
 
 
 def explain_failure(error: BaseException) -> Reason:
-    """Why a unit failed: a `ToolkitError` says it itself, of others kind, place and traceback."""
+    """Return why a unit failed: the message of a `ToolkitError`, or kind, place and traceback of another error."""
     if isinstance(error, ToolkitError):
         return Reason(error)
-    if isinstance(error, MemoryError) or "can't allocate memory" in str(error):  # as torch says it
+    if isinstance(error, MemoryError) or "can't allocate memory" in str(error):  # torch's message
         return Reason("the memory is full")
     if type(error).__name__ == "OutOfMemoryError":
         return Reason("the GPU's memory is full")
@@ -120,13 +113,13 @@ def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -
 
 
 def done_unit(result: Result) -> Iterator[Result]:
-    """Yield a result that was computed before: the work of a finished unit."""
+    """Yield a result that was computed before, as the work of a finished unit."""
     yield result
 
 
 PREFETCH = 2
 """Number of units started for each worker: the first runs, the second waits."""
-KILLED = "its process was killed, as it is where the memory is full"
+KILLED = "its process was killed, as by a full memory"
 Pending = TypeVar("Pending")
 
 
@@ -136,12 +129,12 @@ def run_ahead(
     begin: Callable[[Unit[Result]], Pending],
     end: Callable[[Unit[Result], Pending, deque[tuple[Unit[Result], Pending]]], tuple[list[Result], str]],
 ) -> Iterator[Outcome[Result]]:
-    """See `Engine.run`; the results of a unit are handed over together, while the next units run.
+    """Run units as `Engine.run`, with `PREFETCH` units for each worker.
 
     Args:
-        units, workers: what, by how many.
-        begin: hands a unit to the workers.
-        end: waits for a unit; gives its results and, where it failed, the reason. It may begin those that wait anew.
+        units, workers: units, and number of workers.
+        begin: gives a unit to the workers.
+        end: waits for a unit; returns its results, and the reason if it failed. It may begin waiting units again.
     """
     waiting: deque[tuple[Unit[Result], Pending]] = deque()
     rest = iter(units)
@@ -149,7 +142,7 @@ def run_ahead(
         waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, PREFETCH * workers - len(waiting))))
         if not waiting:
             return
-        # in the order of submission: results come back as if a single process had done them
+        # in the order of submission, as in a single process
         unit, pending = waiting.popleft()
         results, reason = end(unit, pending, waiting)
         yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
@@ -164,28 +157,28 @@ Item = TypeVar("Item")
 
 FAILURES = "failures.log"
 MOST_TRACES = 100
-"""Largest number of tracebacks in that file; a hundred show what is wrong."""
+"""Largest number of tracebacks in that file."""
 GIVE_UP_AFTER = 3
-"""Number of first units that must fail for the same reason before the run gives up: the fault is the run's."""
+"""Number of first units with the same failure that end the run."""
 
 
 class WorkLog(Generic[Key, Value, Record]):
-    """Finished work, in memory and in a log that runs may share; what stood in a broken line is done again.
+    """Finished work, in memory and in a log that runs may share; work of a broken line is done again.
 
     Attributes:
-        known: what the last record of each key says.
+        known: last value of each key.
     """
 
     def __init__(
         self, file: Path, model: type[Record], entries: Callable[[Record], Iterable[tuple[Key, Value]]],
         wanted: Collection[Key],
     ) -> None:  # fmt: skip
-        """Read from the log the entries, (key, value), that are wanted; raises as `RecordLog.read`."""
+        """Read the wanted entries, (key, value), of the log; raises as `RecordLog.read`."""
         self._log, self._entries = RecordLog(file, model, required=False, compact=True), entries
         self.known = {key: value for record in self._log.read() for key, value in entries(record) if key in wanted}
 
     def find_missing(self, wanted: Mapping[Key, Item]) -> dict[Key, Item]:
-        """What has no record yet, in order."""
+        """Return the items without a record, in order."""
         return {key: item for key, item in wanted.items() if key not in self.known}
 
     def add(self, *records: Record) -> None:
@@ -196,12 +189,7 @@ class WorkLog(Generic[Key, Value, Record]):
 
 @dataclass(frozen=True)
 class Ran:
-    """What a run did.
-
-    Attributes:
-        made, kept: what was done now, and what was there before, as `weigh` counts it.
-        failed: (name, reason) of units that failed; the next run tries them again.
-    """
+    """Result of a run: work made now and kept from before, and (name, reason) of failed units."""
 
     made: int
     kept: int
@@ -213,21 +201,18 @@ def run_resumable(
     keep: Callable[[Key, Item, Result], None], engine: Engine, folder: Path,
     weigh: Callable[[Item], int] = lambda item: 1, bar: Ticker | None = None,
 ) -> Ran:  # fmt: skip
-    """Do what is missing.
-
-    A result is kept before the next result is taken, so a run that was stopped goes on where it was, on any engine. A
-    unit fails alone: the others are done.
+    """Do the missing work, and keep each result before the next is taken, so that interrupted runs resume.
 
     Args:
-        title: of the progress bar.
-        wanted: all items of the run, by what tells their results from all others, such as a hash of the inputs.
-        missing: those that are to be done now.
-        units: units of the missing items; only read if items are missing, and no faster than the engine takes them.
-        keep: puts an item's result on disk.
-        engine: does the units.
-        folder: of the run; `failures.log` in it gets the tracebacks of errors that nobody foresaw.
-        weigh: how much an item counts on the progress bar.
-        bar: of a longer work, where this is a part of it; by default a bar of its own.
+        title: title of the progress bar.
+        wanted: all items of the run by unique keys, such as hashes of their inputs.
+        missing: items to be done now.
+        units: units of the missing items, taken only as the engine needs them.
+        keep: writes an item's result to disk.
+        engine: runs the units.
+        folder: folder of the run; `failures.log` in it gets the tracebacks of unexpected errors.
+        weigh: weight of an item on the progress bar.
+        bar: progress bar of a longer work; by default a new bar.
 
     Raises:
         ToolkitError: the first units all failed for the same reason, nothing could be done, or the disk is full.
@@ -249,7 +234,7 @@ def run_resumable(
                 continue
             item = missing[outcome.key]
             keep(outcome.key, item, outcome.result)
-            # after `keep`: what the bar counts is on disk
+            # after `keep`: the bar counts results on disk
             made += weigh(item)
             bar.advance(weigh(item), note=outcome.unit.name)
     # a run without a single result is an error, not an empty result
@@ -259,17 +244,17 @@ def run_resumable(
 
 
 class _FailureLog:
-    """Tracebacks of a run in a file of its own."""
+    """Tracebacks of a run in a file."""
 
     def __init__(self, folder: Path) -> None:
         self._file, self._entries = folder / FAILURES, list[str]()
 
     def clear(self) -> None:
-        """Remove what an earlier run left."""
+        """Delete the file of an earlier run."""
         delete_file(self._file)
 
     def note(self, outcome: Outcome[Any]) -> str:
-        """Log the traceback of a unit that failed, if it has a traceback; returns the reason with the file's name."""
+        """Log the traceback of a failed unit, if it has any; return the reason with the file's name."""
         trace = getattr(outcome.reason, "trace", "")
         if not trace:
             return str(outcome.reason)
@@ -290,7 +275,7 @@ def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
 def cut_groups(
     items: Mapping[Key, Item], group: Callable[[Item], Hashable], size: int
 ) -> Iterator[tuple[tuple[Key, ...], list[Item]]]:
-    """Yield the keys and items of units: at most `size` consecutive items of the same group."""
+    """Yield keys and items of units: at most `size` consecutive items of the same group."""
     for _, own in groupby(items.items(), key=lambda pair: group(pair[1])):
         while some := list(islice(own, size)):
             yield tuple(key for key, _ in some), [item for _, item in some]
