@@ -93,7 +93,7 @@ def test_copies_are_captures_and_say_what_eval_says(space, type_command, classif
     )
     assert found == expected
     again = evaluate_captures(space.captures_dir, space, classifier, EvalConfig(run="again", corruptions=[FOG]))
-    assert len(again.predictions) == 16 and "not once more: sim-defocus_blur-5, sim-fog-3" in again.notes[0]
+    assert len(again.predictions) == 16 and "they are corrupted: sim-defocus_blur-5, sim-fog-3" in again.notes[0]
 
 
 def test_a_second_run_keeps_and_a_stopped_one_goes_on(space, type_command):

@@ -240,7 +240,7 @@ def test_bad_calls_are_refused_before_anything_is_written(space):
         with pytest.raises(ToolkitError, match=words):
             again(space, **call)
     assert sha256_file(real / MANIFEST) == before
-    with pytest.raises(ToolkitError, match=r"like .*: has no manifest\.jsonl .*expected one source"):
+    with pytest.raises(ToolkitError, match=r"like .*: has no manifest\.jsonl .*expected a source"):
         read_measured(space.captures_dir)
 
 

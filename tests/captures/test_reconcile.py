@@ -224,7 +224,7 @@ def test_a_corrupted_copy_of_an_earlier_picture_does_not_count(source):
     found = read_captures(source.parent)
     assert len(found.captures) == 15
     assert [one.path for one in found.set_aside] == ["sim-fog-3/racer/patched/pose_01.png"]
-    assert "made from an earlier picture: sim/racer/patched/pose_01.png is another now" in found.set_aside[0].reason
+    assert "made from an earlier picture: sim/racer/patched/pose_01.png has changed" in found.set_aside[0].reason
 
 
 SETTINGS = ShootSettings(backdrop="white")

@@ -104,7 +104,7 @@ def test_cameras_are_as_the_plan_and_the_manifest_have_them(space):
 
 
 def test_images_without_a_camera_are_named(space):
-    assert gather_view(space).left_out == (("real/crate/patched/1.png", "no camera is known of it"),)
+    assert gather_view(space).left_out == (("real/crate/patched/1.png", "its camera is not known"),)
 
 
 def test_a_quaternion_turns_as_its_matrix():
@@ -162,4 +162,4 @@ def test_the_command_serves_until_it_is_interrupted(space):
                 break
         _, errors = running.communicate(timeout=60)
     assert running.returncode == 0 and "Traceback" not in errors
-    assert "2 planned poses, 4 images" in "".join(said) and "no camera is known of it" in errors
+    assert "2 planned poses, 4 images" in "".join(said) and "its camera is not known" in errors

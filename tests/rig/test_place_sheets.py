@@ -70,7 +70,7 @@ def test_the_plan_decides_nothing_of_several_and_write_makes_tables(typed):
     mounts = read_spec(space.object_spec("crate")).mounts
     assert [(one.at, one.size_mm) for one in mounts] == [(one["at"], 25) for one in first["places"]]
     said = " ".join(run("--sheets", "2", "--size-mm", "25").stdout.split())
-    assert "2 sheets that go on together" in said and "of 64 random views show half of one" in said
+    assert "2 sheets together" in said and "of 64 random views show half of a sheet" in said
 
 
 def test_fewer_sheets_than_were_asked_for_are_said(typed):

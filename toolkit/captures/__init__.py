@@ -1,1 +1,1 @@
-"""A folder of images and what is known of each."""
+"""Capture folders: shoot them, read them, and decide which images count."""

@@ -1,9 +1,8 @@
-"""Captures as ImageNet-C would corrupt them: a corrupted copy of a source's images, in a source of its own.
+"""Corrupt captures as ImageNet-C does: a corrupted copy of a source's images, in a source of its own.
 
-The published parameters are pixels of an image of 224², and a shot is larger: noise or a blur added to the whole shot
-would be mild or gone once a network has shrunk it. So each shot is resized and cut to 224² first, as published, and
-`toolkit eval` shows a file that was cut so to a network of 224 px as it is: with the usual preprocessing of such a
-network (256 px, 224² cut) the result is that of `toolkit eval --corrupt`; others resize and cut otherwise.
+The published parameters hold for images of 224². A shot is larger, and a network that shrinks it would remove part of
+the corruption. So each shot is first resized and cut to 224², as published. `toolkit eval` shows such a file unchanged
+to a network of 224 px, so with the usual preprocessing (256 px, 224² cut) the result equals `toolkit eval --corrupt`.
 """
 
 from collections.abc import Sequence
@@ -18,17 +17,17 @@ from toolkit.core.work import INPUTS
 from toolkit.rig.camera import Camera
 
 SEED = 0
-"""Seed of every corrupted image, with its path below the source: here and in `toolkit eval --corrupt`."""
+"""Seed of every corrupted image, together with its path below the source."""
 RESIZED_PX, CUT_PX = 256, 224
 BENDING = ("elastic_transform",)
-"""What moves the picture about, so that no camera has taken it."""
+"""Corruptions that bend the image, so that no camera fits it."""
 
 Corruption = tuple[str, int]
 
 
 @dataclass(frozen=True)
 class CorruptedSource:
-    """A corrupted copy: its folder, images made now and kept from before, and (path, reason) of those that failed."""
+    """A corrupted copy: folder, number of images made now and kept from before, and (path, reason) of failures."""
 
     source_dir: Path
     made: int
@@ -37,22 +36,18 @@ class CorruptedSource:
 
 
 def name_source(source: str, corruption: Corruption) -> str:
-    """`sim-fog-3`. Two pairs never share a name: no corruption's name has a hyphen."""
+    """Return `sim-fog-3`. Names are unique: no corruption's name has a hyphen."""
     return f"{source}-{corruption[0]}-{corruption[1]}"
 
 
 def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[CorruptedSource]:
     """Corrupt the images of a source into folders beside it: `captures/sim` in fog of 3 is `captures/sim-fog-3`.
 
-    Each is a capture folder with the same objects, variants and poses. What a run before has finished is kept, and an
-    image that was shot anew is corrupted anew.
-
-    Args:
-        source_dir: with images and a manifest.
-        corruptions: (name, severity) of each.
+    Each is a capture folder with the same objects, variants and poses. Finished images are kept; images that were shot
+    again are corrupted again.
 
     Raises:
-        ToolkitError: no images, a folder of that name that holds something else, or it cannot be written.
+        ToolkitError: there are no images, the folder holds something else, or it cannot be written.
     """
     from toolkit.corruptions.folder import corrupt_folder
 
@@ -61,37 +56,32 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         # two runs at once would both append to the manifest
         with hold_folder(out):
-            _check_own(out, corruption)
+            for path, record in read_manifest(out).items():
+                if (record.made.get("corruption"), record.made.get("severity")) != corruption:
+                    why = f"{out} holds images that were not made by corrupting shots ({path}): name another {{source}}"
+                    raise FieldError(why, {})
             done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
             _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made
 
 
-def _check_own(out: Path, corruption: Corruption) -> None:
-    for path, record in read_manifest(out).items():
-        if (record.made.get("corruption"), record.made.get("severity")) != corruption:
-            raise FieldError(
-                f"{out} holds images that were not made by corrupting shots ({path}): name another {{source}}", {}
-            )
-
-
 def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
-    """Bring the manifest up to what lies in the folder; a run that was stopped in between is caught up with."""
+    """Append the records of all images in the folder that the manifest lacks, also after a stopped run."""
     from toolkit.corruptions.folder import find_sources, read_finished
 
     shots, known, finished = read_manifest(source_dir), read_manifest(out), read_finished(out)
     records = []
     for source in find_sources(source_dir, out, "png")[0]:
         shot, line = shots.get(source.path), finished.get(source.target)
-        # a record would be of another picture than the one that was corrupted
+        # skip images that are not a copy of the shot as it is now
         if shot is None or line is None or line.source_sha256 != shot.image_sha256:
             continue
         record = _describe(shot, source.target, line.sha256, f"{source_dir.name}/{source.path}", corruption)
         records.append(record)
         if known.get(record.path) != record:
             append_record(out, record)
-    # a viewer would put a camera where none has stood
+    # no camera fits a bent image
     if corruption[0] not in BENDING:
         write_transforms(out, sorted(records, key=lambda record: record.path))
 
@@ -101,21 +91,17 @@ def _describe(shot: CaptureRecord, path: str, sha256: str, of: str, corruption: 
         "corruption": corruption[0], "severity": corruption[1], "corruption_seed": SEED, "cut_px": CUT_PX,
         "of": of, "of_sha256": shot.image_sha256,
     }  # fmt: skip
-    return shot.model_copy(
-        update={
-            "path": path,
-            "image_sha256": sha256,
-            "intrinsics": shot.intrinsics and cut_intrinsics(shot.intrinsics),
-            "made": shot.made | made,
-            INPUTS: None,  # a shot of these inputs looks otherwise
-        }
-    )
+    changed = {
+        "path": path, "image_sha256": sha256, "intrinsics": shot.intrinsics and cut_intrinsics(shot.intrinsics),
+        "made": shot.made | made, INPUTS: None,  # the key is of the shot, not of the copy
+    }  # fmt: skip
+    return shot.model_copy(update=changed)
 
 
 def cut_intrinsics(intrinsics: dict[str, float]) -> dict[str, float]:
-    """Those of a shot that was resized and cut to 224² as `toolkit.corruptions.folder.read_picture` does.
+    """Return the intrinsics after resizing and cutting to 224² as `toolkit.corruptions.folder.read_picture` does.
 
-    Pixel centres are at half integers. A shot of 224² was left as it is.
+    Pixel centres are at half integers. A shot of 224² stays as it is.
     """
     width, height = round(intrinsics["width"]), round(intrinsics["height"])
     if width == height == CUT_PX:

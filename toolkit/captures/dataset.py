@@ -1,4 +1,4 @@
-"""Captures as a `torch.utils.data.Dataset`: images as a network wants them, their class, and what is known of each."""
+"""Captures as a `torch.utils.data.Dataset`: preprocessed images, their class and metadata."""
 
 from collections.abc import Callable, Mapping
 from typing import TypedDict
@@ -15,13 +15,11 @@ from toolkit.imaging.read import UnreadableImage
 
 
 class CaptureInfo(TypedDict):
-    """What is known of one image, in types that PyTorch's `default_collate` joins into batches.
+    """Metadata of an image, in types that PyTorch's `default_collate` joins into batches.
 
     Attributes:
-        path: SOURCE/OBJECT/VARIANT/FILE.
-        source, object, variant: the folders that it lies in.
-        pose_id: of the plan's pose; -1 where it is not known.
-        T_world_camera: (4, 4) float32, OpenCV axes, millimetres; NaN where it is not known.
+        pose_id: number of the plan's pose; -1 if it is not known.
+        T_world_camera: (4, 4) float32, OpenCV axes, millimetres; NaN if it is not known.
     """
 
     path: str
@@ -36,15 +34,15 @@ Sample = tuple[torch.Tensor, int, CaptureInfo]
 
 
 class CaptureDataset(Dataset[Sample]):
-    """The images of a capture folder, one `(image, target, info)` each; goes into a `DataLoader` with any workers.
+    """Samples `(image, target, info)` of a capture folder, for a `DataLoader` with any workers.
 
-    - `image`: (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the network wants it, not normalised:
-      what `Classifier.logits` and `apply_patch` take.
-    - `target`: index of the object's class, -1 where `targets` does not name the object.
+    - `image`: (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut for the network, not normalised: an input of
+      `Classifier.logits` and `apply_patch`.
+    - `target`: index of the object's class, -1 if `targets` does not name the object.
     - `info`: a `CaptureInfo`.
 
     Attributes:
-        captures: what is known of each image, in the order of the samples.
+        captures: images in the order of the samples.
         refused: (path, reason) of files that may not be opened, such as links out of the folder; they are no samples.
     """
 
@@ -52,13 +50,11 @@ class CaptureDataset(Dataset[Sample]):
         self, folder: CaptureFolder, targets: Mapping[str, int], preprocessing: Preprocessing,
         transform: Callable[[torch.Tensor], torch.Tensor] | None = None,
     ) -> None:  # fmt: skip
-        """Take the images of a folder; each is read when it is asked for.
+        """Take the images of a folder, without reading them.
 
         Args:
-            folder: from `read_captures`.
             targets: class index of each object by name.
-            preprocessing: how the images are resized and cut, such as `Classifier.preprocessing`.
-            transform: of the finished image; with workers it must be picklable.
+            transform: transform of the finished image; with workers it must be picklable.
         """
         self.captures = tuple(capture for capture in folder.captures if capture.refused is None)
         self.refused = (
@@ -71,7 +67,7 @@ class CaptureDataset(Dataset[Sample]):
         return len(self.captures)
 
     def __getitem__(self, index: int) -> Sample:
-        """One sample; an image that cannot be read is a `ToolkitError` that names it."""
+        """Return a sample; an image that cannot be read is a `ToolkitError` that names it."""
         capture = self.captures[index]
         try:
             pixels = read_crop(capture, self.preprocessing)
@@ -85,7 +81,7 @@ class CaptureDataset(Dataset[Sample]):
 
 def _describe(capture: Capture) -> CaptureInfo:
     rows = capture.T_world_camera
-    # a batch needs a tensor of every sample: NaN says that nothing is known
+    # a batch needs a tensor of every sample: NaN means unknown
     T_world_camera = torch.full((4, 4), torch.nan) if rows is None else torch.tensor(rows, dtype=torch.float32)
     return CaptureInfo(
         path=capture.path, source=capture.source, object=capture.object, variant=capture.variant,

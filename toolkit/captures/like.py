@@ -1,4 +1,4 @@
-"""`toolkit capture-sim --like captures/real`: every photograph's measured camera, shot again in the virtual rig."""
+"""`toolkit capture-sim --like captures/real`: shoot from every photograph's measured camera in the virtual rig."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -28,14 +28,14 @@ from toolkit.rig.board_file import PRINTED
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
 
-# far above what networks see, and a tenth of a telephone's 12 megapixels
 MAX_PX = 1280
+"""Far above the input of networks, and a tenth of a phone's 12 megapixels."""
 NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"
 
 
 @dataclass(frozen=True)
 class LikeResult:
-    """What was shot, and (path, reason) of the photographs that could not be."""
+    """Images that were shot, and (path, reason) of photographs that could not be shot again."""
 
     shoot: ShootResult
     skipped: tuple[tuple[str, str], ...]
@@ -43,13 +43,11 @@ class LikeResult:
 
 @dataclass(frozen=True)
 class MeasuredPhoto:
-    """A photograph whose camera is known.
+    """A photograph with a measured camera.
 
     Attributes:
-        path: below the source's folder.
-        record: its line of the manifest.
-        camera: scaled to the size that is rendered.
-        T_world_camera: (4, 4).
+        path: path below the source's folder.
+        camera: camera, scaled to the size of the render.
     """
 
     path: str
@@ -63,23 +61,21 @@ def shoot_like(
     objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX,
     engine: EngineConfig | None = None,
 ) -> LikeResult:  # fmt: skip
-    """Shoot the object and variant of every photograph with the camera that was measured for it.
+    """Shoot object and variant of every photograph with its measured camera.
 
-    An image has the photograph's path below the source, and its pose id, so that an evaluation pairs them one by one.
-    The camera is a pinhole: the distortion of the real lens, which the manifest does not hold, is left out.
+    An image has the photograph's path below the source and its pose id, so an evaluation pairs the two. The camera is a
+    pinhole, without the distortion of the real lens.
 
     Args:
-        workspace: whose objects and patches are meant, and whose `captures/` is written to.
         photos_dir: a source with a manifest, such as `captures/real`.
-        settings: backdrop, light and the rest; the photograph's own table and light are not known.
+        settings: backdrop, light and more; the photograph's own table and light are not known.
         source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
         objects, variants: only these; all by default.
-        max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
-        engine: where they are shot; by default in this process.
+        max_px: largest longer side of the renders, pixels.
 
     Raises:
-        ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
-            would overwrite the photographs, or the disk is full or read-only.
+        ToolkitError: there is no manifest, no photograph can be shot, an object, variant or setting is unknown, the
+            source would overwrite the photographs, or the disk is full or read-only.
     """
     settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
     source = source or f"sim-like-{real_path(photos_dir).name}"
@@ -87,9 +83,10 @@ def shoot_like(
     # links resolved: another name may lead to the same folder
     if real_path(workspace.source_dir(source)) == real_path(photos_dir):
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
+    # photographs with a measured camera
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
-    # shots of one object and variant are made together: they share a mesh and its baked light
+    # shots of an object and variant are made together: they share a mesh and its baked light
     shots: list[Shot] = []
     members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
     for photo in photos:
@@ -110,20 +107,15 @@ def shoot_like(
         shots += [_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit]
     if not shots:
         path, reason = skipped[0]
-        raise ToolkitError(
-            f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
-        )
+        raise ToolkitError(f"no photograph of {len(skipped)} in {photos_dir} can be shot again; {path}: {reason}")
     with (engine or EngineConfig()).open() as workers:
         result = take_shots(workspace, shots, settings, workspace.source_dir(source), engine=workers)
     return LikeResult(result, tuple(sorted(skipped)))
 
 
 def board_shown(photos_dir: Path) -> str | None:
-    """The board from which the cameras of a source's photographs were measured, which then lies in the pictures.
-
-    `printed` for the one that was printed last, a name in `rig/boards` for another; None where they show none.
-    """
-    # the last import says which board lies there
+    """Return the board in a source's photographs: `printed`, or a name in `rig/boards`; None without a board."""
+    # the board of the last import
     made = [record.made for record in read_manifest(photos_dir).values() if "board_corners" in record.made]
     return str(made[-1].get("board", PRINTED)) if made else None
 
@@ -131,21 +123,22 @@ def board_shown(photos_dir: Path) -> str | None:
 def read_measured(
     photos_dir: Path, chosen: Selection | None = None, max_px: int = MAX_PX
 ) -> tuple[list[MeasuredPhoto], list[tuple[str, str]]]:
-    """The photographs of a source whose camera is known, and (path, reason) of the others.
+    """Return the photographs of a source with a measured camera, and (path, reason) of the others.
 
     Raises:
-        ToolkitError: no manifest, no images, or a selected object or variant that is not there.
+        ToolkitError: there is no manifest or no image, or a selected object or variant does not exist.
     """
     records = read_manifest(photos_dir)
     if not records:
         raise FieldError(
-            f"has no {MANIFEST} with measured cameras: expected one source, such as captures/real, of photographs that "
+            f"has no {MANIFEST} with measured cameras: expected a source, such as captures/real, of photographs that "
             "were imported with 'toolkit import'",
             {"like": photos_dir},
         )
     folder = read_captures(photos_dir, chosen)
     photos = []
     skipped = [(path.partition("/")[2], reason) for path, reason in folder.faults]
+    # a photograph needs camera and pose in its line
     for capture in folder.captures:
         path = capture.file.relative_to(photos_dir).as_posix()
         record = records.get(path)
@@ -154,7 +147,7 @@ def read_measured(
             continue
         pose = np.array(record.T_world_camera, float)
         rotation = pose[:3, :3]
-        # orthonormal and not mirrored: rows that were typed or rounded by hand are no camera's
+        # a rotation is orthonormal and not mirrored
         if np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0:
             camera = scale_camera(Camera.from_intrinsics(record.intrinsics), max_px)
             photos.append(MeasuredPhoto(path, record, camera, pose))
@@ -165,12 +158,10 @@ def read_measured(
 
 
 def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
-    """The camera of a photograph that was scaled so that its longer side is at most `max_px`.
+    """Return the camera of a photograph, scaled down to a longer side of `max_px`, with pixel centres at half integers.
 
-    Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
-    rounded, x and y scale by what they really became.
+    Rounded width and height make slightly different scales of x and y.
     """
-    # never enlarged: the photograph has no more to compare
     share = min(1.0, max_px / max(camera.width, camera.height))
     return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
 
@@ -179,12 +170,12 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
     shown = photo.record.booster_sha256
     if shown and booster_sha256 and shown != booster_sha256:
         return (
-            f"it shows another patch (SHA-256 {shown[:12]}…) than the one that is here ({booster_sha256[:12]}…): name "
-            "that patch's folder (patches)"
+            f"it shows another patch (SHA-256 {shown[:12]}…) than the patch that is here ({booster_sha256[:12]}…): "
+            "name that patch's folder (patches)"
         )
     position = photo.T_world_camera[:3, 3]
     low, high = item.mesh.bounds
-    # the table is at z = 0, and nobody photographs from within
+    # the table is at z = 0
     if position[2] <= 0 or (np.all(position > low) and np.all(position < high)):
         return "its measured camera is below the table or inside the object: check the board's size and the lens"
     return None
@@ -197,7 +188,7 @@ def _plan_shot(
     if path in taken:  # pose_01.jpg beside pose_01.heic
         path = f"{photo.path}.{image_format}"
     taken.add(path)
-    # rounded, so that float noise alone does not ask for a new shot
+    # rounded, so that float noise alone makes no new shot
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
     key = SHOTS.key(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
     made = {"like": f"{real_path(photos_dir).name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}

@@ -1,4 +1,4 @@
-"""What is known of each image of a source: `manifest.jsonl`, and `transforms.json` for the field's own viewers."""
+"""Metadata of the images of a source: `manifest.jsonl`, and `transforms.json` for other viewers."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +12,9 @@ from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
 GATES_FILE = "gates.jsonl"
-"""In the folder of a source beside its manifest: what each of its photographs was judged."""
+"""File beside the manifest with the gates of each photograph."""
 LEFT_OUT = "left_out"
-"""Field of `made`: why an image that lies there no longer counts, such as a pose that the plan does not have."""
+"""Field of `made`: why an image no longer counts, such as a pose that the plan does not have."""
 # a file that a user edits: NaN, infinity and absurd lengths are refused on reading
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -24,7 +24,7 @@ MOST_COEFFICIENTS = 14
 
 
 class CaptureRecord(BaseModel):
-    """What is known of one image.
+    """A line of the manifest.
 
     Attributes:
         path: path of the image inside the source's folder (captures/SOURCE), with forward slashes.
@@ -35,7 +35,7 @@ class CaptureRecord(BaseModel):
         booster_sha256: hash of the booster's PNG, None without a booster.
         image_sha256: hash of the image file.
         made: renderer, studio, seed and program version.
-        inputs_sha256: hash of everything that the image depends on. If it changes, the image must be shot again.
+        inputs_sha256: hash of all inputs of the image. If it changes, the image must be shot again.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -69,7 +69,7 @@ class CaptureRecord(BaseModel):
 
     @property
     def camera(self) -> Camera | None:
-        """The camera that `intrinsics` and a photograph's `distortion` describe; None where they are not known."""
+        """Camera of `intrinsics` and a photograph's `distortion`; None if they are not known."""
         if not self.intrinsics:
             return None
         found = self.made.get("distortion")
@@ -77,34 +77,33 @@ class CaptureRecord(BaseModel):
 
 
 def open_manifest(source_dir: Path) -> RecordLog[CaptureRecord]:
-    """The log of a source's images."""
+    """Return the log of a source's images."""
     return RecordLog(Path(source_dir) / MANIFEST, CaptureRecord)
 
 
 def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
-    """Records by path; the last line for a path wins; a half-written last line (a kill while appending) is dropped.
+    """Return records by path; the last line of a path counts, and a half-written last line is dropped.
 
     Raises:
         ToolkitError: a line in the middle is broken, or a path leaves the folder.
     """
     records = open_manifest(source_dir).read_last(lambda record: record.path)
     for path in records:
-        # a manifest may come from elsewhere: no path of it may leave the folder
-        inside(source_dir, path)
+        inside(source_dir, path)  # a manifest may come from elsewhere
     return records
 
 
 def append_record(source_dir: Path, record: CaptureRecord) -> None:
-    """Append one line and flush it to disk; raises as `RecordLog.append`."""
+    """Append a line and flush it to disk; raises as `RecordLog.append`."""
     open_manifest(source_dir).append(record)
 
 
 def is_finished(source_dir: Path, record: CaptureRecord | None, key: str) -> bool:
-    """Whether an image was made by the same key before and its file is still whole."""
+    """Whether an image was made with the same key before, and its file is unchanged."""
     if record is None or record.inputs_sha256 != key:
         return False
     file = Path(source_dir) / record.path
-    # by content: a file that was changed by hand is shot again
+    # by content: a file that was edited is shot again
     return file.is_file() and sha256_file(file) == record.image_sha256
 
 
@@ -112,18 +111,15 @@ MM_PER_M = 1000.0
 
 
 def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
-    """(4, 4) with OpenCV camera axes in mm -> OpenGL camera axes (y up, z back) in metres, as nerfstudio has it."""
-    # the camera's own y and z are turned, not the world's: from the right
+    """Convert (4, 4) from OpenCV camera axes in mm to OpenGL camera axes (y up, z back) in metres, as in nerfstudio."""
+    # from the right: the camera's own y and z are turned, not the world's
     flipped = np.array(T_world_camera, float) @ np.diag([1.0, -1.0, -1.0, 1.0])
     flipped[:3, 3] /= MM_PER_M
     return flipped
 
 
 def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
-    """The content of the `transforms.json` of a folder, for its records that know their camera.
-
-    A frame has a lens of its own where it is not the first one's.
-    """
+    """Return the content of a folder's `transforms.json`, of records with a camera; other lenses stand in the frame."""
     known = [(record, record.camera) for record in records if record.T_world_camera]
     cameras = [(record, camera) for record, camera in known if camera is not None]
     if not cameras:
@@ -136,6 +132,7 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
             "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
             "object": record.object, "variant": record.variant,
         }  # fmt: skip
+        # a frame states its lens only if it differs
         if camera.intrinsics != first.intrinsics:
             frame |= _describe_camera(camera)
         frames.append(frame)
@@ -147,20 +144,17 @@ TRANSFORMS = "transforms.json"
 
 
 def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Path]:
-    """Write `captures/SOURCE/OBJECT/VARIANT/transforms.json`, one for each folder of images.
+    """Write `transforms.json` into each folder of images: all objects stand at the same origin, and would overlap.
 
-    All objects stand at one origin: of a file with several a radiance field would make one ghost. Such a file of an
-    earlier version, `captures/SOURCE/transforms.json`, is taken away.
+    The file of an earlier version, `captures/SOURCE/transforms.json`, is deleted.
     """
     source_dir = Path(source_dir)
     groups: dict[Path, list[CaptureRecord]] = {}
     for record in records:
         groups.setdefault(Path(record.path).parent, []).append(record)
     delete_file(source_dir / TRANSFORMS)
-    return [
-        write_json(source_dir / folder / TRANSFORMS, describe_transforms(own), source_dir)
-        for folder, own in groups.items()
-    ]
+    files = {source_dir / folder / TRANSFORMS: describe_transforms(own) for folder, own in groups.items()}
+    return [write_json(file, content, source_dir) for file, content in files.items()]
 
 
 def _describe_camera(camera: Camera) -> dict[str, float]:

@@ -21,8 +21,8 @@ from toolkit.imaging.read import FoundFiles, find_files, read_image, show_path
 
 POOLED = "all"
 LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
-# ImageNet's folders are called by WordNet ids: n and eight digits
 WNID = re.compile(r"^n\d{8}$")
+"""WordNet ids, the names of ImageNet's folders."""
 MAX_POSE_DIGITS = 5
 MOST_LISTED = 5
 
@@ -32,13 +32,11 @@ class CaptureFolder:
     """A capture folder.
 
     Attributes:
-        root: the folder.
-        captures: the images that count, by source, object, variant and path.
+        captures: images that count, by source, object, variant and path.
         refused_folders: (path, reason) of linked folders, whose images are missing.
-        notes: what the reader should know and no image stands for: files passed over, several images of one pose.
-        set_aside: the images that do not count, each with its reason.
-        without_manifest: names of the sources that have none: their images are paired by name.
-        is_trusted: images that differ from their manifest were counted all the same.
+        notes: remarks for the reader, such as ignored files, and several images of a pose.
+        without_manifest: sources without a manifest: their images are paired by name.
+        is_trusted: whether images that contradict their manifest were counted.
     """
 
     root: Path
@@ -51,7 +49,7 @@ class CaptureFolder:
 
     @property
     def faults(self) -> list[tuple[str, str]]:
-        """(path, reason) of the images in which the folder contradicts itself."""
+        """(path, reason) of images that contradict their manifest."""
         return [(capture.path, capture.reason) for capture in self.set_aside if capture.is_fault]
 
     @cached_property
@@ -62,7 +60,7 @@ class CaptureFolder:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which part of a capture folder is meant; empty means all."""
+    """A part of a capture folder; empty means all."""
 
     sources: tuple[str, ...] = ()
     objects: tuple[str, ...] = ()
@@ -70,11 +68,7 @@ class Selection:
 
 
 def find_captured(root: Path) -> FoundFiles:
-    """The files of a capture folder, nothing of them read.
-
-    Raises:
-        ToolkitError: no folder, or no images in it.
-    """
+    """Return the files of a capture folder, unread; a `ToolkitError` if there is no folder or no image."""
     found = find_files(root)
     if not found.images and not found.refused:
         raise ToolkitError(f"{root} holds no images: expected {LAYOUT}")
@@ -82,20 +76,17 @@ def find_captured(root: Path) -> FoundFiles:
 
 
 def read_captures(root: Path, selection: Selection | None = None, *, trust_files: bool = False) -> CaptureFolder:
-    """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
+    """Read `captures/`, a source in it, the folder of an object, or an ImageFolder whose folders are WordNet ids.
 
-    Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`), else
-    names that are equal in several variants. What counts is decided by `toolkit.captures.reconcile`.
+    Images are paired by pose: the manifest's pose id, the number in the name (`pose_03.jpg`, `IMG_0003.jpg`), or equal
+    names in several variants. `toolkit.captures.reconcile` decides which images count.
 
     Args:
-        root: the folder.
-        selection: which part of it is meant.
-        trust_files: count images that are not as their manifest says, by their folder and name.
+        trust_files: count images that contradict their manifest, by folder and name.
 
     Raises:
-        ToolkitError: no folder, no images, images that are not sorted into folders, a broken manifest, an object called
-            `all`, a selected source, object or variant that is not there, folders that contradict the manifest, or
-            no image that counts.
+        ToolkitError: there is no folder, image, or image that counts; images are not sorted into folders; a manifest is
+            broken or contradicts the folders; an object is called `all`; a selected name does not exist.
     """
     root = Path(root)
     found = find_captured(root)
@@ -105,7 +96,9 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     captures: list[Capture] = []
     stray: list[str] = []
     unread: list[tuple[str, str]] = []
-    for parts, refused in _all_files(found):
+    files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
+    files += [(tuple(path.split("/")), reason) for path, reason in found.refused]
+    for parts, refused in files:
         if len(parts) - 1 < depth:
             if refused is None:
                 stray.append(show_path(parts))
@@ -120,12 +113,14 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
         sources[show_path((full[0],))] = source_dir
         record = manifests[source_dir].get("/".join(full[1:]))
         captures.append(_capture(root / Path(*parts), full, record, refused))
+    # compare the selected images with their manifests
     known = {name: _open_source(name, folder, manifests[folder]) for name, folder in sources.items()}
-    known = {name: one for name, one in known.items() if one.records}
-    wanted = [replace(one, image_sha256=_hash_file(one)) for one in _select(captures, selection or Selection())]
+    known = {name: manifest for name, manifest in known.items() if manifest.records}
+    selected = _select(captures, selection or Selection())
+    wanted = [replace(capture, image_sha256=_hash_file(capture)) for capture in selected]
     counted, aside = reconcile(_pair_by_stem(wanted), known, trust_files=trust_files)
     if not trust_files:
-        # of a part of a source, other folders are not looked for
+        # in a part of a source, folders that are gone are not missing
         is_whole = len(prefix) < 2 and (selection or Selection()) == Selection()
         aside += find_missing(wanted, known, is_whole=is_whole)
     if wanted and not counted:
@@ -133,20 +128,25 @@ def read_captures(root: Path, selection: Selection | None = None, *, trust_files
     counted.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
     if any(capture.object == POOLED for capture in counted):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
-    notes = (*_note_files(found, stray), *_note_retextured(counted), *_note_doubles(counted), *_note_aside(aside))
-    without = sorted({one.source for one in counted} - known.keys())
+    notes = _note_files(found, stray, counted) + _note_doubles(counted)
+    # a note for each reason why images were left out on purpose, or are copies
+    kinds: dict[str, list[SetAside]] = {}
+    for item in aside:
+        if not item.is_fault:
+            kinds.setdefault(item.kind, []).append(item)
+    for group in kinds.values():
+        notes.append(f"{list_some([item.path for item in group], MOST_LISTED)}: {group[0].reason}")
+    without = sorted({capture.source for capture in counted} - known.keys())
     return CaptureFolder(
-        root, tuple(counted), tuple(unread), notes, tuple(aside), tuple(without), is_trusted=trust_files and bool(known)
-    )
+        root, tuple(counted), tuple(unread), tuple(notes), tuple(aside), tuple(without),
+        is_trusted=trust_files and bool(known),
+    )  # fmt: skip
 
 
 def find_faults(root: Path) -> dict[str, str]:
-    """Return the images below a folder that contradict their manifest, by path below it, and why.
+    """Return the images that contradict a manifest in a folder or directly below it: path -> reason.
 
-    A folder without a manifest in it, or in a folder directly below it, has none.
-
-    Raises:
-        ToolkitError: as `read_captures`.
+    Raises as `read_captures`.
     """
     is_source = (root / MANIFEST).is_file()
     if not (root.is_dir() and (is_source or any(root.glob(f"*/{MANIFEST}")))):
@@ -156,16 +156,16 @@ def find_faults(root: Path) -> dict[str, str]:
 
 
 def _open_source(name: str, folder: Path, records: dict[str, CaptureRecord]) -> SourceManifest:
-    """The manifest of a source; of corrupted copies also that of the source beside it that they were made from."""
+    """Return the manifest of a source; for corrupted copies also that of their original source beside it."""
     of = next((str(record.made["of"]) for record in records.values() if isinstance(record.made.get("of"), str)), "")
     beside = of.partition("/")[0]
-    # a manifest may come from elsewhere: only a folder beside this one is meant
+    # a manifest may come from elsewhere: only a folder beside this is opened
     originals = read_manifest(folder.absolute().with_name(beside)) if is_folder_name(beside) else {}
     return SourceManifest(name, folder, records, originals)
 
 
 def _hash_file(capture: Capture) -> str | None:
-    """Hash of an image's bytes; None if it must not or cannot be opened, which is told where it is read."""
+    """Return the hash of an image's file; None if it cannot be opened, which is reported when it is read."""
     if capture.refused is not None:
         return None
     try:
@@ -175,11 +175,11 @@ def _hash_file(capture: Capture) -> str | None:
 
 
 def read_pose_id(name: str) -> int | None:
-    """The pose number in a file name: after `pose`, else the last number; None where there is none.
+    """Return the pose number in a file name: after `pose`, else the last number; None without a number.
 
-    A number stands alone, as in `IMG_0003`, or ends a name that is one word, as in `DSC01234`: in `bear1_2in_over` both
-    belong to what is shown. A copy's mark such as ` (1)` is no pose, a number of more than five digits is a date or a
-    time, and digits among letters, as in `38bdd950c1d0`, are a hash.
+    A number is a word, as in `IMG_0003`, or ends a name of a single word, as in `DSC01234`, but not in
+    `bear1_2in_over`. A copy's mark ` (1)`, more than five digits (a date or time) and digits among letters (a hash,
+    `38bdd950c1d0`) do not count.
     """
     stem = re.sub(r"\s*\(\d+\)$", "", Path(name).stem)
     named = re.search(r"pose[\s_-]*(\d+)", stem, re.IGNORECASE)
@@ -190,44 +190,41 @@ def read_pose_id(name: str) -> int | None:
 
 
 def _pair_by_stem(captures: Sequence[Capture]) -> list[Capture]:
-    """The captures; of those without a pose, equal names in several variants of an object are one, above all others."""
+    """Give a pose number to images without a pose if their name is in several variants of an object."""
     groups: dict[tuple[str, str], list[Capture]] = {}
     for capture in captures:
         groups.setdefault((capture.source, capture.object), []).append(capture)
     paired: list[Capture] = []
     for group in groups.values():
         variants: dict[str, set[str]] = {}
-        for one in group:
-            if one.pose_id is None:
+        for capture in group:
+            if capture.pose_id is None:
                 # cameras and computers write IMG_1.JPG and img_1.jpg alike
-                variants.setdefault(one.file.stem.lower(), set()).add(one.variant)
+                variants.setdefault(capture.file.stem.lower(), set()).add(capture.variant)
+        # numbers above all pose numbers of the object
         shared = sorted(stem for stem, found in variants.items() if len(found) > 1)
-        first = 1 + max((one.pose_id or 0 for one in group), default=0)
+        first = 1 + max((capture.pose_id or 0 for capture in group), default=0)
         ids = {stem: first + i for i, stem in enumerate(shared)}
         paired += [
-            replace(one, pose_id=ids.get(one.file.stem.lower())) if one.pose_id is None else one for one in group
+            replace(capture, pose_id=ids.get(capture.file.stem.lower())) if capture.pose_id is None else capture
+            for capture in group
         ]
     return paired
 
 
-def _all_files(found: FoundFiles) -> list[tuple[tuple[str, ...], str | None]]:
-    files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
-    return files + [(tuple(path.split("/")), reason) for path, reason in found.refused]
-
-
 def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, tuple[str, ...]]:
-    """Folders that stand before and after those under `root` to make SOURCE/OBJECT/VARIANT, and how many those are."""
+    """Return the folders before those below `root`, their number, and those after, to make SOURCE/OBJECT/VARIANT."""
     name = real_path(root).name
     files = found.images or tuple(tuple(path.split("/")) for path, _ in found.refused)
-    # most files decide: a stray picture beside the folders does not change how the rest is read
+    # most files decide: a stray image beside the folders does not change the layout
     depth = min(3, Counter(len(parts) - 1 for parts in files).most_common(1)[0][0])
     folders = {parts[0] for parts in files if len(parts) > 1}
-    # a source itself: a manifest says so, or its name
+    # a source, by its manifest or its name
     if (root / MANIFEST).is_file() or (name in ("sim", "real") and depth > 1):
         return (name,), 2, ()
     if depth == 0:
         raise ToolkitError(f"{root}: the images are not sorted into folders: expected {LAYOUT}")
-    # an ImageFolder: classes for objects, all of them bare
+    # an ImageFolder: classes as objects, all unpatched
     if depth == 1 and all(WNID.match(folder) for folder in folders):
         return (name,), 1, (UNPATCHED,)
     if depth == 1:
@@ -240,40 +237,33 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
     capture = Capture(source, name, variant, read_pose_id(full[-1]), file, path=show_path(full), refused=refused)
     if record is None:
         return capture
-    rows, lens = record.T_world_camera, record.intrinsics
+    rows, lens, made = record.T_world_camera, record.intrinsics, record.made
+    corruption = name, severity, cut_px = tuple(made.get(key) for key in ("corruption", "severity", "cut_px"))
+    is_corrupted = tuple(map(type, corruption)) == (str, int, int)
+    # the manifest comes before the file name
     return replace(
-        capture,
-        pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
+        capture, pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
         T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
         focal_length=lens["fx"] / max(lens["width"], lens["height"]) if lens else None,
-        class_name=said if isinstance(said := record.made.get("class"), str) else None,
-        booster_sha256=record.booster_sha256,
-        is_rendered="renderer" in record.made,
-        is_by_plan="renderer" in record.made and not {"like", "rehearsed"} & record.made.keys(),
-        is_retextured="retextured" in record.made,
-        settings=read_settings(record.made),
-        **_read_corruption(record.made),
-    )
+        class_name=said if isinstance(said := made.get("class"), str) else None,
+        booster_sha256=record.booster_sha256, is_rendered="renderer" in made,
+        is_by_plan="renderer" in made and not {"like", "rehearsed"} & made.keys(),
+        is_retextured="retextured" in made, settings=read_settings(made),
+        corruption=(name, severity) if is_corrupted else None, cut_px=cut_px if is_corrupted else None,
+    )  # fmt: skip
 
 
 def read_settings(made: dict[str, Any]) -> dict[str, Any]:
-    """How an image was made, by the names of `toolkit.captures.capture.SETTINGS`, and the `booster`'s name."""
+    """Return the settings of an image, by the names of `toolkit.captures.capture.SETTINGS`, and its `booster`."""
     found = {name: made[name] for name in (*SETTINGS, "booster") if name in made}
     if "renderer" not in made:  # a photograph's board and light are not the rig's
-        # its class follows from the spec, unless a table states it
+        # the class follows from the spec, unless a table states it
         names = ("pose_sha256", "sheet_sha256", "booster", *(["class"] if "row" in made else []))
         return {name: found[name] for name in names if name in found}
     # such as linen/studio/0-1810094345/board
     backdrop, light, _, *board = (*str(made.get("studio", "")).split("/"), "", "", "")[:4]
     named = {"backdrop": backdrop, "light": light, "board": board[0]} if light else {}
     return {"rehearsed": False} | found | named
-
-
-def _read_corruption(made: dict[str, Any]) -> dict[str, Any]:
-    name, severity, cut_px = (made.get(key) for key in ("corruption", "severity", "cut_px"))
-    if not (isinstance(name, str) and isinstance(severity, int) and isinstance(cut_px, int)):
-        return {}
-    return {"corruption": (name, severity), "cut_px": cut_px}
 
 
 def _select(captures: list[Capture], selection: Selection) -> list[Capture]:
@@ -288,21 +278,17 @@ def _select(captures: list[Capture], selection: Selection) -> list[Capture]:
     return list(captures)
 
 
-def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
+def _note_files(found: FoundFiles, stray: list[str], captures: list[Capture]) -> list[str]:
     notes = []
     if found.others:
         notes.append(f"not images, not counted: {list_some(found.others, MOST_LISTED)}")
     if stray:
         notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {list_some(stray, MOST_LISTED)}")
-    return notes
-
-
-def _note_retextured(captures: list[Capture]) -> list[str]:
     counts = Counter((capture.object, capture.variant) for capture in captures if capture.is_retextured)
-    if not counts:
-        return []
-    named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))
-    return [f"retextured: photographs in which another patch replaces the printed one: {named}"]
+    if counts:
+        named = ", ".join(f"{name}/{variant} {count}" for (name, variant), count in sorted(counts.items()))
+        notes.append(f"retextured: photographs in which another patch replaces the printed patch: {named}")
+    return notes
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:
@@ -314,11 +300,12 @@ def _note_doubles(captures: list[Capture]) -> list[str]:
             group = capture.source, capture.object, capture.variant
             seen.setdefault(group, {}).setdefault(capture.pose_id, []).append(capture)
     notes = []
+    # a note for each variant with several images of a pose
     for key, poses in seen.items():
         several = [(pose_id, group) for pose_id, group in poses.items() if len(group) > 1]
-        if several and len(variants[key[:2]]) > 1:  # with one variant nothing is paired
+        if several and len(variants[key[:2]]) > 1:  # a single variant has no pairs
             (pose_id, first), more = several[0], f" and {len(several) - 1} more poses" if len(several) > 1 else ""
-            listed = list_some([one.path for one in first], MOST_LISTED)
+            listed = list_some([capture.path for capture in first], MOST_LISTED)
             notes.append(
                 f"several images of pose {pose_id}{more} in {'/'.join(key)}: {listed}; "
                 "all count in the table, the first is paired"
@@ -326,22 +313,9 @@ def _note_doubles(captures: list[Capture]) -> list[str]:
     return notes
 
 
-def _note_aside(aside: Sequence[SetAside]) -> list[str]:
-    """One note for each kind of reason for which images were left out on purpose, or are copies."""
-    kinds: dict[str, list[SetAside]] = {}
-    for one in aside:
-        if not one.is_fault:
-            kinds.setdefault(one.kind, []).append(one)
-    return [f"{list_some([one.path for one in group], MOST_LISTED)}: {group[0].reason}" for group in kinds.values()]
-
-
 def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
-    """(crop_px, crop_px, 3) uint8 sRGB of one image, as a network sees it.
-
-    Raises:
-        UnreadableImage: the file cannot be read as an image.
-    """
+    """Return an image as a network sees it, (crop_px, crop_px, 3) uint8 sRGB; an `UnreadableImage` if it is none."""
     pixels = read_image(capture.file, how.resize_px)
-    # a file that was cut to this size is not resized once more: it would lose some of its corruption
+    # a file that was cut to this size is not resized again: it would lose some of its corruption
     is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
     return pixels if is_cut else resize_and_crop(pixels, how)

@@ -1,7 +1,6 @@
-"""What of a capture folder counts: images that are what their manifest says, each once, and why the others do not.
+"""Decide which images of a capture folder count: those that match their manifest, each once.
 
-A result is only as good as its images. Every reader of captures takes them from `reconcile`, by way of
-`toolkit.captures.read.read_captures`.
+Every reader of captures uses `reconcile`, through `toolkit.captures.read.read_captures`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from toolkit.rig.variants import VARIANTS
 
 SHEET = "sheet_sha256"
 SHORT = 8
-"""Digits of a hash that tell two boosters of one variant apart."""
+"""Digits of a hash in the name of a variant with several boosters."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,8 @@ class SetAside:
     """An image that does not count.
 
     Attributes:
-        path: SOURCE/OBJECT/VARIANT/FILE.
-        reason: why, in words; what is before a colon is the same for all images of one kind.
-        is_fault: the folder contradicts itself there; False if the image was left out on purpose, or is a copy.
+        reason: reason in words; the part before a colon is the same for all images of a kind.
+        is_fault: whether the image contradicts its manifest; False if it was left out on purpose, or is a copy.
     """
 
     path: str
@@ -35,23 +33,21 @@ class SetAside:
 
     @property
     def kind(self) -> str:
-        """The reason without what is of this image alone."""
+        """Reason without the details of this image."""
         return self.reason.partition(": ")[0]
 
     def as_json(self) -> dict[str, str | bool]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         return {"path": self.path, "reason": self.reason, "fault": self.is_fault}
 
 
 @dataclass(frozen=True)
 class SourceManifest:
-    """What the manifest of one source says.
+    """The manifest of a source.
 
     Attributes:
-        source: name of the source.
-        folder: where the manifest lies.
-        records: its last line for each path below the folder.
-        originals: of a source of corrupted copies, the lines of the source that they were made from.
+        records: last line of each path below the folder.
+        originals: for corrupted copies, the lines of their original source.
     """
 
     source: str
@@ -61,7 +57,7 @@ class SourceManifest:
 
     @cached_property
     def paths(self) -> dict[str | None, str]:
-        """Path of each image by the hash of its file; of equal images the first."""
+        """Path of each image by the hash of its file; the first of equal images."""
         return {record.image_sha256: path for path, record in reversed(self.records.items())}
 
 
@@ -70,24 +66,23 @@ def reconcile(
 ) -> tuple[list[Capture], list[SetAside]]:
     """Compare images with their manifests.
 
-    An image counts if its file is the one that the manifest's line describes. In a source without a manifest every
-    image counts. Copies of one photograph count once.
+    An image counts if its file is the file in the manifest's line. Without a manifest every image counts. Copies of a
+    photograph count once.
 
     Args:
-        captures: images as they lie in the folder, with what their lines say.
-        manifests: by source, of those that have one.
-        trust_files: count images that differ from their line, or that have none, by their folder and name.
+        trust_files: count images that contradict their line, or have no line, by folder and name.
 
     Returns:
-        The images that count, and those that do not. A variant whose images carry several boosters becomes several,
+        The images that count, and those that do not. A variant with several boosters is split into several variants,
         such as `patched-3fa2b1c0`.
 
     Raises:
-        ToolkitError: a manifest says that images called `unpatched` carry a booster, or that images called after one
-            carry none.
+        ToolkitError: by the manifest, images called `unpatched` carry a booster, or images with a booster's name carry
+            none.
     """
     counted: list[Capture] = []
     aside: list[SetAside] = []
+    # each image against its line
     for capture in captures:
         manifest = manifests.get(capture.source)
         if capture.refused is not None or manifest is None:
@@ -107,15 +102,10 @@ def reconcile(
 def find_missing(
     captures: Sequence[Capture], manifests: Mapping[str, SourceManifest], *, is_whole: bool = True
 ) -> list[SetAside]:
-    """Return the lines of manifests whose image is gone.
-
-    An image is missing where others of its folder are there. A folder that is gone as a whole may have been deleted on
-    purpose, which is no fault.
+    """Return the lines of manifests whose image is gone; a whole folder that is gone is not a fault.
 
     Args:
-        captures: all images that were found.
-        manifests: by source.
-        is_whole: `captures` are all of their sources; else folders that are gone as a whole are not looked for.
+        is_whole: whether `captures` are complete sources; else folders that are gone do not count.
     """
     found = {capture.path for capture in captures}
     pictures = {capture.image_sha256 for capture in captures}
@@ -135,7 +125,7 @@ def find_missing(
 
 
 def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
-    """Return what an image and its line contradict each other in; None if nothing."""
+    """Return how an image contradicts its line; None if it does not."""
     record = manifest.records.get(capture.path_in_source)
     sha256 = capture.image_sha256
     if record is not None and record.image_sha256 in (None, sha256):
@@ -149,34 +139,31 @@ def _find_fault(capture: Capture, manifest: SourceManifest) -> str | None:
         )
     if record is None:
         return f"{MANIFEST} does not list it: import it, or sort it into a source of its own"
-    return f"it is not the picture that {MANIFEST} lists (another SHA-256): was it edited or replaced?"
+    return f"it is not the picture in {MANIFEST} (another SHA-256): was it edited or replaced?"
 
 
 def _find_exclusion(capture: Capture, manifest: SourceManifest) -> str | None:
-    """Return why an image was left out on purpose, or belongs to an earlier picture; None if it counts."""
+    """Return why an image was left out on purpose, or is a copy of an earlier image; None if it counts."""
     record = manifest.records.get(capture.path_in_source)
     if record is None:
         return None
     if LEFT_OUT in record.made:
         return str(record.made[LEFT_OUT])
     original = manifest.originals.get(str(record.made.get("of", "")).partition("/")[2])
-    if original is not None and not _is_of(record, original):
-        return f"made from an earlier picture: {record.made['of']} is another now. Corrupt that source again"
-    return None
-
-
-def _is_of(copy: CaptureRecord, original: CaptureRecord) -> bool:
-    """Return whether a corrupted copy was made from what the original's line describes today."""
-    made_from = copy.made.get("of_sha256")
-    if made_from is not None:
-        return bool(made_from == original.image_sha256)
-    # copies of earlier versions do not say it: then by what was photographed, and from where
+    if original is None:
+        return None
+    # a corrupted copy counts if its original is unchanged; copies of earlier versions hold no hash of it
     facts = ("booster_sha256", "T_world_camera", "pose_id")
-    return all(getattr(copy, name) == getattr(original, name) for name in facts)
+    is_same = all(getattr(record, name) == getattr(original, name) for name in facts)
+    if record.made.get("of_sha256") is not None:
+        is_same = record.made["of_sha256"] == original.image_sha256
+    if is_same:
+        return None
+    return f"made from an earlier picture: {record.made['of']} has changed since. Corrupt that source again"
 
 
 def _check_variants(captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]) -> None:
-    """Refuse a variant that is called one thing while the manifest says another; raises as `reconcile`."""
+    """Refuse a variant whose name contradicts the manifest; raises as `reconcile`."""
     for capture in captures:
         manifest = manifests.get(capture.source)
         record = manifest.records.get(capture.path_in_source) if manifest else None
@@ -184,12 +171,7 @@ def _check_variants(captures: Sequence[Capture], manifests: Mapping[str, SourceM
             continue
         if capture.variant == UNPATCHED and record.booster_sha256:
             said = f"carries the booster {record.made.get('booster') or record.booster_sha256[:SHORT]}"
-        elif (
-            capture.variant in VARIANTS
-            and capture.variant != UNPATCHED
-            and capture.is_rendered
-            and not record.booster_sha256
-        ):
+        elif capture.variant in {*VARIANTS} - {UNPATCHED} and capture.is_rendered and not record.booster_sha256:
             said = "carries no booster"
         else:
             continue
@@ -200,14 +182,14 @@ def _check_variants(captures: Sequence[Capture], manifests: Mapping[str, SourceM
 
 
 def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
-    """Return the images; a variant of an object with several boosters, or sheets of several sizes, is split."""
+    """Split variants of an object with several boosters, or with sheets of several sizes."""
     boosters: dict[tuple[str, str, str], set[str]] = {}
     sheets: dict[tuple[str, str, str], set[str]] = {}
     for capture in captures:
         if capture.booster_sha256:
             group = capture.source, capture.object, capture.variant
             boosters.setdefault(group, set()).add(capture.booster_sha256)
-            # a line of an earlier version does not say where the sheet is: it goes with any
+            # lines of earlier versions do not state the sheet's place: they go with any
             sheets.setdefault(group, set()).update([str(capture.settings[SHEET])] if SHEET in capture.settings else [])
     split = []
     for capture in captures:
@@ -215,7 +197,7 @@ def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
         if capture.booster_sha256 and len(boosters[group]) > 1:
             name += f"-{capture.booster_sha256[:SHORT]}"
         elif capture.booster_sha256 is None and capture.refused is None and group in boosters:
-            name += "-unknown"  # no line states what is on it, though those of others do
+            name += "-unknown"  # its booster is not known, those of other images are
         if capture.booster_sha256 and len(sheets[group]) > 1:
             name += f"-{str(capture.settings.get(SHEET, 'unknown'))[:SHORT]}"
         split.append(replace(capture, variant=name))
@@ -225,30 +207,26 @@ def _split_boosters(captures: Sequence[Capture]) -> list[Capture]:
 def _drop_doubles(
     captures: Sequence[Capture], manifests: Mapping[str, SourceManifest]
 ) -> tuple[list[Capture], list[SetAside]]:
-    """Return the images without those that are there twice, and the ones that were dropped."""
+    """Return the images without doubles, and the doubles."""
     order = {(manifest.source, path): at for manifest in manifests.values() for at, path in enumerate(manifest.records)}
     first: dict[tuple[object, ...], Capture] = {}
     dropped: list[SetAside] = []
-    # the newest line of a pose that was shot twice, as JPEG and PNG; the first name of a photograph
-    for capture in sorted(captures, key=lambda one: (-order.get((one.source, one.path_in_source), -1), one.path)):
+    # of a pose that was shot twice the newest line counts, of copies of a photograph the first name
+    for capture in sorted(captures, key=lambda item: (-order.get((item.source, item.path_in_source), -1), item.path)):
         if capture.refused is not None:
             continue
+        place = capture.source, capture.object, capture.variant
         if capture.is_by_plan and capture.pose_id is not None:
-            key: tuple[object, ...] = (
-                capture.source,
-                capture.object,
-                capture.variant,
-                capture.pose_id,
-                capture.T_world_camera,
-            )
+            key: tuple[object, ...] = (*place, capture.pose_id, capture.T_world_camera)
             why = "the same pose was shot again: {} counts"
         elif not capture.is_rendered:
-            key = (capture.source, capture.object, capture.variant, capture.image_sha256 or capture.path)
+            key = (*place, capture.image_sha256 or capture.path)
             why = "a copy of a photograph that counts once: {}"
         else:
             continue
         kept = first.setdefault(key, capture)
         if kept is not capture:
             dropped.append(SetAside(capture.path, why.format(kept.path), is_fault=False))
-    gone = {one.path for one in dropped}
+    # the first of each key counts
+    gone = {item.path for item in dropped}
     return [capture for capture in captures if capture.path not in gone], dropped

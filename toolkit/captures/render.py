@@ -1,4 +1,4 @@
-"""Pictures of an object before anything is shot: in memory, of a plan, and of a new object from all sides."""
+"""Render an object in memory, and draw previews of a plan and of a new object."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,23 +33,23 @@ def render(
     item: TableObject, poses: Sequence[Pose], camera: Camera | None = None, booster: Patch | Texture | None = None,
     settings: ShootSettings | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Photograph an object in the virtual studio, bare, with a patch on it or in a texture.
+    """Render an object in the virtual studio, with or without a patch or texture.
 
-    The light is baked once for all poses. The pixels are those that `shoot_plan` writes with the same settings as PNG.
+    The light is baked once for all poses. The pixels are those of `shoot_plan` with the same settings as PNG.
 
     Args:
-        item: from `load_object`.
-        poses: where the camera stands, such as `plan.objects["racer"]`; degrees and millimetres.
-        camera: its pixels and field of view; 640 × 480 px and 40 degrees by default.
-        booster: a patch is mounted where the object's spec says and at the size it states, else the patch's record.
+        item: object from `load_object`.
+        poses: camera poses, such as `plan.objects["racer"]`; degrees and millimetres.
+        camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
+        booster: patch or texture; place and size of a patch are those of the object's spec, else the patch's record.
         settings: seed, backdrop, light and renderer.
 
     Returns:
-        (n, h, w, 3) uint8 sRGB, one picture for each pose.
+        (n, h, w, 3) uint8 sRGB, an image for each pose.
 
     Raises:
-        ToolkitError: an unknown backdrop, light or renderer, a patch that is too large for the object, or a texture
-            that was trained on another.
+        ToolkitError: a backdrop, light or renderer is unknown, a patch is too large for the object, or a texture was
+            trained on another object.
 
     Example:
         >>> _ = trimesh.creation.box((0.1, 0.1, 0.1)).export("crate.glb")
@@ -61,29 +61,27 @@ def render(
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     if settings.rehearsal is not None:
         raise ToolkitError("a rehearsal is of photographs in files: shoot them with shoot_plan")
-    mesh = apply_booster(item, _put_on(item, booster))
+    applied: AppliedBooster | None = None
+    if booster is not None:
+        named = booster.pixels, booster.record.png_sha256, booster.record.name
+        if isinstance(booster, Texture):
+            applied = TextureBooster(*named, texture=booster)
+        else:
+            applied = PatchBooster(*named, item.spec.sizes_mm(booster.size_mm))
+    mesh = apply_booster(item, applied)
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
-    # the noise of each pose is its own, and the same that `shoot_plan` gives it
+    # each pose has its own noise, the same as in `shoot_plan`
     pictures = [tone_map(light, (settings.seed, pose.id)) for light, pose in zip(lights, poses, strict=True)]
     return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
 
 
-def _put_on(item: TableObject, booster: Patch | Texture | None) -> AppliedBooster | None:
-    if booster is None:
-        return None
-    named = booster.pixels, booster.record.png_sha256, booster.record.name
-    if isinstance(booster, Texture):
-        return TextureBooster(*named, texture=booster)
-    return PatchBooster(*named, item.spec.sizes_mm(booster.size_mm))
-
-
 CHEQUERED = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)
-"""Stands for a patch that is not trained yet."""
+"""Placeholder of a patch that is not trained yet."""
 
 
 def preview_plan(workspace: Workspace, plan: CapturePlan, seed: int = 0) -> Path:
-    """Draw, of every object of a plan, where the cameras stand and what each sees; returns the pictures' folder."""
+    """Draw the camera positions and views of every object of a plan; return the folder of the pictures."""
     folder = workspace.root / "rig" / "preview"
     with progress("drawing previews", len(plan.objects)) as bar:
         for name, poses in plan.objects.items():
@@ -97,12 +95,12 @@ def preview_plan(workspace: Workspace, plan: CapturePlan, seed: int = 0) -> Path
 
 @dataclass(frozen=True)
 class ObjectPreview:
-    """What was drawn of an object.
+    """Preview of an object.
 
     Attributes:
-        picture: PNG from eight sides.
-        page: HTML to turn it in a browser; None for a mesh too large for one.
-        trouble: what is wrong with its sheet's place; empty where it lies.
+        picture: PNG with views from eight sides.
+        page: HTML page to turn the object in a browser; None for a very large mesh.
+        trouble: fault of the sheet's place, if there is any.
     """
 
     picture: Path
@@ -110,18 +108,18 @@ class ObjectPreview:
     trouble: str
 
     def lines(self) -> Iterator[str]:
-        """What to look at, a sentence each."""
+        """Yield sentences on the files of the preview."""
         yield (
             f"drew {self.picture}: azimuth 0° must show its front, upright (if not, add it again with --up, --front, "
             "--replace); the patch goes where the checks are"
         )
         if self.page is not None:
-            yield f"{self.page}: open it in a browser to turn the object, patch and all"
+            yield f"{self.page}: open it in a browser to turn the object with its patch"
 
 
 def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
     """Draw an object with a chequered sheet for its patch."""
-    shown, trouble = item, ""  # an object is shown bare where its sheet has no place
+    shown, trouble = item, ""  # shown without a sheet if there is no place for it
     try:
         sizes_mm = item.spec.sizes_mm(DEFAULT_PATCH_MM)
         trouble = "; ".join(describe_misfits(item, sizes_mm))
@@ -129,6 +127,7 @@ def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
         shown = replace(item, mesh=attach(item.mesh, *sheets))
     except ToolkitError as error:
         trouble = f"no place for the patch yet: {error}"
+    # pictures and page
     camera = Camera.from_fov()
     poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
     picture = workspace.root / "rig" / "preview" / f"{item.name}-object.png"

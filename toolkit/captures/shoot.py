@@ -46,12 +46,12 @@ from toolkit.rig.studio import add_board, make_studio
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 
 NETWORK_PX = 224
-"""The side of a network's image, of which the pixels of `CameraBlur` are."""
+"""Side of a network's input, to which the pixels of `CameraBlur` refer."""
 LARGEST_SCALE = 10
-"""Pictures above 2240 px are blurred as one of that size: `CameraBlur` goes no further."""
+"""Largest factor of the blur, for images of 2240 px and more."""
 FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
-"""Shots of one scene that are made together."""
+"""Largest number of shots in a unit."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 SHOTS = Work("shot", 3, old_at="look")
 
@@ -84,8 +84,8 @@ class Rehearsal:
     jpeg_quality: int = 90
 
     def describe(self) -> dict[str, Any]:
-        """All that it does, and the version of how: what a picture's hash is made of."""
-        settings = {one.name: getattr(self, one.name) for one in fields(self)}
+        """Return all settings and the version of the method, which the key of an image holds."""
+        settings = {item.name: getattr(self, item.name) for item in fields(self)}
         return {"version": 4} | {
             name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
         }
@@ -143,11 +143,7 @@ class Rehearsal:
 
 
 def make_rehearsal(print_profile: Path | None = None) -> Rehearsal:
-    """The rehearsal on a printer drawn at random, or on one's own.
-
-    Raises:
-        ToolkitError: the profile cannot be read.
-    """
+    """Return the rehearsal on a random printer, or on that of a profile; a `ToolkitError` if it cannot be read."""
     return Rehearsal() if print_profile is None else Rehearsal(use_profile(read_print_profile(print_profile)))
 
 
@@ -160,11 +156,7 @@ class StoredImage:
 
 
 def index_images(source_dir: Path) -> dict[str, StoredImage]:
-    """The images of one source by their key; nothing where there is no manifest.
-
-    Raises:
-        ToolkitError: the manifest is broken.
-    """
+    """Return the images of a source by their key; a `ToolkitError` if the manifest is broken."""
     return {
         record.inputs_sha256: StoredImage(inside(source_dir, path), record)
         for path, record in read_manifest(source_dir).items()
@@ -197,15 +189,7 @@ def without_mark(record: CaptureRecord) -> CaptureRecord:
 
 
 def leave_out(source_dir: Path, reasons: Mapping[str, str]) -> None:
-    """Note in a source's manifest why images that lie there no longer count.
-
-    Args:
-        source_dir: the source's folder.
-        reasons: by path below it.
-
-    Raises:
-        ToolkitError: the manifest is broken or cannot be written.
-    """
+    """Note in a source's manifest why images no longer count; `reasons` are by path below the source."""
     known = read_manifest(source_dir)
     for path, reason in reasons.items():
         marked = {**known[path].made, LEFT_OUT: reason}
@@ -334,26 +318,17 @@ def shoot_plan(
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
-    """Refuse what cannot be meant before anything is rendered.
-
-    Raises:
-        ToolkitError: an unknown renderer or image format, or a source that is no folder's name.
-    """
+    """Raise a `ToolkitError` for an unknown renderer or image format, or a source that is not a folder's name."""
     check_renderer(settings.renderer)
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
     if settings.rehearsal is not None and settings.image_format != "jpg":
-        raise FieldError("a rehearsal is of a phone's JPEGs: leave one of the two out", {"rehearse": True})
+        raise FieldError("a rehearsal makes a phone's JPEGs: leave out {image_format} png", {"rehearse": True})
     workspace.source_dir(source)
 
 
 def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -> None:
-    """Refuse to shoot over photographs.
-
-    Raises:
-        ToolkitError: the manifest of the folder lists an image that no renderer made.
-    """
-    # one is enough: photographs cannot be made again
+    """Raise a `ToolkitError` if the manifest lists a photograph: it cannot be made again."""
     photograph = next((path for path, record in known.items() if "renderer" not in record.made), None)
     if photograph is not None:
         raise FieldError(
@@ -452,10 +427,10 @@ def plan_scene(
 
 
 def describe_look(workspace: Workspace, item: TableObject, variant: str, settings: ShootSettings) -> dict[str, Any]:
-    """Everything that the images of an object in one variant depend on, but the camera and where it stands.
+    """Return all inputs of an object's images in a variant, but for camera and pose.
 
     Raises:
-        ToolkitError: an unknown variant, backdrop or light, or its patch is missing.
+        ToolkitError: a variant, backdrop or light is unknown, or the patch is missing.
     """
     studio = studio_for(item, settings)
     how = asdict(settings)

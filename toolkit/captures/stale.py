@@ -1,4 +1,4 @@
-"""Variants of a source that no longer go with what is shot now: another spec, booster, scene or plan."""
+"""Find variants of a source that were shot with another spec, booster, scene or plan than the images of now."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,7 @@ from toolkit.rig.plan import CapturePlan
 
 @dataclass(frozen=True)
 class StaleVariant:
-    """A variant of an object whose images would look different if they were shot now.
-
-    Attributes:
-        object, variant: whose images.
-        reason: what is different, in words.
-        paths: of the images, below the source.
-        can_shoot: whether the variant can be shot again; False if its booster is missing.
-    """
+    """A variant of an object whose images would look different if they were shot now."""
 
     object: str
     variant: str
@@ -38,28 +31,22 @@ def find_stale(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Sequence[str], settings: ShootSettings,
     source_dir: Path,
 ) -> list[StaleVariant]:  # fmt: skip
-    """Return the variants of these objects that lie in a source beside `variants`, and are stale.
-
-    Args:
-        workspace: whose objects and boosters are meant.
-        plan: camera and poses.
-        objects: what is about to be shot.
-        variants: in which variants; these are shot in any case.
-        settings: how.
-        source_dir: where the images lie.
+    """Return the stale variants of these objects in a source; `variants` are shot in any case.
 
     Raises:
         ToolkitError: the manifest, a spec or a mesh is broken.
     """
     groups: dict[tuple[str, str], dict[str, CaptureRecord]] = {}
     wanted = set(objects)
+    # images of other variants in the folder
     for path, record in read_manifest(source_dir).items():
         if record.object in wanted and record.variant not in variants and (source_dir / path).is_file():
             groups.setdefault((record.object, record.variant), {})[path] = record
     stale = []
     items = {name: load_object(workspace.object_spec(name)) for name in dict.fromkeys(name for name, _ in groups)}
+    # compare with shots as they would be now
     for (name, variant), records in groups.items():
-        counted = {path: one for path, one in records.items() if LEFT_OUT not in one.made}
+        counted = {path: record for path, record in records.items() if LEFT_OUT not in record.made}
         try:
             shots = {shot.path: shot for shot in plan_scene(workspace, plan, items[name], variant, settings)}
             reason = _explain(counted, shots, items[name], settings, workspace)
@@ -75,7 +62,7 @@ def _explain(
     records: Mapping[str, CaptureRecord], shots: Mapping[str, Shot], item: TableObject, settings: ShootSettings,
     workspace: Workspace,
 ) -> str | None:  # fmt: skip
-    """Return what is different from the images that would be shot now, in words; None if nothing is."""
+    """Return how the images differ from images that would be shot now, in words; None if they do not."""
     for path, record in records.items():
         shot = shots.get(path)
         if shot is None:
@@ -88,13 +75,9 @@ def _explain(
             return difference
         if record.booster_sha256 != (booster.sha256 if booster else None):
             return "another booster"
-        return "other inputs" if _has_camera(record, shot) else SETTINGS["pose_sha256"]
+        # the camera, as far as the manifest states it
+        pose = record.T_world_camera
+        is_near = pose is None or np.allclose(pose, shot.T_world_camera, rtol=0, atol=1e-5)
+        has_camera = pose is None or (is_near and record.intrinsics == shot.camera.intrinsics)
+        return "other inputs" if has_camera else SETTINGS["pose_sha256"]
     return None
-
-
-def _has_camera(record: CaptureRecord, shot: Shot) -> bool:
-    """Return whether an image was taken by the camera of a shot, as far as its line states it."""
-    if record.T_world_camera is None:
-        return True
-    is_near = np.allclose(record.T_world_camera, shot.T_world_camera, rtol=0, atol=1e-5)
-    return is_near and record.intrinsics == shot.camera.intrinsics

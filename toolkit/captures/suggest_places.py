@@ -1,4 +1,4 @@
-"""Where sheets and flat pieces go on an object: found, drawn, tried out by training, and kept."""
+"""Find places for sheets and flat pieces on an object, draw them, try them by training, and keep them."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -38,32 +38,29 @@ if TYPE_CHECKING:
     from toolkit.boosters.pixels import Network
     from toolkit.boosters.validation import Validation
 
-# shares of the size that was wanted, from all of it down
 SIZES_TRIED = (1.0, 0.85, 0.7, 0.55, 0.4)
+"""Shares of the wanted size, tried in this order."""
 SMALLEST_TRIED_MM = 12.0
 FEW_STEPS = 8
-"""Places along a new object's length: coarser than where places are asked for, to be quick."""
+"""Places along a new object's length, few for speed."""
 RANDOM_VIEWS = 64
-"""That judge sheets which go on together."""
+"""Random views that judge several sheets."""
 SMALL_SHARE = 0.1
-"""Share of an object's length; below it, a sheet is a few pixels wide in a picture of the whole object."""
+"""Share of an object's length; a smaller sheet is a few pixels wide in an image of the whole object."""
 TITLES = ("", "size, mm", "side", "offset, mm", "score, px", "seen", "area, px²", "poses", "bend")
 
 
 @dataclass(frozen=True)
 class SuggestedPlaces:
-    """Where on an object patches are seen best.
+    """Best places for patches on an object.
 
     Attributes:
-        object_name: which object.
-        wanted: sheets that were asked for.
-        n_poses: cameras that judged the places.
-        now: the places that its file states, None for one that is off the object.
-        places: the best ones; of several sheets those that go on together.
-        picture: PNG of them.
-        steps: that a patch was trained for in each; 0 trained none.
-        trained: of each choice what each network recognised.
-        written: the object's file, where the best was put into it.
+        n_poses: number of cameras that judged the places.
+        now: places in the object's file, None for a place off the object.
+        places: best places; for several sheets their places together.
+        steps: training steps in each place; 0 without training.
+        trained: accuracy of each network in each place.
+        written: the object's file, if the best place was written.
     """
 
     object_name: str
@@ -78,44 +75,46 @@ class SuggestedPlaces:
 
     @property
     def is_together(self) -> bool:
-        """Whether the places are those of several sheets."""
+        """Whether the places are for several sheets together."""
         return self.wanted > 1
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
-        now = [one and one.as_json() for one in self.now]
-        places = [
-            place.as_json() | {"trained": _list_shares(self.trained[0 if self.is_together else k])}
-            for k, place in enumerate(self.places)
-        ]
+        """Return the result for a script."""
+        now = [place and place.as_json() for place in self.now]
+        places = []
+        for k, place in enumerate(self.places):
+            answers = self.trained[0 if self.is_together else k]
+            shares = {
+                answer.network: {"patched": answer.patched.value, "grey": answer.bare.value, "n": answer.patched.n}
+                for answer in answers
+            }
+            places.append(place.as_json() | {"trained": shares})
         return {
             "object": self.object_name, "poses": self.n_poses, "picture": str(self.picture),
             "written": self.written and str(self.written), "now": now[0] if len(now) == 1 else now, "places": places,
         }  # fmt: skip
 
     def rows(self) -> list[tuple[str, ...]]:
-        """A row under `TITLES` for each place of today and each that was found."""
-        now = [("now" if one.fit.lies else "now (does not lie)", one) for one in self.now if one]
-        named = [*now, *zip(self._names(), self.places, strict=True)]
-        return [
-            (
-                name, f"{one.mount.size_mm:g}", one.mount.at, f"{one.mount.offset_mm[0]:g}, {one.mount.offset_mm[1]:g}",
-                f"{one.score:.1f}", f"{one.visible:.0%}", f"{one.area_px:.0f}", f"{one.poses_seen} of {self.n_poses}",
-                f"{one.fit.bend_deg:.0f}°",
-            )
-            for name, one in named
-        ]  # fmt: skip
+        """Return a row under `TITLES` for each place in the object's file, and each best place."""
+        now = [("now" if place.fit.lies else "now (not flat)", place) for place in self.now if place]
+        rows = []
+        for name, place in [*now, *zip(self._names(), self.places, strict=True)]:
+            mount, seen = place.mount, f"{place.poses_seen} of {self.n_poses}"
+            where = mount.at, "{:g}, {:g}".format(*mount.offset_mm)
+            shown = f"{place.score:.1f}", f"{place.visible:.0%}", f"{place.area_px:.0f}", seen
+            rows.append((name, f"{mount.size_mm:g}", *where, *shown, f"{place.fit.bend_deg:.0f}°"))
+        return rows
 
     def lines(self) -> Iterator[str]:
-        """What training and the picture show, a sentence each."""
+        """Yield sentences on training and the picture."""
         for name, place, answers in zip(self._names(), self.places, self.trained, strict=False):
             which = f"{len(self.places)} sheets" if self.is_together else f"{name} of {place.mount.size_mm:g} mm"
             for answer in answers:
                 said = f"{answer.patched} of held-out views, {answer.bare} with grey paper"
                 yield f"{which}, {self.steps} steps on {answer.network}: {said}"
         if self.is_together:
-            seen = f"{share_seen(self.places):.0%} of {self.n_poses} random views show half of one"
-            count = "1 sheet" if len(self.places) == 1 else f"{len(self.places)} sheets that go on together"
+            seen = f"{share_seen(self.places):.0%} of {self.n_poses} random views show half of a sheet"
+            count = "1 sheet" if len(self.places) == 1 else f"{len(self.places)} sheets together"
             yield f"{self.picture}: {count}; {seen}"
         else:
             size_mm = self.places[0].mount.size_mm
@@ -124,7 +123,7 @@ class SuggestedPlaces:
             yield f"wrote {self.written}"
 
     def warnings(self) -> Iterator[str]:
-        """What is less than was asked for, and what was not done."""
+        """Yield what is missing, and what was not done."""
         if len(self.places) < self.wanted and self.is_together:
             room = f"there is room for {len(self.places)} of {self.wanted} sheets"
             yield f"{room}: try a smaller --size-mm, or more --steps"
@@ -132,7 +131,7 @@ class SuggestedPlaces:
             yield f"nothing was changed; --write puts the best into the file of {self.object_name}"
 
     def _names(self) -> list[str]:
-        """Return the rank of each place among those of its size, as pictures number them; of sheets, their number."""
+        """Return the rank of each place among places of its size, as in the picture; for sheets their number."""
         ranks: Counter[float | None] = Counter()
         names = []
         for place in self.places:
@@ -146,43 +145,39 @@ def suggest_places(
     workspace: Workspace, object_name: str, config: PlaceConfig, *, networks: "Sequence[Network]" = (), steps: int = 0,
     write: bool = False, seed: int = 0,
 ) -> SuggestedPlaces:  # fmt: skip
-    """Score places and sizes for patches on an object by what cameras see of them, and draw the best.
+    """Score places and sizes for patches on an object by how well cameras see them, and draw the best.
 
-    One sheet is judged by the plan's cameras, several that go on together by random ones.
+    The plan's cameras judge a single sheet, random cameras several sheets.
 
     Args:
-        workspace: whose object, plan and patch are meant; the picture goes into its `rig/preview`.
-        object_name: which object.
-        config: sizes, sides and how many sheets.
-        networks: that a patch is trained on in each choice, where `steps` asks for it.
-        steps: of training in each choice; 0 for none.
-        write: put the best choice into the object's file.
-        seed: of the random cameras and of training.
+        config: sizes, sides and number of sheets.
+        steps: training steps in each place; 0 for no training.
+        write: whether to write the best place into the object's file.
 
     Raises:
-        ToolkitError: an unknown object, a broken plan, or no sheet lies anywhere.
+        ToolkitError: the object is unknown, the plan is broken, or no sheet fits flat anywhere.
     """
     item = load_object(workspace.object_spec(object_name))
     plan = open_plan(workspace, [object_name])
     together = config.sheets > 1
-    # a plan's few poses would put several sheets where these cameras stand
+    # the plan's few poses would put several sheets in front of these cameras
     poses = draw_poses(item, plan.camera, RANDOM_VIEWS, seed) if together else plan.objects[object_name]
     own_mm = mounted_sizes_mm(workspace, item)
     scene = make_ray_scene(item.mesh)
-    own = [one.model_copy(update={"size_mm": size}) for one, size in zip(item.spec.mounts, own_mm, strict=True)]
+    own = [mount.model_copy(update={"size_mm": size}) for mount, size in zip(item.spec.mounts, own_mm, strict=True)]
     now = tuple(judge_place(item, scene, plan.camera, poses, mount) for mount in own)
     sizes = config.sizes_mm or (round(own_mm[0], 1), round(own_mm[0] * 2 / 3, 1))
     find = find_sheets if together else find_places
     places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True), own)
     if not places:
         asked = " or ".join(f"{size:g}" for size in sizes)
-        raise FieldError(
-            f"{object_name}: no sheet of {asked} mm lies anywhere on it: try a smaller {{sizes_mm}}, or more {{steps}}",
-            {},
-        )
+        why = f"{object_name}: no sheet of {asked} mm fits flat anywhere: try a smaller {{sizes_mm}}, or more {{steps}}"
+        raise FieldError(why, {})
+    # draw the places
     picture = workspace.root / "rig" / "preview" / f"{object_name}-places.png"
     shown = [place for place in places if together or place.mount.size_mm == places[0].mount.size_mm]
     write_bytes(picture, draw_places(item, shown, plan.camera, poses, studio_for(item, ShootSettings())))
+    # train a patch in each place
     choices = [[place.mount for place in places]] if together else [[place.mount] for place in places]
     trained: list[list[Validation]] = [[] for _ in choices]
     if steps:
@@ -191,8 +186,8 @@ def suggest_places(
         trained = [try_place(workspace, object_name, networks, mounts, steps, seed) for mounts in choices]
     written = None
     if write:
-        # what training recognised decides, and where it is equal or was not asked for, what cameras see
-        worth = [(sum(one.patched.value for one in trained[k]), places[k].score) for k in range(len(choices))]
+        # accuracy after training decides, then the score by the cameras
+        worth = [(sum(answer.patched.value for answer in trained[k]), places[k].score) for k in range(len(choices))]
         best = choices[worth.index(max(worth))]
         file = workspace.objects_dir / f"{object_name}.toml"
         written = write_mounts(workspace.object_spec(object_name), file, best)
@@ -204,13 +199,11 @@ def suggest_places(
 
 @dataclass(frozen=True)
 class NewObject:
-    """An object that was added, with its sheet where it lies.
+    """An object that was added.
 
     Attributes:
-        added: its files.
-        moved: what was changed of its sheet's place, in a sentence; empty where it stays.
-        small: that its sheet is small beside it, in a sentence; empty if it is not.
-        drawn: the preview.
+        moved: sentence on a change of its sheet's place; empty without a change.
+        small: sentence on a small sheet; empty if it is large enough.
     """
 
     added: AddedObject
@@ -220,13 +213,13 @@ class NewObject:
     skipped: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
+        """Return the result for a script."""
         page, trouble = self.drawn.page, self.drawn.trouble
         drawn = {"preview": str(self.drawn.picture), "page": page and str(page), "trouble": trouble}
         return self.added.as_json() | {"moved": self.moved, "small": self.small} | drawn
 
     def lines(self) -> Iterator[str]:
-        """What was made, what to look at, and what to do next, a sentence each."""
+        """Yield sentences on the object, its preview, and the next commands."""
         yield from (*self.added.lines(), *self.drawn.lines())
         for note in (self.moved, self.small, self.drawn.trouble, self.added.ask_length()):
             if note:
@@ -236,11 +229,7 @@ class NewObject:
 
 
 def add_and_place(workspace: Workspace, mesh_file: Path, request: ObjectRequest) -> NewObject:
-    """Make an object of a mesh, move its sheet to where it lies, and draw it.
-
-    Raises:
-        ToolkitError: as `add_object`.
-    """
+    """Add an object from its mesh, move its sheet to a flat place, and draw it; raises as `add_object`."""
     label = find_class(str(request.class_name), workspace.classifiers_dir)
     added = add_object(workspace, mesh_file, request.with_overrides(class_name=label))
     sides = get_args(Side) if request.print_side is None else (request.print_side,)
@@ -250,23 +239,19 @@ def add_and_place(workspace: Workspace, mesh_file: Path, request: ObjectRequest)
 
 
 def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -> str:
-    """Move the sheet of a new object to where it lies, if it does not where the object's file puts it.
+    """Move the sheet of a new object to a place where it fits flat, and write the object's file.
 
-    The largest size counts at which it lies at all, and of its places the one that a plan's cameras see best.
-
-    Args:
-        workspace: whose object is meant; its file is written.
-        item: the object.
-        sides: that it may be moved to.
+    The largest size that fits anywhere counts, and the place of this size that a plan's cameras see best.
 
     Returns:
-        What was changed, in a sentence; empty where the sheet stays.
+        A sentence on the change; empty if the sheet stays.
     """
     camera = Camera.from_fov()
     (wanted_mm,), mount = mounted_sizes_mm(workspace, item), item.spec.mounts[0]
     if describe_misfit(item, wanted_mm) is None:
         return ""
     poses = plan_poses(item, camera, Pattern())
+    # smaller and smaller, until a sheet fits
     for size_mm in (round(share * wanted_mm, 1) for share in SIZES_TRIED):
         if size_mm < SMALLEST_TRIED_MM:
             break
@@ -282,14 +267,13 @@ def move_sheet(workspace: Workspace, item: TableObject, sides: Sequence[Side]) -
                 f"a patch of {wanted_mm:.3g} mm does not lie flat {where}, {size_mm:g} mm wide, where half of it or "
                 f"more shows in {best.poses_seen} of {len(poses)} poses"
             )
-            is_seldom_seen = 2 * best.poses_seen <= len(poses)
             more = f"; for sheets on other sides too: toolkit place --object {item.name} --sheets 3 --write"
-            return told + more if is_seldom_seen else told
+            return told + more if 2 * best.poses_seen <= len(poses) else told
     return ""
 
 
 def _describe_offset(mount: PatchMount) -> str:
-    """Where a sheet lies from the middle of its side, as one sees that side; "there" in the middle itself."""
+    """Return the offset of a sheet from the middle of its side in words; "there" in the middle."""
     ways = (("forward", "back"), ("to the left", "to the right"))
     if mount.at != "top":
         ways = (("to the right", "to the left"), ("up", "down"))
@@ -302,7 +286,7 @@ def _describe_offset(mount: PatchMount) -> str:
 
 
 def describe_small_sheet(item: TableObject) -> str:
-    """That the largest sheet of a new object is small beside it, in a sentence; empty if it is not."""
+    """Return a sentence if the largest sheet of a new object is small beside it; else an empty text."""
     length_mm, size_mm = item.spec.length_mm, max(item.spec.sizes_mm(DEFAULT_PATCH_MM))
     if size_mm >= SMALL_SHARE * length_mm:
         return ""
@@ -313,27 +297,12 @@ def describe_small_sheet(item: TableObject) -> str:
     )
 
 
-def _list_shares(answers: "list[Validation]") -> dict[str, Any]:
-    """Return the shares that each network recognised in held-out views."""
-    return {
-        answer.network: {"patched": answer.patched.value, "grey": answer.bare.value, "n": answer.patched.n}
-        for answer in answers
-    }
-
-
 PIECE_TITLES = ("piece", "size, mm", "area, cm²", "stretch", "folds", "meets")
 
 
 @dataclass(frozen=True)
 class SuggestedWrap:
-    """A plan of pieces as it was written.
-
-    Attributes:
-        wrap: the plan.
-        folder: where it is kept.
-        preview: picture of the pieces on the object.
-        stretch: picture of how far each part is stretched.
-    """
+    """A plan of pieces."""
 
     wrap: Wrap
     folder: Path
@@ -341,12 +310,9 @@ class SuggestedWrap:
     stretch: Path
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
-        record = self.wrap.record
-        pieces = [
-            piece.model_dump(include={"number", "width_mm", "height_mm", "area_mm2", "stretch"})
-            for piece in record.pieces
-        ]
+        """Return the result for a script."""
+        record, shown = self.wrap.record, {"number", "width_mm", "height_mm", "area_mm2", "stretch"}
+        pieces = [piece.model_dump(include=shown) for piece in record.pieces]
         return {
             "object": record.object, "folder": str(self.folder), "preview": str(self.preview),
             "stretch_picture": str(self.stretch), "covered": record.covered,
@@ -355,7 +321,7 @@ class SuggestedWrap:
         }  # fmt: skip
 
     def rows(self) -> list[tuple[str, ...]]:
-        """A row under `PIECE_TITLES` for each piece."""
+        """Return a row under `PIECE_TITLES` for each piece."""
         return [
             (
                 str(piece.number), f"{piece.width_mm:.0f} × {piece.height_mm:.0f}", f"{piece.area_mm2 / 100:.1f}",
@@ -366,12 +332,13 @@ class SuggestedWrap:
         ]  # fmt: skip
 
     def lines(self) -> Iterator[str]:
-        """What was reached, where it is, and what comes next."""
+        """Yield sentences on coverage, files, and the next commands."""
         record = self.wrap.record
         count = "1 piece covers" if len(record.pieces) == 1 else f"{len(record.pieces)} pieces cover"
         yield (
-            f"{count} {record.covered:.0%} of what random cameras see of {record.object} ({record.covered_surface:.0%} "
-            f"of its surface); 95 % of each is stretched by {record.stretch_allowed:.1%} or less"
+            f"{count} {record.covered:.0%} of the area of {record.object} that random cameras see "
+            f"({record.covered_surface:.0%} of its surface); 95 % of each is stretched by {record.stretch_allowed:.1%} "
+            "or less"
         )
         yield f"{self.preview}: the pieces on the object; {self.stretch}: their stretch"
         yield f"wrote {self.folder}"
@@ -387,7 +354,7 @@ def suggest_wrap(workspace: Workspace, object_name: str, config: WrapConfig, see
     """Plan the pieces of an object, draw them, and write them to `print/wraps/NAME`.
 
     Raises:
-        ToolkitError: an unknown object, or no part of it lies flat.
+        ToolkitError: the object is unknown, or no part of it can be covered flat.
     """
     item = load_object(workspace.object_spec(object_name))
     wrap = plan_wrap(item, config, seed)

@@ -1,4 +1,4 @@
-"""Where the object is in each image: its mask and box, by its mesh and the manifest's camera, and as COCO's file."""
+"""Mask and box of the object in each image, by its mesh and the manifest's camera, and COCO's file of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ from toolkit.objects.mesh import load_open3d, make_ray_scene
 from toolkit.objects.spec import read_spec
 from toolkit.rig.camera import Camera
 
-# beyond the projected vertices, which rounding may move
 MARGIN_PX = 2
+"""Margin around the projected vertices, which rounding may move."""
 
 
 @dataclass(frozen=True)
 class ObjectMask:
-    """What one image shows of its object.
+    """Mask and box of the object in an image.
 
     Attributes:
-        mask: (h, w) bool, the pixels whose centres the object covers; a sheet that overhangs it is not of it.
-        box: x1, y1, x2, y2 round the mask, in pixels from the image's corner.
+        mask: (h, w) bool, pixels whose centres the object covers, without an overhanging sheet.
+        box: x1, y1, x2, y2 around the mask, in pixels from the image's corner.
     """
 
     mask: np.ndarray
@@ -36,16 +36,16 @@ class ObjectMask:
 
 
 def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray) -> ObjectMask | None:
-    """The object's mask by rays through the pixels' centres; None where the image does not show it.
+    """Return the object's mask by rays through the pixels' centres; None if the object is not in the image.
 
     Args:
-        item: from `load_object`, on the table at the origin.
-        camera: of the image, with its distortion.
+        item: object from `load_object`, on the table at the origin.
+        camera: camera of the image, with its distortion.
         T_world_camera: 4×4, millimetres.
     """
     T_world_camera = np.asarray(T_world_camera, float)
     corners = camera.project(T_world_camera, item.mesh.vertices)
-    # rays are cast only within the box of the projected vertices; where one is behind the camera, everywhere
+    # rays only within the box of the projected vertices, or everywhere if a vertex is behind the camera
     if np.isnan(corners).any():
         low, high = np.zeros(2, int), np.array([camera.width, camera.height])
     else:
@@ -55,9 +55,8 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
     columns, rows = np.arange(low[0], high[0]), np.arange(low[1], high[1])
     if len(columns) and len(rows):
         centres = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1).reshape(-1, 2)
-        mask[low[1] : high[1], low[0] : high[0]] = _cast(item, camera, T_world_camera, centres).reshape(
-            len(rows), len(columns)
-        )
+        hits = _cast(item, camera, T_world_camera, centres)
+        mask[low[1] : high[1], low[0] : high[0]] = hits.reshape(len(rows), len(columns))
     if not mask.any():
         return None
     y, x = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
@@ -67,7 +66,7 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
 def _cast(item: TableObject, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     o3d = load_open3d()
 
-    # depth 1 in the camera's axes: a ray needs no unit length to hit or miss
+    # depth 1 in the camera's axes: rays need no unit length
     local = np.concatenate([camera.undistort(pixels), np.ones((len(pixels), 1))], 1)
     directions = local @ T_world_camera[:3, :3].T
     rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], directions.shape), directions], 1)
@@ -78,11 +77,7 @@ def _cast(item: TableObject, camera: Camera, T_world_camera: np.ndarray, pixels:
 def outline_captures(
     captures: Sequence[Capture], workspace: Workspace
 ) -> tuple[dict[str, ObjectMask], list[tuple[str, str]]]:
-    """The mask in each image by its path, and (path, reason) of the images whose mask is not known.
-
-    Args:
-        captures: from `read_captures`.
-        workspace: whose object specs say what the objects look like.
+    """Return the mask of each image by its path, and (path, reason) of images without a known mask.
 
     Raises:
         ToolkitError: a spec, a mesh or a manifest is broken.
@@ -97,8 +92,9 @@ def outline_captures(
             manifests[source] = read_manifest(source)
         record = manifests[source].get(capture.file.absolute().relative_to(source).as_posix())
         camera = record.camera if record is not None else None
+        # an image needs a camera, and an object of known shape
         if record is None or camera is None or record.T_world_camera is None:
-            unknown.append((capture.path, "the manifest does not say where the camera stood"))
+            unknown.append((capture.path, "the manifest has no camera pose for it"))
             continue
         if capture.object not in specs:
             unknown.append((capture.path, f"there is no spec of '{capture.object}', so its shape is not known"))
@@ -111,7 +107,7 @@ def outline_captures(
         if record.made.get("mesh_sha256", items[capture.object].mesh_sha256) != items[capture.object].mesh_sha256:
             unknown.append((capture.path, f"{specs[capture.object]} has another shape or length than when it was shot"))
             continue
-        # the variants of a pose show one mesh: a mask is cast once for all of them
+        # the variants of a pose share a mask
         pose = tuple(np.ravel(record.T_world_camera).tolist())
         key = (capture.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))
         if key not in seen:
@@ -126,19 +122,16 @@ def outline_captures(
 def write_coco(
     file: Path, captures: Sequence[Capture], workspace: Workspace, names: dict[str, str] | None = None
 ) -> tuple[int, list[tuple[str, str]]]:
-    """Write `instances.json`: how many images it holds, and (path, reason) of those left out.
+    """Write `instances.json`; return the number of images, and (path, reason) of images left out.
 
-    `file_name` is the path below `file`'s folder where the image lies there. An annotation also says `object`,
-    `variant` and `pose_id`.
+    `file_name` is relative to the file's folder if the image is in it. Annotations also have `object`, `variant` and
+    `pose_id`.
 
     Args:
-        file: what to write.
-        captures: from `read_captures`.
-        workspace: whose object specs say what each object is.
         names: object -> category; by default the class of its spec.
 
     Raises:
-        ToolkitError: no image's mask is known, or the file cannot be written.
+        ToolkitError: no mask is known, or the file cannot be written.
     """
     masks, unknown = outline_captures(captures, workspace)
     if not masks:
@@ -150,14 +143,14 @@ def write_coco(
     categories = sorted(set(category.values()))
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
+    # an annotation for each image
     for capture in captures:
         if capture.path not in masks:
             continue
         truth, number = masks[capture.path], len(images) + 1
         height, width = truth.mask.shape
-        folder = real_path(file).parent
-        path = real_path(capture.file)
         # COCO's readers look for images below the file's own folder
+        folder, path = real_path(file).parent, real_path(capture.file)
         name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else capture.path
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         annotations.append(
@@ -185,15 +178,15 @@ def write_instances(
 
 
 def as_bbox(box: Sequence[float]) -> list[float]:
-    """Corner and sides, as COCO has them, of x1, y1, x2, y2."""
+    """Return corner and sides, as in COCO, of x1, y1, x2, y2."""
     x1, y1, x2, y2 = box
     return [x1, y1, round(x2 - x1, 3), round(y2 - y1, 3)]
 
 
 def encode_mask(mask: np.ndarray) -> dict[str, list[int]]:
-    """COCO's run lengths of an (h, w) bool mask, not compressed: down the columns, the first of zeros."""
-    # a zero before the first pixel, so that the first run counts zeros, as COCO wants it
+    """Return COCO's uncompressed run lengths of an (h, w) bool mask: down the columns, zeros first."""
+    # a zero before the first pixel, so that the first run counts zeros
     flat = np.concatenate([[False], mask.ravel(order="F")])
     changes = np.flatnonzero(flat[1:] != flat[:-1])
     counts = np.diff(np.concatenate([[0], changes, [mask.size]]))
-    return {"size": [int(side) for side in mask.shape], "counts": [int(one) for one in counts]}
+    return {"size": [int(side) for side in mask.shape], "counts": [int(count) for count in counts]}

@@ -1,4 +1,4 @@
-"""Plan, captures and the pieces of a wrap about their object, in a live 3D viewer: what `toolkit view` shows."""
+"""`toolkit view`: an object with planned cameras, captures and the pieces of its wrap, in a 3D viewer."""
 
 import contextlib
 import io
@@ -11,7 +11,8 @@ import numpy as np
 
 from toolkit.captures.capture import Capture
 from toolkit.captures.read import Selection, read_captures
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
+from toolkit.core.extras import import_package
 from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, find_files, read_image
@@ -20,19 +21,18 @@ from toolkit.objects.export_mesh import MM_PER_M, T_GLTF_WORLD, to_glb
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.objects.wrap import Wrap, find_wrap, wrap_folder
-from toolkit.rig.plan import CapturePlan, open_plan
+from toolkit.rig.plan import open_plan
 from toolkit.rig.wrapped import fill_canvas
 
 if TYPE_CHECKING:
     import viser
 
-NEEDS_EXTRA = "toolkit view needs viser, which is not installed: pip install '.[view]' in the kit's folder"
 PICTURE_PX = 240
-"""Longer side of the pictures in the frusta: hundreds of them are sent to the browser."""
+"""Longer side of the images in the frusta: the browser gets hundreds of them."""
 FRUSTUM = 0.12
 """Size of a frustum, as a share of the camera's distance."""
 LIFT_MM = 0.4
-"""Pieces float this far above the surface, so that none is hidden by it."""
+"""Height of pieces above the surface, so that it does not hide them."""
 PLAN_COLOUR = (140, 146, 156)
 CAPTURE_COLOURS = ((22, 130, 62), (30, 100, 200), (190, 90, 20), (150, 40, 150))
 DEFAULT_PORT = 8770
@@ -43,11 +43,10 @@ class Frustum:
     """A camera about the object.
 
     Attributes:
-        name: of its node, such as `/captures/sim/patched/pose 1`.
+        name: name of its node, such as `/captures/sim/patched/pose 1`.
         T_world_camera: (4, 4), OpenCV axes, millimetres.
-        fov: vertical, radians.
-        aspect: width / height.
-        capture: whose picture it shows; None for a pose of the plan.
+        fov: vertical field of view, radians.
+        capture: image in the frustum; None for a pose of the plan.
     """
 
     name: str
@@ -59,14 +58,7 @@ class Frustum:
 
 @dataclass(frozen=True)
 class View3d:
-    """What is shown of one object.
-
-    Attributes:
-        item: the object.
-        frusta: of the plan and of the captures.
-        wrap: whose pieces are shown; None where the object has none.
-        left_out: (path, reason) of images that are not shown.
-    """
+    """Scene of the viewer."""
 
     item: TableObject
     frusta: tuple[Frustum, ...]
@@ -74,7 +66,7 @@ class View3d:
     left_out: tuple[tuple[str, str], ...] = field(default=())
 
     def lines(self) -> Iterator[str]:
-        """How much there is to see."""
+        """Yield the numbers of poses, images and pieces."""
         captures = sum(frustum.capture is not None for frustum in self.frusta)
         parts = [count_of(len(self.frusta) - captures, "planned pose"), count_of(captures, "image")]
         parts += [] if self.wrap is None else [f"{count_of(len(self.wrap.pieces), 'piece')} of its wrap"]
@@ -82,12 +74,7 @@ class View3d:
 
 
 def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence[str] = ()) -> View3d:
-    """Read what there is of an object: its plan, its captures and its wrap.
-
-    Args:
-        workspace: whose object it is.
-        name: of the object; by default the plan's first.
-        sources: only images of these; by default all.
+    """Read plan, captures and wrap of an object.
 
     Raises:
         ToolkitError: there is no such object, source or plan, or a file is broken.
@@ -96,7 +83,13 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     if name is None and plan is None:
         raise FieldError("which object? there is no plan yet, so name it with {object_name}", {})
     item = load_object(workspace.object_spec(name or next(iter(plan.objects))))  # type: ignore[union-attr]
-    frusta = [] if plan is None or item.name not in plan.objects else _list_plan(plan, item.name)
+    frusta = []
+    if plan is not None:
+        camera = plan.camera
+        fov, aspect = 2 * float(np.arctan(camera.height / (2 * camera.fy))), camera.width / camera.height
+        poses = plan.objects.get(item.name, ())
+        frusta = [Frustum(f"/plan/pose {pose.id}", pose.matrix(), fov, aspect) for pose in poses]
+    # images with a known camera
     left_out = list[tuple[str, str]]()
     if sources or (workspace.captures_dir.is_dir() and find_files(workspace.captures_dir).images):
         found = read_captures(workspace.captures_dir, Selection(tuple(sources), (), ()))
@@ -112,17 +105,10 @@ def gather_view(workspace: Workspace, name: str | None = None, sources: Sequence
     return View3d(item, tuple(frusta), wrap, tuple(left_out))
 
 
-def _list_plan(plan: CapturePlan, name: str) -> list[Frustum]:
-    camera = plan.camera
-    fov = 2 * np.arctan(camera.height / (2 * camera.fy))
-    aspect = camera.width / camera.height
-    return [Frustum(f"/plan/pose {pose.id}", pose.matrix(), float(fov), aspect) for pose in plan.objects[name]]
-
-
 def _place(capture: Capture) -> Frustum | str:
-    """The camera of an image, or why it has no place."""
+    """Return the camera of an image, or why it is not known."""
     if capture.T_world_camera is None or capture.focal_length is None:
-        return "no camera is known of it"
+        return "its camera is not known"
     try:
         height, width = read_image(capture.file, PICTURE_PX).shape[:2]
     except UnreadableImage as error:
@@ -136,30 +122,27 @@ def _place(capture: Capture) -> Frustum | str:
 def show_view(server: "viser.ViserServer", view: View3d) -> None:
     """Fill a viewer's scene: object, pieces with their numbers, cameras; metres, z up.
 
-    Only the images of one source and variant are visible at first: those of a pair have the same place. The viewer's
-    list of nodes switches the others on.
+    Only the images of the first source and variant are visible, as images of a pair have the same place. The viewer's
+    list of nodes shows the others.
     """
     scene = server.scene
     scene.set_up_direction("+z")
-    reach = _measure_reach(view)
+    # distance of the farthest camera, metres, and at least twice the object's longest side
+    far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
+    reach = max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
     scene.add_grid("/table", width=2 * reach, height=2 * reach, cell_size=reach / 20, section_size=reach / 4)
     server.initial_camera.position = (1.5 * reach, 0.9 * reach, 0.9 * reach)
     server.initial_camera.look_at = (0.0, 0.0, reach / 4)
     _add_mesh(scene, "/object", view.item.mesh)
     if view.wrap is not None:
         _add_pieces(scene, view.item, view.wrap)
-    groups = list(dict.fromkeys(one.name.rsplit("/", 1)[0] for one in view.frusta if one.capture is not None))
+    groups = list(dict.fromkeys(item.name.rsplit("/", 1)[0] for item in view.frusta if item.capture is not None))
+    # cameras in the colour of their group
     for frustum in view.frusta:
         group = frustum.name.rsplit("/", 1)[0]
         _add_frustum(scene, frustum, groups.index(group) if group in groups else None)
     for number, group in enumerate(groups):
         scene.add_frame(group, show_axes=False, visible=number == 0)
-
-
-def _measure_reach(view: View3d) -> float:
-    """How far from the object the farthest camera is, metres; at least twice the object's longest side."""
-    far = [float(np.linalg.norm(frustum.T_world_camera[:3, 3])) for frustum in view.frusta]
-    return max([*far, 2 * float(view.item.mesh.size_mm.max())]) / MM_PER_M
 
 
 def _add_frustum(scene: "viser.SceneApi", frustum: Frustum, group: int | None) -> None:
@@ -178,14 +161,13 @@ def _add_frustum(scene: "viser.SceneApi", frustum: Frustum, group: int | None) -
 
 
 def _add_pieces(scene: "viser.SceneApi", item: TableObject, wrap: Wrap) -> None:
-    """Each piece a mesh of its own, a little above the surface, with its number."""
+    """Add each piece as a mesh, a little above the surface, with its number."""
     mesh, canvas = item.mesh, fill_canvas(wrap, len(item.mesh.faces))
     corner_uv = wrap.corner_uv(len(mesh.faces))
     look = (Material("wrap", canvas),)
     for number, piece in enumerate(wrap.pieces, 1):
-        part = replace(
-            mesh, faces=mesh.faces[piece.faces], face_material=np.zeros(len(piece.faces), np.int32), materials=look
-        )
+        plain = np.zeros(len(piece.faces), np.int32)
+        part = replace(mesh, faces=mesh.faces[piece.faces], face_material=plain, materials=look)
         part = split_vertices(part, corner_uv[piece.faces])
         lifted = replace(part, vertices=part.vertices + LIFT_MM * part.normals)
         _add_mesh(scene, f"/wrap/piece {number}", lifted)
@@ -194,43 +176,36 @@ def _add_pieces(scene: "viser.SceneApi", item: TableObject, wrap: Wrap) -> None:
 
 
 def _add_mesh(scene: "viser.SceneApi", name: str, mesh: Mesh) -> None:
-    # GLB has y up: turned back into the world
+    # GLB has y up: turn it back into the world
     scene.add_glb(name, to_glb(mesh, name.rsplit("/", 1)[-1]), wxyz=as_quaternion(T_GLTF_WORLD.T))
 
 
 def as_quaternion(rotation: np.ndarray) -> np.ndarray:
-    """(4,) w x y z of a rotation matrix (3, 3)."""
+    """Return (4,) w x y z of a rotation matrix (3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    return np.array([w, x, y, z])
+    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
 
 
 def open_viewer(port: int | None = None) -> "viser.ViserServer":
-    """Start a viewer that this machine alone can reach; stop it with its `stop`.
-
-    Args:
-        port: by default `DEFAULT_PORT`, or a free one.
+    """Start a viewer for this machine alone; stop it with its `stop`.
 
     Raises:
         ToolkitError: viser is not installed, or the port is taken.
     """
-    try:
-        import viser
-    except ImportError:
-        raise ToolkitError(NEEDS_EXTRA) from None
-    # its own banner says the same as the command, and some of it twice
+    viser = import_package("viser", "view", "toolkit view")
+    # its own banner repeats the output of the command
     with contextlib.redirect_stdout(io.StringIO()):
         return viser.ViserServer(host="127.0.0.1", port=_choose_port(port), label="toolkit", verbose=False)
 
 
 def _choose_port(port: int | None) -> int:
-    for one in (port,) if port is not None else (DEFAULT_PORT, 0):
+    for number in (port,) if port is not None else (DEFAULT_PORT, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind(("127.0.0.1", one))
+                probe.bind(("127.0.0.1", number))
                 return int(probe.getsockname()[1])
             except OSError:
                 continue
-    raise FieldError("is taken by another program: name another, or none", {"port": port})
+    raise FieldError("is taken by another program: name another port, or none", {"port": port})
