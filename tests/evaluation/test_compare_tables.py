@@ -69,7 +69,7 @@ def test_command_shows_the_result_and_writes_the_page(tables, tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("heads", "rows", "expected"),
     [
-        (["a", "b"], [("1", "1")], "no column that names the image"),
+        (["a", "b"], [("1", "1")], "no column of image names"),
         (["image"], [("1.png",)], "expected a column correct"),
         (["image", "correct"], [("1.png", "1"), ("1.png", "0")], "appears twice"),
         (["image", "correct"], [("1.png", "perhaps")], "expected 1 or 0"),

@@ -66,7 +66,7 @@ def test_names_and_numbers_one_to_one_are_the_same_truth(write):
     as_numbers = [[str(names.index(label)) for label in labels] for labels in (SECOND, TRUTHS)]
     found = compare_tables(write("one", FIRST), write("two", *as_numbers))
     assert counts(found) == counts(compare_tables(write("one", FIRST), write("three", SECOND)))
-    assert "one to one" in found.notes[0]
+    assert "the same labels in two ways" in found.notes[0]
 
 
 def test_names_against_other_names_are_refused_even_one_to_one(write):
@@ -92,7 +92,7 @@ def test_two_classes_that_differ_by_case_stay_two(write):
     turned = [*truths[:20], *(label.swapcase() if label[0] == "C" else "Cardigan" for label in truths[20:])]
     turned = [{"cARDIGAN": "cardigan"}.get(label, label) for label in turned]
     assert counts(compare_tables(write("one", truths, truths), write("two", turned, truths))) == (20, 20, 0, 0)
-    with pytest.raises(ToolkitError, match="'Cardigan' and 'cardigan' stand in one column"):
+    with pytest.raises(ToolkitError, match="'Cardigan' and 'cardigan' may be the same label"):
         compare_tables(write("one", truths, truths), write("two", ["cardigan"] * 40, truths))
 
 
@@ -125,7 +125,7 @@ def test_what_images_share_is_said_by_a_column_or_their_folders(write, tmp_path)
     found = compare_tables(write("one", FIRST, scene=[k // 10 for k in range(40)]), write("two", SECOND))
     assert found.over_clusters["clusters"] == 4 and "by column 'scene'" in found.cluster_sentence
     alone = compare_tables(write("a", FIRST), write("b", SECOND))
-    assert "Each image counts as one independent draw" in alone.cluster_sentence
+    assert "Each image counts as an independent draw" in alone.cluster_sentence
     files = []
     for name, guesses in (("c", FIRST), ("d", SECOND)):
         file = tmp_path / f"{name}.csv"
@@ -147,7 +147,7 @@ def test_what_images_share_is_said_by_a_column_or_their_folders(write, tmp_path)
         ("c_correctde.csv", "counted"), ("c_correctf.csv", "counted"), ("c_correctyn.csv", "counted"),
         ("c_under.csv", "the truth of 'img_000.jpg' is 'dog' in .* and 'golden_dog'"),
         ("c_idx.csv", "no true label is ever predicted: the truth is written '207', the prediction 'cat'"),
-        ("c_1based.csv", "may count from 0 and the other from 1: the truth is '208' where the prediction is '207'"),
+        ("c_1based.csv", "may count from 0 and the other from 1: the truth is '208' and the prediction '207'"),
         ("b_dup.csv", "appears twice"), ("b_case.csv", "share no image"), ("b_dir.csv", "share no image"),
     ],
 )  # fmt: skip

@@ -101,7 +101,7 @@ def test_a_second_export_leaves_nothing_of_the_first(captured, tmp_path):
     metadata = tmp_path / "out/test/metadata.jsonl"
     metadata.write_text("[1]\n")
     line = error_of(lambda: export_predictions(captured, (), "imagefolder", tmp_path / "out"))
-    assert "is not of this command" in line
+    assert "was not written by this command" in line
     (tmp_path / "kept.png").write_bytes(b"mine")
     metadata.write_text('{"file_name": "../../kept.png"}\n')
     assert error_of(lambda: export_predictions(captured, (), "imagefolder", tmp_path / "out"))

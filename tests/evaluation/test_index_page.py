@@ -45,7 +45,7 @@ def test_the_page_needs_nothing_else(page):
 @pytest.mark.parametrize("words", [[], ["--all", "night"]])
 def test_runs_are_named_or_all_of_them(page, words):
     done = CliRunner().invoke(app, ["report", *words, "--workspace", str(page.parents[1])])
-    assert "name runs, or say --all" in str(done.exception)
+    assert "name runs, or give --all" in str(done.exception)
 
 
 def test_a_run_with_damaged_predictions_keeps_its_rows(page, as_older):

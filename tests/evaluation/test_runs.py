@@ -206,7 +206,7 @@ def test_a_condition_that_means_nothing_is_refused(text, words):
     [
         (
             {"schema_version": 2, "groups": []},
-            "was written by a newer toolkit (schema_version 2, this one reads up to 1)",
+            "was written by a newer toolkit (schema_version 2, expected at most 1)",
         ),
         ({"hello": 1}, "is not a result of toolkit: expected a schema_version"),
         ([1, 2], "is not a result of toolkit"),
@@ -214,7 +214,7 @@ def test_a_condition_that_means_nothing_is_refused(text, words):
         ({"schema_version": 1, "losses": [3]}, "is not a result of toolkit: expected groups or cells"),
         ({"schema_version": 1, "kind": "eval"}, "is not a result of toolkit: expected groups or cells"),
         ({"schema_version": 1, "groups": 5}, "is damaged (field 'groups'"),
-        ({"schema_version": 1, "kind": "wraps", "groups": []}, "is of a kind 'wraps' that this toolkit does not know"),
+        ({"schema_version": 1, "kind": "wraps", "groups": []}, "has an unknown kind 'wraps'"),
         (
             {"schema_version": 1, "model": {}, "groups": [{"source": "sim"}], "pairs": []},
             "is damaged (field 'groups.0.",

@@ -80,7 +80,7 @@ def test_a_network_without_a_map_says_so(shot, colour_classifier):
 def test_many_flips_wait_to_be_asked(shot, spots, monkeypatch):
     monkeypatch.setattr(saliency, "MAX_UNASKED", 3)
     found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots))
-    assert found == [] and "4 flips are more than 3: ask for saliency maps to have them" in html
+    assert found == [] and "4 flips are more than 3: use --saliency to draw maps" in html
     found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(saliency=True)))
     assert len(found) == 8
     assert draw_saliency([FlipList("gained", (), ())], spots).reason == ""

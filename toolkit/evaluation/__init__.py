@@ -1,7 +1,4 @@
-"""From predictions to metrics, table and report.
-
-The settings are declared here once, for the command line and for Python; nothing heavy is loaded for them.
-"""
+"""From predictions to metrics, table and report. The settings for all of it are declared here."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,48 +13,40 @@ if TYPE_CHECKING:
 
 
 def check_run_name(name: str) -> str:
-    """The name of a run, if it can be that of a folder.
-
-    Raises:
-        FieldError: it cannot.
-    """
+    """Return the name of a run; a `FieldError` if no folder can have it."""
     if not is_folder_name(name):
         raise FieldError("expected letters, digits, '.', '_' and '-', such as 'resnet18-tuesday'", {"run": name})
     return name
 
 
 def read_corruptions(given: object) -> object:
-    """(name, severity) of each from words such as `fog:3`, `noise:1-3` and `common`; pairs stay as they are.
-
-    Raises:
-        ToolkitError: there is no such corruption or severity.
-    """
+    """Return the (name, severity) pairs of words such as `fog:3`, `noise:1-3`, `common`; pairs stay as they are."""
     from toolkit.corruptions.catalogue import parse_corruptions
 
     each = [given] if isinstance(given, str) else given
     if not isinstance(each, list | tuple):
         return given
-    read = [parse_corruptions([one]) if isinstance(one, str) else (one,) for one in each]
+    read = [parse_corruptions([item]) if isinstance(item, str) else (item,) for item in each]
     return tuple(dict.fromkeys(tuple(pair) for pairs in read for pair in pairs))
 
 
 Corruptions = Annotated[tuple[tuple[str, int], ...], BeforeValidator(read_corruptions)]
-"""(name, severity) of each."""
+"""(name, severity) pairs."""
 RunName = Annotated[str, AfterValidator(check_run_name)]
 
 
 class EvalConfig(Config):
-    """What of a capture folder is evaluated, and how; see `evaluate_captures`."""
+    """Settings of `evaluate_captures`: the part of a capture folder to evaluate, and how."""
 
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
-        None, description="Name of the folder under eval/; default: network, weights and sources."
+        None, description="Folder name under eval/. Default: network, weights and sources."
     )
     replace: Annotated[bool, Flag("--replace")] = Field(
-        False, exclude=True, description="Overwrite another result of that name, instead of writing beside it."
+        False, exclude=True, description="Overwrite another result with that name, instead of writing beside it."
     )
     trust_files: Annotated[bool, Flag("--trust-files")] = Field(
         False,
-        description="Count images that are not as their manifest.jsonl says, by folder and name. The result says so.",
+        description="Count images that contradict their manifest.jsonl, by folder and name. The report states it.",
     )
     sources: Annotated[tuple[str, ...], Flag("--source", metavar="NAME")] = Field(
         (), description="Only this source; may be repeated."
@@ -70,19 +59,19 @@ class EvalConfig(Config):
     )
     corruptions: Annotated[Corruptions, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (),
-        description="Also under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all; "
-        "without a severity under all five; may be repeated.",
+        description="Also classify under ImageNet-C's corruption: fog:3, noise:1-3, weather, common (15), all; may be "
+        "repeated. Default: all five severities.",
     )
     batch_size: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="Images read before the network is asked. Default: 128 on a GPU, 4 per thread on a CPU."
+        None, description="Images in a batch. Default: 128 on a GPU, 4 per thread on a CPU."
     )
     saliency: Annotated[bool | None, Flag()] = Field(
-        None, description="Grad-CAM maps of the flips in the report; default: when there are at most 200."
+        None, description="Draw Grad-CAM maps of the changed images in the report. Default: up to 200 images."
     )
 
     @property
     def selection(self) -> "Selection":
-        """Which part of the capture folder is meant."""
+        """Sources, objects and variants to evaluate."""
         from toolkit.captures.read import Selection
 
         return Selection(self.sources, self.objects, self.variants)

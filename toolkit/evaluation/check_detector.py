@@ -1,4 +1,4 @@
-"""Is a detector fed as it was trained? Its boxes on photographs, and whether another preprocessing finds more."""
+"""Check the preprocessing of a detector: its boxes on photographs, and whether another preprocessing finds more."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -19,22 +19,20 @@ from toolkit.models.load_detector import DenseDetector
 
 MOST_PHOTOS, CARD_PX, COLUMNS = 12, 400, 4
 MOST_COUNTED, SAME_IOU = 3, 0.7
-"""The surest boxes of a photograph count, if its mirror image shows them in the same place."""
+"""The most confident boxes of a photograph count, if its mirror image has them in the same place."""
 CLEARLY = 1.1
-"""By which factor the scores must rise before another preprocessing is named."""
+"""Factor by which the scores must rise for another preprocessing to be reported."""
 
 
 @dataclass(frozen=True)
 class DetectorCheck:
-    """What a detector finds in photographs as it is fed, and as it might be.
+    """Detections in photographs with the detector's own preprocessing, and with the best other preprocessing.
 
     Attributes:
-        model: its name.
-        photos: how many were shown.
-        boxes: of score 0.25 or more, in all of them.
-        score: sum of the scores of the surest three in each that its mirrored image shows as well.
-        better: lines for the TOML that raise the sum most; empty where none does clearly.
-        better_boxes, better_score: with these.
+        boxes: number of boxes with a score of 0.25 or more.
+        score: sum over photographs of the best three scores that the mirrored image confirms.
+        better: lines for the TOML that raise the sum most; empty if none raises it clearly.
+        better_boxes, better_score: boxes and score with these lines.
         picture: PNG of the photographs with their boxes.
     """
 
@@ -48,7 +46,7 @@ class DetectorCheck:
     picture: str
 
     def describe(self) -> str:
-        """What was found, and what to change."""
+        """Return the result and the suggested change as a sentence."""
         found = f"{self.model}: {self.boxes} boxes in {self.photos} photographs, see {self.picture}"
         if not self.better:
             return f"{found}; no other preprocessing finds clearly more"
@@ -57,16 +55,10 @@ class DetectorCheck:
 
 
 def check_detector(model: str, detector: Detector, folder: Path, picture: Path) -> DetectorCheck:
-    """Show a detector photographs, as it is fed and with each other choice of preprocessing; write them with boxes.
-
-    Args:
-        model: its name.
-        detector: the network.
-        folder: whose first 12 photographs are taken.
-        picture: the PNG to write.
+    """Run a detector on photographs with each preprocessing, and draw the boxes with its own.
 
     Raises:
-        ToolkitError: there is no photograph, or one cannot be read.
+        ToolkitError: there is no photograph, or a photograph cannot be read.
     """
     files = sorted(file for file in folder.rglob("*") if is_image_name(file.name)) if folder.is_dir() else []
     if not files:
@@ -86,13 +78,14 @@ def check_detector(model: str, detector: Detector, folder: Path, picture: Path) 
 
 
 def _measure(detector: Detector, photos: Sequence[np.ndarray]) -> tuple[list[Detections], int, float]:
-    """What is found, how many sure boxes, and the scores of those that the mirrored photographs show as well.
+    """Return detections, the number of confident boxes, and the summed scores that mirror images confirm.
 
-    A network that is fed far too large values finds much, but not the same in a mirror.
+    With wrong preprocessing a network may find many boxes, but not the same in the mirror image.
     """
     found = detector.detect(photos)
-    mirrored = detector.detect([np.ascontiguousarray(one[:, ::-1]) for one in photos])
+    mirrored = detector.detect([np.ascontiguousarray(photo[:, ::-1]) for photo in photos])
     boxes, score = 0, 0.0
+    # boxes of the mirror image, mirrored back, must overlap the same class
     for photo, seen, other in zip(photos, found, mirrored, strict=True):
         turned = np.array([photo.shape[1], 0, photo.shape[1], 0]) - other.boxes[:, [2, 1, 0, 3]] * [1, -1, 1, -1]
         boxes += int((seen.scores >= LEAST_SHOWN).sum())
@@ -103,7 +96,7 @@ def _measure(detector: Detector, photos: Sequence[np.ndarray]) -> tuple[list[Det
 
 
 def _vary(detector: DenseDetector) -> Iterator[tuple[str, DenseDetector]]:
-    """Each other order of channels, scale and letterbox, alone and the first two together."""
+    """Yield every other channel order, scale and letterbox, and channel order with scale."""
     how = detector.decoder
     scales = [(words, mean, std) for words, (mean, std) in _SCALES.items() if (mean, std) != (how.mean, how.std)]
     turned = "RGB" if how.channels == "BGR" else "BGR"
@@ -113,17 +106,16 @@ def _vary(detector: DenseDetector) -> Iterator[tuple[str, DenseDetector]]:
         yield words, replace(detector, decoder=scaled)
         both = f'{words} and channels = "{turned}"'
         yield both, replace(detector, decoder=replace(scaled, channels=turned))
-    for one in get_args(Letterbox):
-        if one != how.letterbox:
-            yield f'letterbox = "{one}"', replace(detector, decoder=replace(how, letterbox=one))
+    for letterbox in get_args(Letterbox):
+        if letterbox != how.letterbox:
+            yield f'letterbox = "{letterbox}"', replace(detector, decoder=replace(how, letterbox=letterbox))
 
 
-def _say_scale(mean: Sequence[float], std: Sequence[float]) -> str:
-    lists = ([round(value, 6) for value in values] for values in (mean, std))
-    return "mean = {} and std = {}".format(*lists)
+def _round(values: Sequence[float]) -> list[float]:
+    return [round(value, 6) for value in values]
 
 
-_SCALES = {_say_scale(*one): one for one in (PLAIN, LEVELS, IMAGENET)}
+_SCALES = {f"mean = {_round(mean)} and std = {_round(std)}": (mean, std) for mean, std in (PLAIN, LEVELS, IMAGENET)}
 
 
 def _write_sheet(

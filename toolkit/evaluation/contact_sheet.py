@@ -1,4 +1,4 @@
-"""Which images stand side by side in the report, as small copies."""
+"""Contact sheets and pose charts of the report, with thumbnails of the images."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ from toolkit.imaging.read import UnreadableImage, encode_image, read_image
 from toolkit.models.network import Classifier
 
 Seen = list[tuple[tuple[float, float], Prediction]]
-"""(azimuth, elevation) in degrees of each image, and what was said of it."""
+"""(azimuth, elevation) in degrees of each image, and its prediction."""
 RADIUS = 100.0
 LARGEST_DOT, SMALLEST_DOT, DOT_SHARE = 11.0, 2.5, 46.0
 SIDE_PX = 240
@@ -33,11 +33,11 @@ MANY_SHEETS, FEW_CARDS = 12, 3
 
 @dataclass(frozen=True)
 class PoseDot:
-    """One direction: `n_right` of `n` images right.
+    """A direction in which `n_right` of `n` images are correct.
 
     Attributes:
         x, y: place on the chart, y down, the rim at distance 100.
-        wedge: SVG path of the slice that is right, empty for none or all.
+        wedge: SVG path of the correct slice; empty for none or all.
         azimuth_deg, elevation_deg: direction from the object to the camera.
     """
 
@@ -52,11 +52,10 @@ class PoseDot:
 
 @dataclass(frozen=True)
 class PoseChart:
-    """One source and variant.
+    """Chart of a source and variant.
 
     Attributes:
         rings: (radius, label) of circles of equal elevation; the centre looks straight down.
-        dot_radius: of every dot.
     """
 
     source: str
@@ -67,17 +66,17 @@ class PoseChart:
 
 
 def read_direction(capture: Capture) -> tuple[float, float] | None:
-    """(azimuth, elevation) in degrees of the camera as seen from what it looks at; None where the pose is unknown.
+    """Return (azimuth, elevation) in degrees of the camera by its optical axis; None if the pose is unknown.
 
-    From the optical axis, so it needs no target: azimuth 0 looks at the front (+x), counter-clockwise from above.
+    Azimuth 0 looks at the front (+x), counter-clockwise from above.
     """
     T_world_camera = capture.T_world_camera
     if T_world_camera is None:
         return None
-    # the third column is where the camera looks; backwards from there lies the camera
+    # the third column is the viewing direction; the camera lies backwards from there
     x, y, z = (-T_world_camera[row][2] for row in range(3))
     length = sqrt(x * x + y * y + z * z)
-    # the column of a rotation has length 1: this is none
+    # a column of a rotation has length 1
     if not 0.5 < length < 2:
         return None
     azimuth = degrees(atan2(y, x)) % 360
@@ -86,7 +85,7 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
 
 
 def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
-    """A chart for each source and variant of which some image has a known pose; `unpatched` first."""
+    """Return a chart for each source and variant with a known pose; `unpatched` first."""
     found: dict[tuple[str, str], Seen] = defaultdict(list)
     for prediction in predictions:
         direction = read_direction(prediction.capture)
@@ -109,26 +108,18 @@ def _chart(source: str, variant: str, seen: Seen, lowest: float) -> PoseChart:
         by_place[(round(direction[0]) % 360, round(direction[1]))].append((direction, prediction))
     # by the root of their number: dots share the disc's area
     dot_radius = min(LARGEST_DOT, max(SMALLEST_DOT, DOT_SHARE / sqrt(len(by_place))))
-    rings = []
-    ring_deg = rim_deg
-    while ring_deg < 90:
-        rings.append((_radius(ring_deg, rim_deg), f"{ring_deg:.0f}°"))
-        ring_deg += 30
-    dots = tuple(_dot(by_place[place], rim_deg, dot_radius) for place in sorted(by_place))
-    return PoseChart(source, variant, tuple(rings), dots, dot_radius)
-
-
-def _dot(seen: Seen, rim_deg: float, dot_radius: float) -> PoseDot:
-    azimuth, elevation = seen[0][0]
-    n, n_right = len(seen), sum(prediction.correct_top1 for _, prediction in seen)
-    r = _radius(elevation, rim_deg)
-    # seen from above with the object's front towards the reader: azimuth 0 points down, 90 (its left) to the right
-    x, y = r * sin(radians(azimuth)), r * cos(radians(azimuth))
-    return PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n=n, n_right=n_right)
-
-
-def _radius(elevation_deg: float, rim_deg: float) -> float:
-    return RADIUS * (90 - elevation_deg) / (90 - rim_deg)
+    scale = RADIUS / (90 - rim_deg)
+    rings = tuple((scale * (90 - ring_deg), f"{ring_deg:.0f}°") for ring_deg in np.arange(rim_deg, 90.0, 30.0).tolist())
+    dots = []
+    for place in sorted(by_place):
+        azimuth, elevation = by_place[place][0][0]
+        rights = [prediction.correct_top1 for _, prediction in by_place[place]]
+        # seen from above with the object's front towards the reader: azimuth 0 points down, 90 (its left) to the right
+        r = scale * (90 - elevation)
+        x, y = r * sin(radians(azimuth)), r * cos(radians(azimuth))
+        n, n_right = len(rights), sum(rights)
+        dots.append(PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n=n, n_right=n_right))
+    return PoseChart(source, variant, rings, tuple(dots), dot_radius)
 
 
 def _wedge(x: float, y: float, radius: float, share: float) -> str:
@@ -142,7 +133,7 @@ def _wedge(x: float, y: float, radius: float, share: float) -> str:
 
 
 def describe_place(prediction: Prediction) -> str:
-    """`60° around, 40° up`, or nothing where the pose is unknown."""
+    """Return `60° around, 40° up`, or nothing if the pose is unknown."""
     direction = read_direction(prediction.capture)
     return "" if direction is None else f"{direction[0]:.0f}° around, {direction[1]:.0f}° up"
 
@@ -150,10 +141,9 @@ def describe_place(prediction: Prediction) -> str:
 def make_thumbnails(
     captures: Iterable[Capture], classifier: Classifier | None, side_px: int = SIDE_PX
 ) -> dict[str, str]:
-    """JPEG `data:` URIs of at most 12 kB by the image's path; an image that does not decode any more is left out.
+    """Return JPEG `data:` URIs of at most 12 kB by path, without images that do not decode any more.
 
-    An image that is corrupted when it is read is shown as the network sees it, resized and cut; without a network it is
-    left out.
+    An image that is corrupted when it is read is shown as the network sees it; without a network it is left out.
     """
 
     def make(capture: Capture) -> str | None:
@@ -174,7 +164,7 @@ def make_thumbnails(
 
 
 def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
-    """A picture as a JPEG `data:` URI of at most `side_px` and, by its quality, 12 kB."""
+    """Return an image as a JPEG `data:` URI of at most `side_px` and 12 kB."""
     image.thumbnail((side_px, side_px), Image.Resampling.LANCZOS)
     content = b""
     # the best quality that fits
@@ -191,8 +181,8 @@ class Card:
 
     Attributes:
         title: `pose 3`, or the file's name.
-        place: azimuth and elevation in words, empty where unknown.
-        cells: the images, in the order of `rank_variant`.
+        place: azimuth and elevation in words, empty if unknown.
+        cells: images in the order of `rank_variant`.
     """
 
     title: str
@@ -202,7 +192,7 @@ class Card:
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """An object of a source (or many small objects): the cards that are shown, and how many there are."""
+    """An object of a source (or many small objects): the cards to show, and the number of all cards."""
 
     source: str
     object: str
@@ -212,11 +202,7 @@ class ContactSheet:
 
 
 def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES) -> tuple[list[ContactSheet], int]:
-    """Contact sheets by source and object, evenly thinned to about `max_pictures` images.
-
-    Returns:
-        The sheets, and the number of objects that found no room.
-    """
+    """Return contact sheets by source and object, thinned to `max_pictures`, and the number of hidden objects."""
     members: dict[tuple[str, str], list[Prediction]] = defaultdict(list)
     for prediction in predictions:
         members[(prediction.capture.source, prediction.capture.object)].append(prediction)
@@ -234,7 +220,7 @@ def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES)
 
 
 def lay_out_flips(flips: FlipList) -> list[Card]:
-    """A card for each flip that is shown, the image before and the image after."""
+    """Return a card for each flip, with the image before and the image after."""
     cards = []
     for pair in flips.shown:
         capture = pair.second.capture
@@ -247,38 +233,32 @@ def _deal(members: list[Prediction]) -> list[Card]:
     poses: dict[int, dict[str, Prediction]] = defaultdict(dict)
     loose: list[Prediction] = []
     for prediction in members:
-        first = (
-            poses[prediction.capture.pose_id].get(prediction.capture.variant)
-            if prediction.capture.pose_id is not None
-            else None
-        )
+        pose_id, variant = prediction.capture.pose_id, prediction.capture.variant
+        first = None if pose_id is None else poses[pose_id].get(variant)
         # of two images of the same pose and variant, the readable image is in the card, the other gets its own card
-        if prediction.capture.pose_id is None or (first is not None and (first.is_read or not prediction.is_read)):
+        if pose_id is None or (first is not None and (first.is_read or not prediction.is_read)):
             loose.append(prediction)
             continue
         if first is not None:
             loose.append(first)
-        poses[prediction.capture.pose_id][prediction.capture.variant] = prediction
+        poses[pose_id][variant] = prediction
     cards = []
     for pose_id in sorted(poses):
         cells = sorted(poses[pose_id].values(), key=lambda prediction: rank_variant(prediction.capture.variant))
         cards.append(Card(f"pose {pose_id}", describe_place(cells[0]), tuple(cells)))
-    return cards + [
-        Card(prediction.capture.path.rsplit("/", 1)[-1], describe_place(prediction), (prediction,))
-        for prediction in loose
-    ]
+    names = [prediction.capture.path.rsplit("/", 1)[-1] for prediction in loose]
+    return cards + [Card(name, describe_place(only), (only,)) for name, only in zip(names, loose, strict=True)]
 
 
 def _gather(sheets: list[ContactSheet]) -> list[ContactSheet]:
-    """One sheet per source where there are many objects with an image or two each, as in an ImageFolder."""
+    """Join many objects with an image or two each, as in an ImageFolder, into a sheet for each source."""
     if len(sheets) <= MANY_SHEETS or sum(len(sheet.cards) for sheet in sheets) > FEW_CARDS * len(sheets):
         return sheets
     gathered = []
     for source in dict.fromkeys(sheet.source for sheet in sheets):
         own = [sheet for sheet in sheets if sheet.source == source]
-        cards = tuple(
-            replace(card, title=f"{sheet.true_label} · {card.title}") for sheet in own for card in sheet.cards
-        )
+        titled = [(f"{sheet.true_label} · {card.title}", card) for sheet in own for card in sheet.cards]
+        cards = tuple(replace(card, title=title) for title, card in titled)
         name = f"{len(own)} objects"
         gathered.append(ContactSheet(source, name, name, cards, sum(sheet.n_cards for sheet in own)))
     return gathered
@@ -287,5 +267,5 @@ def _gather(sheets: list[ContactSheet]) -> list[ContactSheet]:
 def _thin(items: Sequence[Item], room: int) -> list[Item]:
     if len(items) <= room:
         return list(items)
-    # evenly over the whole, the first among them
+    # evenly spread, with the first
     return [items[index * len(items) // room] for index in range(room)]

@@ -1,4 +1,4 @@
-"""Does a detector find the object, with the booster and without? Boxes against the rig's truth; average precision."""
+"""Evaluate a detector with and without the booster: boxes against the rig's truth, average precision, pairs."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -56,41 +56,34 @@ LEAST_SHOWN = 0.25
 
 @dataclass(frozen=True)
 class ScoredBoxes:
-    """The detections of the true class in one image.
-
-    Attributes:
-        scores: (n,) by falling score.
-        ious: (n,) overlap of each with the object's box.
-    """
+    """Detections of the true class in an image: falling scores (n,), and IoU (n,) of each with the object's box."""
 
     scores: np.ndarray
     ious: np.ndarray
 
 
 def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None:
-    """Mean precision at 101 levels of recall, as pycocotools counts it; None without images.
+    """Return mean precision at 101 levels of recall, as pycocotools counts it; None without images.
 
-    A detection is right where it overlaps the object by `iou` at least, and no stronger one was; the others are
-    wrong.
+    The strongest detection with an IoU of at least `iou` is correct, all others are wrong.
     """
     if not images:
         return None
     scores, right = [], []
     for image in images:
         is_right = np.zeros(len(image.scores), bool)
-        # of the stronger first; the object goes to the first that fits
-        # pycocotools' bound: an IoU of 1 by rounding still counts
+        # the object goes to the strongest detection that fits; pycocotools' bound: an IoU of 1 by rounding still counts
         fits = np.flatnonzero(image.ious >= min(iou, 1 - 1e-10))
         if len(fits):
             is_right[fits[0]] = True
         scores.append(image.scores)
         right.append(is_right)
-    # stable, as in pycocotools: of equal scores the one that came first stays first
+    # stable, as in pycocotools: equal scores keep their order
     order = np.argsort(-np.concatenate(scores), kind="mergesort")
     hits = np.cumsum(np.concatenate(right)[order])
     if not len(hits):
         return 0.0
-    # one object in each image, so that recall is over images
+    # a single object in each image, so recall is over images
     recall = hits / len(images)
     precision = hits / np.arange(1, len(hits) + 1)
     # precision at a recall is the best at that recall or above: the curve's envelope
@@ -102,26 +95,23 @@ def average_precision(images: Sequence[ScoredBoxes], iou: float) -> float | None
 
 
 def mean_average_precision(images: Sequence[ScoredBoxes]) -> float | None:
-    """Mean of `average_precision` over IoU 0.50, 0.55 … 0.95."""
-    found = [average_precision(images, iou) for iou in IOU_LEVELS]
-    return None if not images else float(np.mean([one for one in found if one is not None]))
+    """Return the mean of `average_precision` over IoU 0.50, 0.55 … 0.95; None without images."""
+    return float(np.mean([average_precision(images, iou) for iou in IOU_LEVELS])) if images else None
 
 
 def recall_at(images: Sequence[ScoredBoxes]) -> float | None:
-    """Share of the images where some detection of the class overlaps the object by half, however weak."""
-    return None if not images else float(np.mean([bool((image.ious >= FOUND_IOU).any()) for image in images]))
+    """Return the share of images with a detection of the class, however weak, whose IoU is at least 0.5."""
+    return float(np.mean([(image.ious >= FOUND_IOU).any() for image in images])) if images else None
 
 
 @dataclass(frozen=True)
 class DetectedImage:
-    """What a detector said of one image; found: a box of the true class of score 0.25 that overlaps by half.
+    """Detections in an image. The object is found by a box of its class with score 0.25 and IoU 0.5 or more.
 
     Attributes:
-        capture: the image.
-        true_index, true_label: what it shows, in the detector's labels.
-        truth: where that is.
-        seen: the detections; None where the image was not read.
-        status: `ok`, or why it was not read.
+        true_index, true_label: class of the object, in the detector's labels.
+        truth: mask and box of the object.
+        seen: the detections; None if the image was not read.
     """
 
     capture: Capture
@@ -133,7 +123,7 @@ class DetectedImage:
 
     @property
     def of_class(self) -> ScoredBoxes:
-        """The detections of the true class."""
+        """Detections of the true class."""
         if self.seen is None:
             return ScoredBoxes(np.zeros(0), np.zeros(0))
         kept = self.seen.classes == self.true_index
@@ -141,16 +131,15 @@ class DetectedImage:
 
     @property
     def best(self) -> tuple[float, float, np.ndarray] | None:
-        """Score, overlap and box of the strongest detection of the class that overlaps by half; None: there is none."""
-        if self.seen is None:
-            return None
-        kept = np.flatnonzero(self.seen.classes == self.true_index)
-        ious = box_iou(self.seen.boxes[kept], np.array(self.truth.box))
-        fitting = np.flatnonzero(ious >= FOUND_IOU)
-        if not len(fitting):
+        """Score, IoU and box of the strongest detection of the class with an IoU of at least 0.5; None without any."""
+        own = self.of_class
+        fitting = np.flatnonzero(own.ious >= FOUND_IOU)
+        if self.seen is None or not len(fitting):
             return None
         # detections come by falling score: the first that fits is the strongest
-        return float(self.seen.scores[kept[fitting[0]]]), float(ious[fitting[0]]), self.seen.boxes[kept[fitting[0]]]
+        first = fitting[0]
+        box = self.seen.boxes[self.seen.classes == self.true_index][first]
+        return float(own.scores[first]), float(own.ious[first]), box
 
     @property
     def is_found(self) -> bool:
@@ -158,7 +147,7 @@ class DetectedImage:
         return self.best is not None and self.best[0] >= FOUND_SCORE
 
     def as_prediction(self, labels: Sequence[str]) -> Prediction:
-        """As pairs and `detections.csv` take it; `labels` are the detector's."""
+        """Return the image as pairs and `detections.csv` need it; `labels` are the detector's."""
         seen, best = self.seen, self.best
         score, iou, sides = best if best is not None else (None, None, None)
         box = None if sides is None else (float(sides[0]), float(sides[1]), float(sides[2]), float(sides[3]))
@@ -170,14 +159,14 @@ class DetectedImage:
 
 @dataclass(frozen=True)
 class DetectionGroup:
-    """Results of one object and variant of one source; `object` is `all` for the pooled row.
+    """Results of an object and variant of a source; `object` is `all` for the pooled row.
 
     Attributes:
-        n, failed: images looked at, and images that could not be read.
-        n_found: in how many the object is found.
-        recall50: share with any detection of the class that overlaps by half, however weak.
+        n, failed: images that were read, and images that were not.
+        n_found: images in which the object is found.
+        recall50: see `recall_at`.
         ap50, ap50_95: average precision at IoU 0.5, and its mean over 0.5 to 0.95; pooled: mean over the classes.
-        mean_score: of the detection that fits, 0 where none does.
+        mean_score: mean score of the best detection, 0 if none fits.
     """
 
     source: str
@@ -202,24 +191,18 @@ class DetectionGroup:
         return wilson_interval(self.n_found, self.n)
 
     def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         keys = ("source", "object", "variant", "n", "failed", "found", "recall50", "ap50", "ap50_95", "mean_score")
         return {key: getattr(self, key) for key in keys} | {"found_ci95": list(self.found_ci95)}
 
 
 @dataclass(frozen=True)
 class DetectionRun:
-    """What a detector's evaluation found, and where it is written.
+    """Result of a detector's evaluation.
 
     Attributes:
-        images: one for each capture.
-        groups: by source, object and variant.
         pairs: each variant against `unpatched`, and boosters against their controls: found or not found.
-        left_out: (path, reason) of images without a known box, or that could not be read.
-        notes: what else the reader should know.
-        run_dir: the folder `eval/RUN`.
-        summary: what `summary.json` holds.
-        origin: what the result rests on.
+        left_out: (path, reason) of images without a known box, and images that could not be read.
     """
 
     images: tuple[DetectedImage, ...]
@@ -235,40 +218,40 @@ class DetectionRun:
 def evaluate_detector(
     captures_dir: Path, workspace: Workspace, detector: Detector, config: EvalConfig = DEFAULT
 ) -> DetectionRun:
-    """Look for the object in every image and write `eval/RUN`: detections.csv, summary.json, report.html.
+    """Find the object in every image, and write `eval/RUN`: detections.csv, summary.json, report.html.
 
-    The truth is the box round the object, by its mesh and the camera of the manifest; an image without one is left out
-    and listed. With corruptions the whole image is corrupted, before it is fitted to the network.
+    The truth is the object's box by its mesh and the camera in the manifest; images without a box are left out and
+    listed. Corruptions apply to the whole image, before it is resized for the network.
 
     Args:
-        captures_dir: `captures/`, one of its sources, or one object's folder.
-        workspace: whose object specs say what each object is and looks like.
-        detector: from `load_detector`.
-        config: the name of the run, and what is evaluated.
+        captures_dir: `captures/`, a source in it, or the folder of an object.
+        config: name of the run, and the images to evaluate.
 
     Raises:
-        ToolkitError: no image with a known box, no object whose class the detector knows, or `eval/` cannot be
-            written.
+        ToolkitError: no image has a known box, the detector knows no object's class, or `eval/` cannot be written.
     """
+    # images, classes and true boxes
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = add_corrupted(folder, config.corruptions)
     classes, notes = _find_classes(folder.objects, workspace, detector)
     wanted = [capture for capture in folder.captures if capture.object in classes]
-    # the truth of a corrupted picture is that of the one it was made from: boxes do not move
-    clean = {one.file: one for one in wanted if one.corruption is None or one.cut_px is not None}
+    # a corrupted image has the box of its source: boxes do not move
+    clean = {item.file: item for item in wanted if item.corruption is None or item.cut_px is not None}
     masks, unknown = outline_captures(list(clean.values()), workspace)
-    truths = {file: masks[prediction.path] for file, prediction in clean.items() if prediction.path in masks}
+    truths = {file: masks[capture.path] for file, capture in clean.items() if capture.path in masks}
     if not truths:
         why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "no images"
         raise ToolkitError(f"{captures_dir}: no image with a known box: {why}: shoot with 'toolkit capture-sim'")
-    images = detect_captures([one for one in wanted if one.file in truths], truths, classes, detector)
+    # detections, pairs and groups
+    images = detect_captures([capture for capture in wanted if capture.file in truths], truths, classes, detector)
     predictions = [image.as_prediction(detector.labels) for image in images]
     poses = index_poses(predictions)
     pairs = (*compare_unpatched(poses), *compare_controls(poses))
     groups = tuple(group_detections(images))
     failed = [(image.capture.path, image.status) for image in images if image.seen is None]
+    # the run folder
     table = encode_detections(predictions)
-    name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
+    name = config.run or name_run(detector, [capture.source for capture in wanted if capture.corruption is None])
     wanted_dir = workspace.eval_dir / name
     run_dir = find_run_dir(wanted_dir, lacks_other_table(DETECTIONS, table), config.replace)
     training = find_training(wanted, workspace, detector.weights.sha256, hash_network_tensors(detector))
@@ -295,18 +278,14 @@ def evaluate_detector(
 def _find_classes(
     objects: Sequence[str], workspace: Workspace, detector: Detector
 ) -> tuple[dict[str, int], tuple[str, ...]]:
-    """Class index of each object by its spec, and a note on each whose class the detector does not have.
-
-    Raises:
-        ToolkitError: it has the class of none.
-    """
+    """Return the class index of each object by its spec, and a note on each object whose class is unknown."""
     specs, classes, reasons = workspace.object_specs(), {}, []
     for name in objects:
         try:
             spelling = read_spec(specs[name]).class_name if name in specs else name
             classes[name] = detector_class(detector, spelling)
         except ToolkitError as error:
-            reasons.append(f"'{name}' left out, {detector.name} does not know its class: {error}")
+            reasons.append(f"'{name}' left out: {detector.name} does not know its class: {error}")
     if not classes:
         raise ToolkitError(f"{detector.name} knows none of the objects: {reasons[0] if reasons else 'there are none'}")
     return classes, tuple(reasons)
@@ -315,32 +294,24 @@ def _find_classes(
 def detect_captures(
     captures: Sequence[Capture], truths: dict[Path, ObjectMask], classes: dict[str, int], detector: Detector
 ) -> list[DetectedImage]:
-    """Look for the object in each image, in the order of `captures`.
-
-    Args:
-        captures: whose files all have a truth.
-        truths: by file.
-        classes: index of each object, in the detector's labels.
-        detector: who looks.
-    """
+    """Find the object in each image, in the order of `captures`."""
     found: list[DetectedImage] = []
-    # the next images are read while the network looks at these: both release the interpreter's lock
-    # and corrupted as they were taken, before the detector resizes them
+    # the next images are read, and corrupted at full size, while the network runs
     pictures = read_ahead(captures, None, BATCH)
     with progress("detecting", len(captures)) as ticker, closing(pictures):
         while part := list(islice(pictures, BATCH)):
-            pixels = [one for _, one in part if not isinstance(one, str)]
-            # images that were not read have no answer: the others take theirs in turn
-            seen = iter(detector.detect(pixels) if pixels else [])
-            for capture, one in part:
+            arrays = [pixels for _, pixels in part if not isinstance(pixels, str)]
+            # images that were not read have no detections: the others take theirs in turn
+            seen = iter(detector.detect(arrays) if arrays else [])
+            for capture, pixels in part:
                 index, truth = classes[capture.object], truths[capture.file]
                 image = DetectedImage(capture, index, detector.labels[index], truth, None)
-                if isinstance(one, str):
-                    found.append(replace(image, status=one))
-                elif one.shape[:2] != truth.mask.shape:
-                    sides = "×".join(map(str, reversed(one.shape[:2])))
+                if isinstance(pixels, str):
+                    found.append(replace(image, status=pixels))
+                elif pixels.shape[:2] != truth.mask.shape:
+                    sides = "×".join(map(str, reversed(pixels.shape[:2])))
                     found.append(replace(image, status=f"is {sides}, which is not its camera's size"))
-                    # its answer is passed over: boxes in pictures of another size cannot be compared
+                    # skipped: boxes in images of another size cannot be compared
                     next(seen)
                 else:
                     found.append(replace(image, seen=next(seen)))
@@ -349,9 +320,9 @@ def detect_captures(
 
 
 def group_detections(images: Sequence[DetectedImage]) -> list[DetectionGroup]:
-    """Results by source, object and variant, and pooled over the objects of a source where there are several."""
+    """Return results by source, object and variant, and pooled over the objects of a source with several objects."""
     members = group_images(images)
-    # of one object the pooled row says nothing new
+    # the pooled row of a single object would repeat it
     n_objects = Counter(source for source, name in {key[:2] for key in members} if name != POOLED)
     return [_count(key, some) for key, some in members.items() if key[1] != POOLED or n_objects[key[0]] > 1]
 
@@ -374,20 +345,25 @@ def _count(key: RowKey, members: Sequence[DetectedImage]) -> DetectionGroup:
 
 
 def write_detection_report(path: Path, run: DetectionRun, detector: Detector) -> Path:
-    """One self-contained page; of many images the pairs that flipped come first, and some are left out."""
-    flipped = _find_flipped(run.images)
+    """Write the report, with at most 120 images; changed pairs come first."""
+    poses: dict[tuple[str, str, int | None], list[DetectedImage]] = defaultdict(list)
+    for image in run.images:
+        poses[image.capture.source, image.capture.object, image.capture.pose_id].append(image)
+    # poses whose object is found in one variant and not in another
+    mixed = [some for some in poses.values() if len({image.is_found for image in some}) == 2]
+    flipped = {image.capture.path for some in mixed for image in some}
 
-    def place(one: DetectedImage) -> tuple[object, ...]:
-        shot = one.capture
+    def rank(image: DetectedImage) -> tuple[object, ...]:
+        shot = image.capture
         number = -1 if shot.pose_id is None else shot.pose_id
         return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)
 
-    order = sorted(run.images, key=place)
     pairs = {(pair.source, pair.object, pair.second): pair for pair in run.pairs if pair.first == "unpatched"}
+    # images, with the changed pairs first
     cards = [
-        {"image": one, "picture": picture, "is_flipped": one.capture.path in flipped}
-        for one in order[:MOST_PICTURES]
-        if (picture := draw_boxes(one, detector)) is not None
+        {"image": image, "picture": picture, "is_flipped": image.capture.path in flipped}
+        for image in sorted(run.images, key=rank)[:MOST_PICTURES]
+        if (picture := draw_boxes(image, detector)) is not None
     ]
     context = {
         "title": path.parent.name, "detector": detector, "groups": run.groups, "pairs": pairs,
@@ -399,15 +375,15 @@ def write_detection_report(path: Path, run: DetectionRun, detector: Detector) ->
 
 
 def describe_pairs(run: DetectionRun) -> list[str]:
-    """The result of each source and variant in words."""
+    """Return the result of each source and variant in words."""
     lines = []
     pooled = {group.source for group in run.groups if group.object == "all"}
     for pair in run.pairs:
-        # one line for each source and variant: the pooled one where there are several objects
+        # a line for each source and variant: the pooled row if there are several objects
         if (pair.object == "all") != (pair.source in pooled):
             continue
         found = pair.outcomes
-        sure = "" if found.mcnemar_p < 0.05 else ", which chance explains too"
+        sure = "" if found.mcnemar_p < 0.05 else ", no significant change"
         lines.append(
             f"{pair.source}: {pair.second} found in {found.n_second} of {found.n} poses, {pair.first} in "
             f"{found.n_first}: {found.only_second} gained, {found.only_first} lost (p = {found.mcnemar_p:.2g}{sure})"
@@ -415,32 +391,21 @@ def describe_pairs(run: DetectionRun) -> list[str]:
     return lines
 
 
-def _find_flipped(images: Sequence[DetectedImage]) -> set[str]:
-    """Paths of the images of a pose that is found in one variant and not in another."""
-    poses: dict[tuple[str, str, int | None], list[DetectedImage]] = {}
-    for image in images:
-        poses.setdefault((image.capture.source, image.capture.object, image.capture.pose_id), []).append(image)
-    mixed = [some for some in poses.values() if len({one.is_found for one in some}) == 2]
-    return {one.capture.path for some in mixed for one in some}
-
-
-def draw_boxes(one: DetectedImage, detector: Detector) -> str | None:
-    """A JPEG `data:` URI: the truth white, boxes of its class green, others orange; None where it cannot be read."""
-    if one.seen is None:
-        return None
-    pixels = read_pixels(one.capture, None)
-    if isinstance(pixels, str):
+def draw_boxes(found: DetectedImage, detector: Detector) -> str | None:
+    """Return a JPEG `data:` URI: the truth white, boxes of its class green, others orange; None if not readable."""
+    pixels = "not read" if found.seen is None else read_pixels(found.capture, None)
+    if isinstance(pixels, str) or found.seen is None:
         return None
     image = Image.fromarray(np.ascontiguousarray(pixels))
-    ImageDraw.Draw(image).rectangle(one.truth.box, outline=TRUTH_COLOUR, width=_line_px(image))
-    pen_boxes(image, one.seen, detector.labels, one.true_index)
+    ImageDraw.Draw(image).rectangle(found.truth.box, outline=TRUTH_COLOUR, width=_line_px(image))
+    pen_boxes(image, found.seen, detector.labels, found.true_index)
     return encode_jpeg(image)
 
 
 def pen_boxes(image: Image.Image, seen: Detections, labels: Sequence[str], true_index: int | None = None) -> None:
-    """Draw boxes and names into an image: those of the true class green, others orange."""
+    """Draw boxes and names into an image, green for the true class and orange for others."""
     pen, width = ImageDraw.Draw(image), _line_px(image)
-    # the strongest last, on top of the others
+    # the strongest on top
     for box, index, score in list(zip(seen.boxes, seen.classes, seen.scores, strict=True))[::-1]:
         if score >= LEAST_SHOWN:
             colour = RIGHT_COLOUR if index == true_index else WRONG_COLOUR

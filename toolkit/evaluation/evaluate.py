@@ -1,4 +1,4 @@
-"""From a capture folder to a run folder: read, predict, compare, and write; `report.html` opens with no network."""
+"""From a capture folder to a run folder: read, predict, compare, and write a self-contained report."""
 
 import re
 from collections.abc import Sequence
@@ -50,12 +50,12 @@ MOST_SOURCES, LONGEST_PART = 3, 40
 
 @dataclass(frozen=True)
 class Evaluation(Findings):
-    """What an evaluation found, and where it is written.
+    """Result of an evaluation: predictions, statistics and the folder that holds them.
 
     Attributes:
-        run_dir: the folder `eval/RUN`.
-        notes: what else the reader should know.
-        summary: what `summary.json` holds.
+        run_dir: folder `eval/RUN`.
+        notes: remarks for the reader.
+        summary: content of `summary.json`.
     """
 
     run_dir: Path
@@ -64,7 +64,7 @@ class Evaluation(Findings):
 
     @property
     def report_file(self) -> Path:
-        """The page to open."""
+        """Page to open."""
         return self.run_dir / "report.html"
 
 
@@ -73,19 +73,19 @@ def evaluate_captures(
 ) -> Evaluation:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
-    An image that cannot be read is listed with its reason, and the others are evaluated. Where a folder of that name
-    holds another result, this one goes beside it as RUN-2, unless it shall be replaced. An object whose spec names a
-    class that the network does not have is left out with a note.
+    Images that cannot be read are listed with the reason. Objects whose class the network does not have are left out
+    with a note. If the folder holds another result, the new result is written beside it as RUN-2, unless
+    `config.replace` is set.
 
     Args:
-        captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
-        workspace: whose object specs say what each object is, and whose `eval/` is written to.
-        classifier: from `load_classifier`.
-        config: the name of the run, by default after network, weights and sources, and what is evaluated.
+        captures_dir: `captures/`, a source in it, the folder of an object, or an ImageFolder.
+        workspace: workspace with the object specs, which state the classes; `eval/` is in it.
+        classifier: classifier from `load_classifier`.
+        config: name of the run, and the images to evaluate.
 
     Raises:
-        ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
-            or a folder that cannot be written.
+        ToolkitError: there are no images, the network knows no object's class, a folder is no object, a manifest is
+            broken, or the folder cannot be written.
     """
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
     clean = [prediction.capture.source for prediction in findings.predictions if prediction.capture.corruption is None]
@@ -97,25 +97,18 @@ def evaluate_captures(
 def judge_captures(
     captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig = DEFAULT
 ) -> tuple[Findings, tuple[str, ...]]:
-    """Classify every image of a capture folder, and write nothing.
-
-    Returns:
-        What was found, and notes for the reader.
-
-    Raises:
-        ToolkitError: as `evaluate_captures`.
-    """
+    """Classify every image of a capture folder; return findings and notes. Raises as `evaluate_captures`."""
     folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     twins = TwinFinder()
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size, twins.look)
+    # files that hold the same image count once
     predictions, found = twins.drop(predictions)
-    folder = replace(
-        folder, captures=tuple(prediction.capture for prediction in predictions), set_aside=(*folder.set_aside, *found)
-    )
+    kept = tuple(prediction.capture for prediction in predictions)
+    folder = replace(folder, captures=kept, set_aside=(*folder.set_aside, *found))
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
     training = find_training(folder.captures, workspace, classifier.weights.sha256, hash_network_tensors(classifier))
     origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
-    labels = {one: classifier.labels[index] for one, index in classes.items()}
+    labels = {name: classifier.labels[index] for name, index in classes.items()}
     notes = (*folder.notes, *describe_other_classes(training, labels))
     return replace(findings, training=training, origin=origin), notes
 
@@ -124,16 +117,16 @@ ASKED = ("trust_files", "sources", "objects", "variants", "corruptions")
 
 
 def describe_asked(captures_dir: Path, workspace: Workspace, config: EvalConfig) -> dict[str, Any]:
-    """What an evaluation was asked, as `summary.json` keeps it: the folder, and what of it was meant."""
+    """Return the request of an evaluation as `summary.json` keeps it: the folder, and the selected images."""
     folder, root = Path(captures_dir).resolve(), workspace.root.resolve()
-    # below the workspace by its place there, so that a workspace can be moved
+    # relative to the workspace, so that it can be moved
     shown = folder.relative_to(root).as_posix() if folder.is_relative_to(root) else str(folder)
     return {"captures": shown, **config.model_dump(mode="json", include=set(ASKED))}
 
 
 def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
-    """Network, weights and sources, such as `resnet18-imagenet-sim`; more than three sources are counted."""
-    # weights are mostly called after their network, whose name stands before them already
+    """Return a name from network, weights and sources, such as `resnet18-imagenet-sim`."""
+    # the name of the weights often repeats the network's
     weights = Path(classifier.weights.name).stem.removeprefix(classifier.arch).removeprefix(classifier.name)
     names = list(dict.fromkeys(sources))
     parts = [classifier.name, weights, "+".join(names) if len(names) <= MOST_SOURCES else f"{len(names)}-sources"]
@@ -145,23 +138,15 @@ def write_evaluation(
     wanted: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
     kind: Kind = "eval", asked: dict[str, Any] | None = None,
 ) -> Evaluation:  # fmt: skip
-    """Write what was found into the folder that is wanted, or beside another result that it holds.
+    """Write findings into a folder, or beside another result in it; a `ToolkitError` if it cannot be written.
 
     Args:
-        wanted: the folder of the run.
-        classifier: who was asked.
-        findings: see `compare_predictions`.
-        notes: what else the reader should know.
-        config: see `evaluate_captures`.
-        kind: of the experiment that the evaluation is a part of.
-        asked: what `toolkit verify` needs to make the result again; None if it was not made from a capture folder.
-
-    Raises:
-        ToolkitError: the folder cannot be written.
+        kind: kind of the experiment that the evaluation is a part of.
+        asked: request that `toolkit verify` repeats; None if the result was not made from a capture folder.
     """
     maps = draw_saliency(findings.flips, classifier, config.saliency)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
-    # predictions decide whether it is the same result: all else follows from them
+    # two results are the same if their predictions are
     table = encode_predictions(findings.predictions)
     run_dir = find_run_dir(wanted, lacks_other_table(PREDICTIONS, table), config.replace)
     notes = (*classifier.notes, *notes, *why, *explain_pooling(findings.pairs), *explain_run_dir(wanted, run_dir))
@@ -179,7 +164,7 @@ TICKS = ((0.001, "0.1"), (0.01, "1"), (0.1, "10"), (0.5, "50"), (0.9, "90"), (0.
 
 @dataclass(frozen=True)
 class PosePoint:
-    """One pair: its place on the chart, y down; what is right, `both`, `neither`, `sim` or `real`; and its words."""
+    """A pair on the chart: place, y down; which images are correct (`both`, `neither`, `sim`, `real`); its words."""
 
     x: float
     y: float
@@ -189,13 +174,10 @@ class PosePoint:
 
 @dataclass(frozen=True)
 class SimRealView:
-    """One pair of sources in the report.
+    """A rendered source and a source of photographs in the report.
 
     Attributes:
-        found: what was found.
-        rows, forecasts: those that are shown.
-        charts: by variant, the true class's probability in the rig and in photographs, one point per pose.
-        cards: of the wrongly predicted.
+        charts: by variant, the true class's probability in rig and photographs, a point for each pose.
     """
 
     found: SimReal
@@ -206,28 +188,25 @@ class SimRealView:
 
 
 def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
-    """What the report shows of each pair of sources; of many wrong predictions those that are furthest off."""
+    """Return the report's view of each comparison; at most 40 wrong predictions, those that are furthest off."""
     views = []
-    for comparison in comparisons:
-        variants = sorted({place_of(pair)[1] for pair in comparison.pairs}, key=rank_variant)
-        charts = {
-            name: [_make_point(pair) for pair in comparison.pairs if place_of(pair)[1] == name] for name in variants
-        }
-        cards = [_make_card(pair) for pair in _pick_furthest(comparison.wrong)]
-        views.append(
-            SimRealView(
-                comparison,
-                pick_rows(comparison.rows, MAX_ROWS),
-                pick_rows(comparison.forecasts, MAX_ROWS),
-                charts,
-                cards,
-            )
-        )
+    for found in comparisons:
+        charts: dict[str, list[PosePoint]] = {}
+        for pair in sorted(found.pairs, key=lambda pair: rank_variant(place_of(pair)[1])):
+            charts.setdefault(place_of(pair)[1], []).append(_make_point(pair))
+        furthest = {id(pair) for pair in sorted(found.wrong, key=lambda pair: -abs(pair.change))[:MAX_CARDS]}
+        cards = []
+        for pair in found.wrong:
+            if id(pair) in furthest:
+                title = "{} · {} · pose {}".format(*place_of(pair))
+                cards.append(Card(title, describe_place(pair.second), (pair.first, pair.second)))
+        rows, forecasts = pick_rows(found.rows, MAX_ROWS), pick_rows(found.forecasts, MAX_ROWS)
+        views.append(SimRealView(found, rows, forecasts, charts, cards))
     return views
 
 
 def place_prob(prob: float) -> float:
-    """Where a probability lies on an axis of length `SIDE`: log-odds, from 0.1 % to 99.9 %."""
+    """Return the place of a probability on an axis of length `SIDE`: log-odds, from 0.1 % to 99.9 %."""
     end = log((1 - LEAST_PROB) / LEAST_PROB)
     inside = min(1 - LEAST_PROB, max(LEAST_PROB, prob))
     return SIDE * (log(inside / (1 - inside)) + end) / (2 * end)
@@ -242,36 +221,37 @@ def _make_point(pair: Pair) -> PosePoint:
     return PosePoint(place_prob(sim), SIDE - place_prob(real), kind, words)
 
 
-def _pick_furthest(wrong: Sequence[Pair]) -> list[Pair]:
-    kept = {id(pair) for pair in sorted(wrong, key=lambda pair: -abs(pair.change))[:MAX_CARDS]}
-    return [pair for pair in wrong if id(pair) in kept]
-
-
-def _make_card(pair: Pair) -> Card:
-    name, variant, pose_id = place_of(pair)
-    return Card(f"{name} · {variant} · pose {pose_id}", describe_place(pair.second), (pair.first, pair.second))
-
-
 def write_report(
     path: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], saliency: Saliency
 ) -> Path:
-    """Write the report; thumbnails are embedded, long contact sheets thinned, and the report says so."""
+    """Write the report with embedded thumbnails; long contact sheets are thinned, with a note."""
     predictions = findings.predictions
     sheets, n_hidden = lay_out(predictions)
     flips = [(flip.kind, lay_out_flips(flip), flip.n, flip.counts) for flip in findings.flips]
     views = view_sim_real(findings.sim_real)
+    # thumbnails of all images on the page
     decks = [*(sheet.cards for sheet in sheets), *(view.cards for view in views), *(cards for _, cards, _, _ in flips)]
     shown = [cell for cards in decks for card in cards for cell in card.cells]
+    # tables of long results are cut, and the boosters whose control was shot are named
+    found = findings.comparisons
+    comparisons = [
+        (source, pick_rows([row for row in found if row.source == source], MAX_ROWS))
+        for source in dict.fromkeys(row.source for row in found)
+    ]
+    owners = {OWNERS.get(row.second) for row in found}
+    heat = zip(HEAT_LEVELS, HEAT_COLOURS, strict=True)
     context = {
         **vars(findings), "classifier": classifier, "title": path.parent.name, "notes": notes,
-        "tables": _build_tables(findings), "comparisons": _build_comparisons(findings.comparisons),
-        "compared": {row.second for row in findings.comparisons},
-        "controlled": _name_controlled(findings.comparisons), "charts": chart_poses(predictions),
+        "tables": _build_tables(findings), "comparisons": comparisons,
+        "compared": {row.second for row in found},
+        "controlled": [noun for booster, noun in NOUNS.items() if booster in owners],
+        "charts": chart_poses(predictions),
         "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({prediction.capture.source for prediction in predictions}),
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,
-        "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, "heat_stops": _list_heat_stops(),
-        "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
+        "flips": flips, "max_flips": MAX_FLIPS, "saliency": saliency, 
+        "heat_stops": ", ".join(f"rgb{colour} {100 * level:.0f}%" for level, colour in heat),
+        "thumbnails": make_thumbnails((cell.capture for cell in shown if cell.is_read), classifier),
         "origin": findings.origin, "unseen": describe_unseen(classifier.name, findings.training),
         "corrupted": list_corrupted(prediction.capture for prediction in predictions),
         "gated": findings.gated, "gate_lines": findings.gate_lines, "gated_counts": count_gated(findings),
@@ -279,28 +259,12 @@ def write_report(
     return write_page(path, "toolkit.evaluation", "report.html.j2", context)
 
 
-def _list_heat_stops() -> str:
-    """The colours of saliency maps as stops of a CSS gradient."""
-    stops = zip(HEAT_LEVELS, HEAT_COLOURS, strict=True)
-    return ", ".join(f"rgb{colour} {100 * level:.0f}%" for level, colour in stops)
-
-
 def _build_tables(findings: Findings) -> list[dict[str, Any]]:
     found = []
     for source, n_objects, pairs in rows_by_source(findings.groups, findings.pairs, MAX_ROWS):
-        rows = [(one, pair, mark_seen(findings.training, source, one.object, one.variant)) for one, pair in pairs]
-        is_cut = n_objects > len({one.object for one, _ in pairs})
+        rows = [
+            (group, pair, mark_seen(findings.training, source, group.object, group.variant)) for group, pair in pairs
+        ]
+        is_cut = n_objects > len({group.object for group, _ in pairs})
         found.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
     return found
-
-
-def _build_comparisons(comparisons: Sequence[Comparison]) -> list[tuple[str, list[Comparison]]]:
-    """(source, rows)."""
-    sources = dict.fromkeys(row.source for row in comparisons)
-    return [(source, pick_rows([row for row in comparisons if row.source == source], MAX_ROWS)) for source in sources]
-
-
-def _name_controlled(comparisons: Sequence[Comparison]) -> list[str]:
-    """`patch`, `texture` or both: the boosters of which a control was shot."""
-    owners = {OWNERS.get(row.second) for row in comparisons}
-    return [noun for booster, noun in NOUNS.items() if booster in owners]

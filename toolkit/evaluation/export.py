@@ -1,17 +1,19 @@
-"""Predictions of many runs for other programs: a table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
+"""Export predictions of many runs: a table (Parquet, CSV), or a folder for FiftyOne, COCO's tools or the Hub."""
 
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.truth import as_bbox, write_instances
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.imagefolder import write_imagefolder
 from toolkit.evaluation.origin import explain_replaced
@@ -27,9 +29,6 @@ from toolkit.evaluation.predictions_csv import (
 from toolkit.evaluation.summaries import Run, find_runs, open_run
 from toolkit.imaging.read import read_image
 
-if TYPE_CHECKING:
-    import pyarrow
-
 SCHEMA_VERSION = 1
 VERSION_KEY = b"toolkit_schema_version"
 HEADS: dict[str, type] = {"run": str, "network": str, "condition": str, "severity": int}
@@ -37,7 +36,7 @@ FORMS = {
     "parquet": "predictions.parquet", "csv": "predictions.csv", "fiftyone": "fiftyone", "coco": "coco",
     "imagefolder": "imagefolder",
 }  # fmt: skip
-"""Name of what is written below `eval/`."""
+"""Name of the file or folder below `eval/`."""
 Row = dict[str, Any]
 
 
@@ -46,13 +45,10 @@ class Exported:
     """Predictions that were written.
 
     Attributes:
-        place: file or folder.
-        form: one of `FORMS`.
+        form: a key of `FORMS`.
         count: rows of a table, else images.
-        runs: names of the runs.
-        left_out: answers to images that have no file of their own, or could not be read.
-        skipped: (path, reason) of runs that could not be read.
-        replaced: a sentence on each run whose images are others now than those that it judged.
+        left_out: number of predictions for images without a file, or that could not be read.
+        replaced: a sentence on each run whose images were replaced after the run.
     """
 
     place: Path
@@ -64,13 +60,13 @@ class Exported:
     replaced: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
+        """Return the result for a script."""
         about = {"file": str(self.place), "format": self.form, "count": self.count}
         return about | {"runs": list(self.runs), "left_out": self.left_out, "notes": [*self.replaced]}
 
     def lines(self) -> Iterator[str]:
-        """What lies where, in a sentence."""
-        runs = f"{len(self.runs)} run{'s' * (len(self.runs) != 1)}"
+        """Yield what was written, and where."""
+        runs = count_of(len(self.runs), "run")
         if self.form == "fiftyone":
             yield f"{self.count} images, {runs}; with FiftyOne: python {self.place / 'load.py'}"
         elif self.form == "coco":
@@ -81,32 +77,29 @@ class Exported:
             yield f"{self.count} predictions of {runs}: {self.place}"
 
     def warnings(self) -> Iterator[str]:
-        """What is missing, or not as it was."""
+        """Yield warnings: replaced images, and what was left out."""
         yield from self.replaced
-        if self.left_out:
-            if self.form == "imagefolder":
-                yield f"left out {self.left_out} images that cannot be read, or are not as their manifest says"
-            else:
-                yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
+        if self.left_out and self.form == "imagefolder":
+            yield f"left out {self.left_out} images that cannot be read, or contradict their manifest"
+        elif self.left_out:
+            yield f"left out {self.left_out} answers to images that have no file of their own, or could not be read"
 
 
 def export_predictions(
     workspace: Workspace, names: Sequence[str] = (), form: str = "parquet", out: Path | None = None,
     captures_dir: Path | None = None,
 ) -> Exported:  # fmt: skip
-    """Write the predictions of runs, by default of all that have any, as a table or a folder.
+    """Write the predictions of runs, by default of all runs that have any, as a table or a folder.
 
     Args:
-        workspace: that the runs are of.
-        names: of runs.
-        form: `parquet`, `csv`, `fiftyone`, of detectors `coco`, or `imagefolder` of all captures, with the answers of
-            the runs that are named.
-        out: where to; by default below `eval/`.
-        captures_dir: where the images lie; by default of each run's own, of an image folder `captures/`.
+        form: `parquet`, `csv`, `fiftyone`, `coco` (detectors), or `imagefolder`: all captures, with the predictions of
+            the named runs.
+        out: file or folder to write; by default below `eval/`.
+        captures_dir: folder of the images; by default each run's own, for an image folder `captures/`.
 
     Raises:
-        ToolkitError: there is no such form or run, or as `write_parquet`, `write_csv`, `write_fiftyone`,
-            `write_coco_results` and `write_imagefolder`.
+        ToolkitError: there is no such form or run, predictions are missing or damaged, images are missing, a package is
+            not installed, or the place cannot be written.
     """
     if form not in FORMS:
         raise FieldError(f"expected {', '.join(FORMS)}", {"to": form})
@@ -117,7 +110,7 @@ def export_predictions(
     if names:
         runs = [open_run(workspace, name) for name in names]
     elif form == "imagefolder":
-        runs = []  # the images themselves need none
+        runs = []  # the images need no run
     else:
         found, refused = find_runs(workspace)
         runs = [run for run in found if run.has_predictions and (form != "coco" or run.kind == "detection")]
@@ -140,30 +133,19 @@ def export_predictions(
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
-    """Write the predictions of runs as a Parquet table, a row per run and image; returns how many.
+    """Write the predictions of runs as a Parquet table, a row for each run and image; return their number.
 
-    Columns are those of `predictions.csv` after run, network, condition and severity, of detectors those of
-    `detections.csv`, with boxes as lists; what is not known is null.
-
-    Args:
-        path: of the file.
-        workspace: that the runs are of.
-        runs: with predictions.
-        captures_dir: where the images lie; by default of each run's own.
-
-    Raises:
-        ToolkitError: pyarrow is not installed, predictions are missing or damaged, or the file cannot be written.
+    Columns are run, network, condition and severity, then those of `predictions.csv`, or of `detections.csv` with boxes
+    as lists; unknown values are null.
     """
-    arrow = _import_arrow()
-    from pyarrow import parquet
-
+    arrow, parquet = (import_package(name, "parquet", "Parquet") for name in ("pyarrow", "pyarrow.parquet"))
     columns, rows = _list_rows(workspace, runs, captures_dir)
     kinds = {
         str: arrow.string(), int: arrow.int32(), float: arrow.float64(), bool: arrow.bool_(),
         tuple: arrow.list_(arrow.float64()),
     }  # fmt: skip
     about = {VERSION_KEY: str(SCHEMA_VERSION).encode(), b"toolkit_version": __version__.encode()}
-    # types are given, not guessed: a column that is empty in these runs keeps its own
+    # types are given, not guessed: an empty column keeps its type
     schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()], metadata=about)
     stream = io.BytesIO()
     parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), stream, compression="zstd")
@@ -172,33 +154,23 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
 
 
 def write_csv(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
-    """Write the table of `write_parquet` as CSV: right or wrong as 1 or 0, a box as x1 y1 x2 y2, unknown left empty."""
+    """Write the table of `write_parquet` as CSV: booleans as 1 or 0, a box as x1 y1 x2 y2, unknown cells empty."""
     columns, rows = _list_rows(workspace, runs, captures_dir)
-    write_text(path, encode_csv(list(columns), ([_as_cell(row.get(name)) for name in columns] for row in rows)))
+
+    def encode(value: object) -> object:
+        return format_box(value) if isinstance(value, tuple) else int(value) if isinstance(value, bool) else value
+
+    write_text(path, encode_csv(list(columns), ([encode(row.get(name)) for name in columns] for row in rows)))
     return len(rows)
-
-
-def _as_cell(value: object) -> object:
-    return format_box(value) if isinstance(value, tuple) else int(value) if isinstance(value, bool) else value
-
-
-def _import_arrow() -> "pyarrow":  # type: ignore[valid-type]
-    try:
-        import pyarrow
-    except ImportError:
-        raise ToolkitError(
-            "Parquet needs pyarrow, which is not installed: pip install '.[parquet]' in the kit's folder"
-        ) from None
-    return pyarrow
 
 
 def _list_rows(
     workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None
 ) -> tuple[dict[str, type], list[Row]]:
-    """The columns that the runs have, each with its type, and a row for each run and image."""
+    """Return the columns with their types, and a row for each run and image."""
     columns, rows = dict(HEADS), []
     for run in runs:
-        # older runs lack that column, and it is of photographs alone
+        # older runs lack the column of failed gates, which only photographs have
         known = DETECTION_COLUMNS if run.kind == "detection" else COLUMNS
         own = {name: kind for name, kind in known.items() if name != "failed_gates"}
         columns |= own
@@ -210,17 +182,14 @@ def _list_rows(
             if prediction.capture.corruption is not None:
                 condition, severity = prediction.capture.corruption
             row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
-            row |= {name: _look_up(prediction, name) for name in own}
+            holders = (prediction.capture, prediction.detection, prediction)
+            for name in own:
+                row[name] = next(getattr(holder, name) for holder in holders if hasattr(holder, name))
+            # an image that was not read is neither right nor wrong
+            if not prediction.is_read:
+                row |= {name: None for name in ("correct_top1", "correct_top5") if name in own}
             rows.append(row)
     return columns, rows
-
-
-def _look_up(prediction: Prediction, column: str) -> object:
-    # an image that was not read is neither right nor wrong
-    if column in ("correct_top1", "correct_top5") and not prediction.is_read:
-        return None
-    places = (prediction.capture, prediction.detection, prediction)
-    return next(getattr(place, column) for place in places if hasattr(place, column))
 
 
 LOADER = '''\
@@ -250,26 +219,15 @@ if __name__ == "__main__":
 def write_fiftyone(
     folder: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None
 ) -> tuple[int, int]:
-    """Write a folder that FiftyOne imports; it need not be installed here, and no image is copied.
+    """Write a folder that FiftyOne imports; FiftyOne need not be installed here, and no image is copied.
 
-    `data.json` says where each image lies; `labels/` has a file in the form of `FiftyOneImageClassificationDataset` for
-    each field: `ground_truth`, `object`, `variant`, `source`, and `prediction_RUN` with its confidence for each run. Of
-    a detector's run the fields `ground_truth_boxes` and `prediction_RUN` are in that of
-    `FiftyOneImageDetectionDataset`. `load.py` merges them into a single dataset.
-
-    Args:
-        folder: where to.
-        workspace: that the runs are of.
-        runs: with predictions.
-        captures_dir: where the images lie; by default of each run's own.
+    `data.json` holds the path of each image. `labels/` has a file for each field: `ground_truth`, `object`, `variant`,
+    `source` and `prediction_RUN` as `FiftyOneImageClassificationDataset`, for detectors `ground_truth_boxes` and
+    `prediction_RUN` as `FiftyOneImageDetectionDataset`. `load.py` merges them into a data set.
 
     Returns:
-        How many images are in it, and how many answers were left out: of images that are gone, could not be read, or
-        were corrupted when they were read and have no file of their own.
-
-    Raises:
-        ToolkitError: predictions are missing or damaged, none of its images is there, or the folder cannot be
-            written.
+        Number of images, and number of predictions without a file: of images that are gone, unreadable, or were
+        corrupted when they were read.
     """
     files: dict[str, str] = {}
     fields: dict[str, dict[str, object]] = {}
@@ -278,14 +236,17 @@ def write_fiftyone(
         placed, gone = _read_placed(workspace, run, captures_dir)
         left_out += gone
         for prediction in placed:
-            # a number for each file, however many runs used it
+            # a number for each file, shared by all runs
             key = files.setdefault(str(prediction.capture.file), f"{len(files):06d}")
             labels: dict[str, object] = {
                 name: getattr(prediction.capture, name) for name in ("object", "variant", "source")
             }
             said, column = prediction.detection, f"prediction_{_as_name(run)}"
             if said is None:
-                labels |= {"ground_truth": prediction.true_label, column: _describe_answer(prediction)}
+                names = {"correct": "correct_top1", "true_prob": "true_prob", "true_rank": "true_rank"}
+                about = {name: getattr(prediction, field) for name, field in names.items()}
+                answer = {"label": prediction.top1_label, "confidence": prediction.top1_prob, "attributes": about}
+                labels |= {"ground_truth": prediction.true_label, column: answer}
             else:
                 size = _measure_image(prediction)
                 about = {"confidence": said.score, "attributes": {"found": said.found, "iou": said.iou}}
@@ -295,7 +256,7 @@ def write_fiftyone(
                 fields.setdefault(name, {})[key] = label
     # samples by file, and a label file of each field: FiftyOne reads images from where they are
     if not files:
-        raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: name their folder")
+        raise ToolkitError(f"no image of {', '.join(run.name for run in runs)} is there: name their folder")
     write_json(folder / "data.json", {key: file for file, key in files.items()})
     for name, labels in fields.items():
         write_json(folder / "labels" / f"{name}.json", {"labels": labels})
@@ -303,15 +264,10 @@ def write_fiftyone(
     return len(files), left_out
 
 
-def _describe_answer(prediction: Prediction) -> dict[str, object]:
-    about = {"correct": prediction.correct_top1, "true_prob": prediction.true_prob, "true_rank": prediction.true_rank}
-    return {"label": prediction.top1_label, "confidence": prediction.top1_prob, "attributes": about}
-
-
 def _place_box(
     label: str, box: Box | None, size: tuple[int, int], about: Mapping[str, object] | None = None
 ) -> list[dict[str, object]]:
-    """One detection or none, its box in shares of the image's width and height."""
+    """Return a detection or none, its box in shares of the image's width and height."""
     if box is None:
         return []
     # x and width are shares of the image's width, y and height of its height
@@ -324,13 +280,13 @@ def _as_name(run: Run) -> str:
 
 
 def _measure_image(prediction: Prediction) -> tuple[int, int]:
-    """Width and height, upright."""
+    """Return width and height of the upright image."""
     height, width = read_image(prediction.capture.file).shape[:2]
     return width, height
 
 
 def _read_placed(workspace: Workspace, run: Run, captures_dir: Path | None) -> tuple[list[Prediction], int]:
-    """Predictions for images that were read and lie there as they were judged, and how many others there are."""
+    """Return the predictions whose image still has its own file, and the number of others."""
     place = captures_dir or find_captures_dir(workspace, run)
     predictions = read_predictions(run, place)
     placed = [prediction for prediction in predictions if prediction.is_read and has_own_file(prediction, place)]
@@ -342,20 +298,8 @@ def write_coco_results(
 ) -> tuple[int, int]:
     """Write each detector's run into `folder/RUN/` in COCO's format: `instances.json` and `results.json`.
 
-    One is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
-    best, which is all that a run keeps, so average precision is to be read in its `summary.json`. No image is copied.
-
-    Args:
-        folder: where to.
-        workspace: that the runs are of.
-        runs: of detectors.
-        captures_dir: where the images lie; by default of each run's own.
-
-    Returns:
-        How many images are in all, and how many were left out, as by `write_fiftyone`.
-
-    Raises:
-        ToolkitError: a run is no detector's, is damaged, or none of its images is there.
+    The first is the truth, with `file_name` below the captures. The second has the best box of each image, which is
+    all that a run keeps: for average precision see its `summary.json`. No image is copied. Returns as `write_fiftyone`.
     """
     total = left_out = 0
     for run in runs:
@@ -363,7 +307,7 @@ def write_coco_results(
             raise ToolkitError(f"{run.name} holds no boxes (kind '{run.kind}'): expected a run of a detector")
         placed, gone = _read_placed(workspace, run, captures_dir)
         if not placed:
-            raise ToolkitError(f"none of the images of {run.name} is there: name their folder")
+            raise ToolkitError(f"no image of {run.name} is there: name their folder")
         categories = sorted({prediction.true_label for prediction in placed})
         images: list[Row] = []
         truths: list[Row] = []

@@ -1,4 +1,4 @@
-"""What is evaluated: the images of a capture folder, clean and corrupted, and the true class of each object."""
+"""The images of a capture folder to evaluate, clean and corrupted, and the true class of each object."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -14,6 +14,7 @@ from toolkit.captures.read import CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.rooms import explain_missing, find_offer
 from toolkit.core.tables import format_test
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import find_note
 from toolkit.evaluation import EvalConfig
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def describe_both(all_of_it: Sequence[Comparison], passed: Sequence[Comparison], n_failed: dict[str, int]) -> list[str]:
-    """For each source with failed photographs, each pooled comparison with them and without them, one line each."""
+    """Return a line for each pooled comparison of sources with failed photographs: with and without them."""
     without = {(row.source, row.object, row.second): row for row in passed}
     lines = []
     for row in all_of_it:
@@ -37,94 +38,77 @@ def describe_both(all_of_it: Sequence[Comparison], passed: Sequence[Comparison],
         other = without.get((row.source, row.object, row.second))
         rest = "no pair is left" if other is None else _describe(other)
         lines.append(
-            f"{row.source}: {n_failed[row.source]} photograph{'s' if n_failed[row.source] > 1 else ''} failed a gate. "
-            f"{row.second} with them: "
-            f"{_describe(row)}; without them: {rest}"
+            f"{row.source}: {count_of(n_failed[row.source], 'photograph')} failed a gate. "
+            f"{row.second} with them: {_describe(row)}; without them: {rest}"
         )
     return lines
 
 
 def _describe(row: Comparison) -> str:
     found = row.outcomes
-    shares = f"{found.n_first}/{found.n} right bare, {found.n_second}/{found.n} with it"
+    shares = f"{found.n_first}/{found.n} correct without it, {found.n_second}/{found.n} with it"
     return f"{shares}, {found.only_second} gained, {found.only_first} lost ({format_test(found.mcnemar_p)})"
 
 
 def read_labelled_captures(
     captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig
 ) -> tuple[CaptureFolder, dict[str, int]]:
-    """The images to classify, and the true class of every object among them.
+    """Return the images to classify, and the true class of every object among them.
 
-    An object whose spec names a class that the network does not have is left out with a note.
-
-    Args:
-        captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
-        workspace: whose object specs say what each object is.
-        classifier: whose classes are meant.
-        config: which sources, objects and variants are meant, and under which corruptions besides.
-
-    Raises:
-        ToolkitError: no images, no object whose class the network knows, a folder that is no object, or a broken
-            manifest.
+    Objects whose class the network does not have are left out with a note. Arguments and errors are those of
+    `evaluate_captures`.
     """
     folder = read_captures(captures_dir, config.selection, trust_files=config.trust_files)
     folder = leave_out_unknown(folder, workspace, classifier)
-    folder = add_corrupted(_mark_gates(folder), config.corruptions)
+    # the room of photographs knows the gates that a photograph failed
+    if mark := find_offer("failed gates"):
+        folder = mark(folder)
+    elif judged := sorted({item.source for item in folder.captures if (item.source_dir / GATES_FILE).is_file()}):
+        note = f"{explain_missing('failed gates')} ({', '.join(judged)})"
+        folder = replace(folder, notes=(*folder.notes, note))
+    folder = add_corrupted(folder, config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
 
 
-def _mark_gates(folder: CaptureFolder) -> CaptureFolder:
-    """The captures with the gates that their photographs failed, which the room of photographs knows."""
-    mark = find_offer("failed gates")
-    if mark is not None:
-        return mark(folder)
-    judged = sorted({capture.source for capture in folder.captures if (capture.source_dir / GATES_FILE).is_file()})
-    notes = [f"{explain_missing('failed gates')} ({', '.join(judged)})"] if judged else []
-    return replace(folder, notes=(*folder.notes, *notes))
-
-
 def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> CaptureFolder:
-    """The folder with each source once more under each corruption: `sim` in fog of severity 3 is source `sim-fog-3`.
+    """Add each source under each (name, severity) to a folder: `sim` in fog of severity 3 is source `sim-fog-3`.
 
-    Nothing is read here: an image is corrupted whenever it is read, see `read_pixels`. A source of the folder that has
-    the name already keeps it, and the other gets a `+`. Files that are corrupted already, by the
-    manifest, are not corrupted again; a note says so.
-
-    Args:
-        folder: what is evaluated.
-        corruptions: (name, severity) of each.
+    Nothing is read here: `read_pixels` corrupts an image when it reads it. If the folder has a source of that name, the
+    added source gets a `+`. Files that are corrupted, by the manifest, are not corrupted again; a note states it.
     """
     if not corruptions:
         return folder
     clean = [capture for capture in folder.captures if capture.corruption is None]
     taken = {capture.source for capture in folder.captures}
-    corrupted = sorted(taken - {prediction.source for prediction in clean})
+    corrupted = sorted(taken - {capture.source for capture in clean})
     made: list[Capture] = []
-    for source in dict.fromkeys(prediction.source for prediction in clean):
+    for source in dict.fromkeys(capture.source for capture in clean):
         for corruption in corruptions:
             name = name_source(source, corruption)
             # a folder of that name may be there already, corrupted into files
             while name in taken:
                 name += "+"
             taken.add(name)
+            own = [capture for capture in clean if capture.source == source]
+            paths = [f"{name}/{capture.path_in_source}" for capture in own]
             made += [
-                replace(prediction, source=name, path=f"{name}/{prediction.path_in_source}", corruption=corruption)
-                for prediction in clean
-                if prediction.source == source
+                replace(capture, source=name, path=path, corruption=corruption)
+                for capture, path in zip(own, paths, strict=True)
             ]
-    notes = [f"corrupted already, and not once more: {', '.join(corrupted)}"] if corrupted else []
+    # notes on corrupted files, and on corruptions that are not published
+    notes = [f"not corrupted again, as they are corrupted: {', '.join(corrupted)}"] if corrupted else []
     notes += [note] if (note := find_note(list(dict.fromkeys(name for name, _ in corruptions)))) else []
-    captures = sorted((*folder.captures, *made), key=lambda one: (one.source, one.object, one.variant, one.path))
+    captures = sorted((*folder.captures, *made), key=lambda item: (item.source, item.object, item.variant, item.path))
     return replace(folder, captures=tuple(captures), notes=(*folder.notes, *notes))
 
 
 def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> dict[str, int]:
-    """Class index of every object of a capture folder: from its spec, its manifest, else the name of its folder.
+    """Return the class index of every object of a capture folder, by its spec, its manifest, or its folder's name.
 
     A folder's name may be a class name, with spaces or underscores, or a WordNet id as in ImageNet's own folders.
 
     Raises:
-        ToolkitError: an object is neither known nor named for a class, or its spec's class is none of the network's.
+        ToolkitError: an object has neither a spec nor a class name, or the network does not have its class.
     """
     specs = workspace.object_specs()
     classes = {}
@@ -132,25 +116,17 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
         if name in specs:
             classes[name] = class_of_spec(specs[name], classifier)
             continue
-        # what the manifest says comes before the folder's name
-        said = next(
-            (capture.class_name for capture in folder.captures if capture.object == name and capture.class_name), None
-        )
-        if said is not None:
-            classes[name] = classifier.class_index(int(said) if said.isdecimal() else said)
+        # the manifest comes before the folder's name
+        said = [item.class_name for item in folder.captures if item.object == name and item.class_name]
+        if said:
+            classes[name] = classifier.class_index(int(said[0]) if said[0].isdecimal() else said[0])
         else:
             classes[name] = _class_of_folder(name, folder, sorted(specs), classifier)
     return classes
 
 
 def find_other_classes(folder: CaptureFolder, classes: dict[str, int], classifier: Classifier) -> list[str]:
-    """Return a line for each object that was captured as one class and is judged as another.
-
-    Args:
-        folder: images, with the class that their manifest states.
-        classes: from `find_true_classes`.
-        classifier: whose classes are meant.
-    """
+    """Return a line for each object whose class in the manifest differs from `classes`, of `find_true_classes`."""
     said: dict[tuple[str, str], int] = Counter(
         (capture.object, capture.class_name) for capture in folder.captures if capture.class_name
     )
@@ -162,20 +138,21 @@ def find_other_classes(folder: CaptureFolder, classes: dict[str, int], classifie
             continue
         if index != classes[name]:
             lines.append(
-                f"{name}: {count} image{'s' if count > 1 else ''} captured as '{spelling}' and judged as "
-                f"'{classifier.labels[classes[name]]}', which its spec names now"
+                f"{name}: {count_of(count, 'image')} captured as '{spelling}' and judged as "
+                f"'{classifier.labels[classes[name]]}', the class in its spec now"
             )
     return lines
 
 
 def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> CaptureFolder:
-    """The folder without the objects whose spec names a class that the network does not have; a note tells of each.
+    """Return the folder without objects whose class the network does not have, with a note on each.
 
     Raises:
-        ToolkitError: the network knows the class of none of the objects, or a spec is broken.
+        ToolkitError: the network has no object's class, or a spec is broken.
     """
     specs = workspace.object_specs()
     reasons = {}
+    # only a spec can name an unknown class: other names are errors
     for name in folder.objects:
         if name in specs:
             wanted = read_spec(specs[name]).class_name
@@ -191,8 +168,7 @@ def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: C
         )
     counts = Counter(capture.object for capture in folder.captures)
     notes = [
-        f"{counts[name]} image{'s' if counts[name] > 1 else ''} of '{name}' left out, {classifier.name} does not know "
-        f"its class: {reason}"
+        f"{count_of(counts[name], 'image')} of '{name}' left out, {classifier.name} does not know its class: {reason}"
         for name, reason in reasons.items()
     ]
     kept = tuple(capture for capture in folder.captures if capture.object not in reasons)
@@ -200,11 +176,7 @@ def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: C
 
 
 def class_of_spec(spec_file: Path, classifier: Classifier) -> int:
-    """Class index of an object by its spec.
-
-    Raises:
-        ToolkitError: the spec is broken, or its class is none of the network's.
-    """
+    """Return the class index of an object by its spec; a `ToolkitError` if the network does not have it."""
     name = read_spec(spec_file).class_name
     try:
         return classifier.class_index(name)
@@ -219,14 +191,14 @@ def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classif
         try:
             return classifier.class_index(spelling)
         except ToolkitError as error:
-            # that a name means several classes says more than a guess at its spelling
+            # that a name means several classes tells more than a similar spelling
             why = str(error) if str(error).startswith("several") else why
     where = next(capture.path for capture in folder.captures if capture.object == name)
     near = get_close_matches(name, [*specs, *classifier.labels], n=3)
     hint = why or (f"did you mean {' or '.join(near)}?" if near else f"known objects: {', '.join(specs)}.")
     raise ToolkitError(
         f"{folder.root}: no object or class called '{name}' ({where}): {hint} Rename the folder, "
-        f'or say what it shows with class = "..." in rig/objects/{name}.toml'
+        f'or name its class with class = "..." in rig/objects/{name}.toml'
     )
 
 
@@ -235,24 +207,22 @@ def load_captures(
     sources: Sequence[str] = (), objects: Sequence[str] = (), variants: Sequence[str] = (),
     transform: "Callable[[torch.Tensor], torch.Tensor] | None" = None,
 ) -> "CaptureDataset":  # fmt: skip
-    """Captures as a `torch.utils.data.Dataset` of `(image, target, info)`, for a `DataLoader` with any workers.
+    """Return captures as a `torch.utils.data.Dataset` of `(image, target, info)`, for a `DataLoader` with any workers.
 
-    `image` is (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the classifier wants it, not normalised;
-    `target` the index of the object's class among the classifier's; `info` a dict of path, source, object, variant,
-    pose_id and T_world_camera. An object whose class the classifier does not have is left out.
+    `image` is (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut for the classifier, not normalised. `target`
+    is the index of the object's class. `info` is a dict of path, source, object, variant, pose_id and T_world_camera.
+    Objects whose class the classifier does not have are left out.
 
     Args:
-        workspace: whose object specs say what each object is.
-        classifier: whose classes and preprocessing are meant.
+        workspace: workspace with the object specs.
+        classifier: classifier with the classes and the preprocessing.
         captures_dir: a folder of images, SOURCE/OBJECT/VARIANT/FILE; by default the workspace's `captures/`.
-        sources: only these; all by default, as for the next two.
-        objects: only these.
-        variants: only these.
-        transform: of each finished image; with workers it must be picklable.
+        sources, objects, variants: only these; all by default.
+        transform: transform of each finished image; with workers it must be picklable.
 
     Raises:
-        ToolkitError: no images, a name that is not there, an object that is neither known nor named for a class, or
-            none whose class the classifier has.
+        ToolkitError: there are no images, a name does not exist, an object has neither a spec nor a class name, or the
+            classifier has no object's class.
     """
     from toolkit.captures.dataset import CaptureDataset  # which loads torch
 

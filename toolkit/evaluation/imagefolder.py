@@ -1,4 +1,4 @@
-"""Captures as a data set for others: an image folder that the Hugging Face Hub shows, with card and Croissant."""
+"""Export captures as a data set: an image folder that the Hugging Face Hub shows, with card and Croissant."""
 
 import json
 from collections import Counter
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
-from toolkit.captures.capture import Capture
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import delete_file, inside, read_bytes, sha256_bytes, write_bytes, write_json, write_text
@@ -36,50 +35,55 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "booster_sha256": ("sc:Text", "SHA-256 of what is on the object."),
     "image_sha256": ("sc:Text", "SHA-256 of the image file."),
 }
-"""Columns of `metadata.jsonl`: Croissant's type, and what is in them. Each run adds its own."""
+"""Columns of `metadata.jsonl`: Croissant's type, and description. Each run adds columns."""
 
 
 def write_imagefolder(
     folder: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None
 ) -> tuple[int, int]:
-    """Copy the images of a capture folder into `folder/test/`, with their labels and what is known of them.
+    """Copy the images of a capture folder into `folder/test/`, with labels and metadata.
 
-    `metadata.jsonl` is the one that `datasets.load_dataset("imagefolder", …)` and the Hub's viewer read, `README.md`
-    the data set's card, `croissant.json` its description in Croissant 1.0. Each run adds its answers as columns.
-
-    Args:
-        folder: where to; images that an earlier call wrote there, and that are gone, are removed.
-        workspace: whose captures and objects they are.
-        runs: whose answers become columns.
-        captures_dir: where the images lie; by default `captures/`.
+    `datasets.load_dataset("imagefolder", …)` and the Hub's viewer read `metadata.jsonl`. `README.md` is the data set's
+    card, `croissant.json` its description in Croissant 1.0. Each run adds its predictions as columns. Images of an
+    earlier export that are gone are removed.
 
     Returns:
-        How many images are in it, and how many were left out, because they cannot be read.
+        Number of images, and number of images that cannot be read.
 
     Raises:
         ToolkitError: there are no images, predictions are damaged, or the folder cannot be written.
     """
-    found = read_captures(captures_dir or workspace.captures_dir)
-    labels = _list_labels(workspace)
+    found, labels = read_captures(captures_dir or workspace.captures_dir), {}
+    for name, file in workspace.object_specs().items():
+        with suppress(ToolkitError):  # a broken spec names no class
+            labels[name] = str(read_spec(file).class_name)
     answers = [_list_answers(workspace, run, captures_dir) for run in runs]
     before = _list_written(folder)
     rows, left_out = list[Row](), len(found.faults)
     for capture in found.captures:
-        if not _can_be_shown(capture):
+        try:
+            with open_image(capture.file):
+                pass
+        except (UnreadableImage, OSError, ValueError, SyntaxError):
             left_out += 1
             continue
         content = read_bytes(capture.file, MOST_BYTES)
         write_bytes(folder / SPLIT / capture.path, content, folder)
-        label = capture.class_name or labels.get(capture.object, capture.object)
-        row = _describe(capture, label, sha256_bytes(content))
+        row = {
+            "file_name": capture.path, "label": capture.class_name or labels.get(capture.object, capture.object),
+            "source": capture.source, "object": capture.object, "variant": capture.variant,
+            "pose_id": capture.pose_id, "rendered": capture.is_rendered,
+            "booster_sha256": capture.booster_sha256, "image_sha256": sha256_bytes(content),
+        }  # fmt: skip
         for known in answers:
             row |= known.get(capture.path, {})
         rows.append(row)
     if not rows:
         raise ToolkitError(f"{found.root}: none of {left_out} images can be read")
-    # after the new ones: until then the earlier set is whole
+    # after the new images: until then the earlier set is whole
     for name in sorted(before - {row["file_name"] for row in rows}):
         delete_file(inside(folder / SPLIT, name))
+    # metadata, description and card
     columns = COLUMNS | _list_columns(runs)
     text = "".join(json.dumps({name: row.get(name) for name in columns}, ensure_ascii=False) + "\n" for row in rows)
     write_text(folder / METADATA, text, folder)
@@ -90,17 +94,8 @@ def write_imagefolder(
     return len(rows), left_out
 
 
-def _list_labels(workspace: Workspace) -> dict[str, str]:
-    """The class of each object by its spec; a broken spec names none."""
-    labels = {}
-    for name, file in workspace.object_specs().items():
-        with suppress(ToolkitError):
-            labels[name] = str(read_spec(file).class_name)
-    return labels
-
-
 def _list_answers(workspace: Workspace, run: Run, captures_dir: Path | None) -> dict[str, Row]:
-    """The answers of a run by path, of images that lie there as they were judged."""
+    """Return the predictions of a run by path, of images that still have their own file."""
     place = captures_dir or find_captures_dir(workspace, run)
     name = _column_of(run)
     return {
@@ -127,30 +122,14 @@ def _column_of(run: Run) -> str:
 
 
 def _list_written(folder: Path) -> set[str]:
-    """The images of an earlier export into this folder."""
+    """Return the images of an earlier export into this folder."""
     file = folder / METADATA
     if not file.is_file():
         return set()
     try:
         return {str(json.loads(line)["file_name"]) for line in file.read_text(encoding="utf-8").splitlines()}
     except (ValueError, KeyError, TypeError):
-        raise FieldError(f"{file} is not of this command: name another folder with {{out}}", {}) from None
-
-
-def _can_be_shown(capture: Capture) -> bool:
-    try:
-        with open_image(capture.file):
-            return True
-    except (UnreadableImage, OSError, ValueError, SyntaxError):
-        return False
-
-
-def _describe(capture: Capture, label: str, image_sha256: str) -> Row:
-    return {
-        "file_name": capture.path, "label": label, "source": capture.source, "object": capture.object,
-        "variant": capture.variant, "pose_id": capture.pose_id, "rendered": capture.is_rendered,
-        "booster_sha256": capture.booster_sha256, "image_sha256": image_sha256,
-    }  # fmt: skip
+        raise FieldError(f"{file} was not written by this command: name another folder with {{out}}", {}) from None
 
 
 CONTEXT: Row = {
@@ -169,7 +148,7 @@ CONTEXT: Row = {
 
 
 def describe_croissant(title: str, columns: dict[str, tuple[str, str]], metadata: str, formats: Sequence[str]) -> Row:
-    """The content of `croissant.json`: a record for each line of `metadata.jsonl` (Croissant 1.0)."""
+    """Return the content of `croissant.json`: a record for each line of `metadata.jsonl` (Croissant 1.0)."""
     return {
         "@context": CONTEXT, "@type": "sc:Dataset", "name": "".join(c if c.isalnum() else "-" for c in title),
         "conformsTo": "http://mlcommons.org/croissant/1.0",
@@ -208,7 +187,7 @@ ABOUT = (
 
 
 def write_card(title: str, columns: dict[str, tuple[str, str]], rows: Sequence[Row]) -> str:
-    """`README.md` of a data set: the Hub's settings, what is in it by object and variant, and its columns."""
+    """Return the `README.md` of a data set: the Hub's settings, image counts, and columns."""
     counts = Counter(tuple(str(row[name]).replace("|", "/") for name in HEADS) for row in rows)
     size = next(word for most, word in SIZES if len(rows) < most)
     lines = [

@@ -1,7 +1,6 @@
-"""What the predictions count up to: groups, two variants on the same poses, and the pairs that changed.
+"""Metrics of predictions: accuracy of groups, two variants on the same poses, changed pairs, and clusters.
 
-Items that are no independent draws (pictures of a place, images of a class) share what is seen: their clusters are
-what intervals and tests count.
+Images of a place or of a class are not independent draws, so intervals and tests count their clusters.
 """
 
 from collections import Counter, defaultdict
@@ -30,7 +29,7 @@ from toolkit.rig.variants import CONTROLS, CONTROLS_OF, NOUNS, VARIANTS
 
 NO_SPREAD = 1e-12
 Estimate = tuple[float, Interval | None]
-"""A mean over items, and its interval over clusters; None if it cannot be told: a single cluster, or no spread."""
+"""A mean over items, and its interval over clusters; None for a single cluster, or without spread."""
 PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
 MAX_FLIPS = 40
 MOST_NAMES = 20
@@ -38,15 +37,15 @@ MOST_NAMES = 20
 
 
 def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
-    """Mean of `scores` in [0, 1], with a 95 % interval that takes clusters, not items, as the independent draws.
+    """Return the mean of `scores` in [0, 1], and a 95 % interval with clusters as independent draws.
 
     With total y_c and number of items x_c of cluster c, of C, the mean is the ratio p = Σ y_c / Σ x_c, and
 
         v = C / (C - 1) · Σ (y_c - p x_c)² / (Σ x_c)²,    p ± t(0.975, C - 1) √v
 
     the ratio estimator of a sample of C whole clusters (Cochran, Sampling Techniques, 3rd ed. 1977, sections 6.3 and
-    9A.1, with no finite population; the same as the cluster-robust variance of a mean). Where all clusters are wholly
-    right, or wholly wrong, v is 0 and says nothing: then it is Wilson's interval with each cluster as a single trial.
+    9A.1, with no finite population; the same as the cluster-robust variance of a mean). If all items are right, or all
+    wrong, v is 0: then it is Wilson's interval with each cluster as a trial.
 
     Args:
         scores: (n,) float.
@@ -64,7 +63,7 @@ def estimate_share(scores: np.ndarray, cluster_of: np.ndarray) -> Estimate:
 
 
 def estimate_difference(scores: np.ndarray, other: np.ndarray, cluster_of: np.ndarray) -> Estimate:
-    """Mean of `scores` less that of `other` on the same items; the interval is that of `estimate_share`, paired."""
+    """Return the mean of `scores - other` on the same items, and the paired interval of `estimate_share`."""
     mean, half, n_clusters = _ratio(np.asarray(scores, float) - other, cluster_of)
     if n_clusters == 1 or half <= NO_SPREAD:
         return mean, None
@@ -72,7 +71,7 @@ def estimate_difference(scores: np.ndarray, other: np.ndarray, cluster_of: np.nd
 
 
 def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, int]:
-    """(ratio, half width of its interval, number of clusters)."""
+    """Return the ratio, the half width of its interval, and the number of clusters."""
     from scipy.stats import t
 
     _, member = np.unique(cluster_of, return_inverse=True)
@@ -81,8 +80,7 @@ def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, in
     mean = float(totals.sum() / sizes.sum())
     if n_clusters == 1:
         return mean, 0.0, 1
-    # residuals y_c - p x_c of `estimate_share`
-    # linearised variance of a ratio of totals (Cochran, Sampling Techniques, 1977, chapter 11)
+    # residuals y_c - p x_c: the linearised variance of a ratio of totals
     spread = n_clusters / (n_clusters - 1) * float(((totals - mean * sizes) ** 2).sum())
     # Student's t: with few clusters the spread itself is uncertain
     return mean, float(t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
@@ -90,11 +88,11 @@ def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, in
 
 @dataclass(frozen=True)
 class ClusterBootstrap:
-    """Shares of items, and of bootstrap samples of their clusters.
+    """Bootstrap over clusters of items.
 
     Attributes:
         cluster_of: (n,) int, the cluster of each item, from 0.
-        weights: (b, count) how often each cluster is in each sample.
+        weights: (b, count) number of times that each cluster is in each sample.
     """
 
     cluster_of: np.ndarray
@@ -102,54 +100,54 @@ class ClusterBootstrap:
 
     @classmethod
     def of(cls, cluster_of: np.ndarray, count: int) -> "ClusterBootstrap":
-        """The same samples whenever there are as many clusters; none of a single cluster."""
+        """Return samples that depend on the number of clusters alone; none for a single cluster."""
         return cls(cluster_of, resample_clusters(count) if count > 1 else np.zeros((0, 1)))
 
     def shares(self, values: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
-        """(1 + b,) mean of values (n,) of the items in `among` (n,) bool: seen, then of each bootstrap sample."""
+        """Return (1 + b,) means of values (n,) of the items in `among` (n,) bool: observed, then of each sample."""
         own = np.ones(len(values), bool) if among is None else among
         count = self.weights.shape[1]
         total = np.bincount(self.cluster_of[own], values[own].astype(float), count)
         n = np.bincount(self.cluster_of[own], minlength=count).astype(float)
-        # first what was seen: every cluster once
+        # the first row is the observed sample: every cluster once
         weights = np.concatenate([np.ones((1, count)), self.weights])
         with np.errstate(invalid="ignore", divide="ignore"):
             return (weights @ total) / (weights @ n)
 
     def estimate(self, values: np.ndarray, among: np.ndarray | None = None) -> tuple[float | None, Interval | None]:
-        """Mean and its 95 % interval over clusters; None without items, and no interval for a single cluster."""
+        """Return mean and 95 % interval over clusters; None without items, no interval for a single cluster."""
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
         return float(found[0]), percentile_interval(found[1:]) if len(self.weights) else None
 
     def sign_p(self, change: np.ndarray) -> float:
-        """Exact p of the signs of the clusters' mean changes (n,): a test that counts clusters alone."""
+        """Return the exact p of the signs of the clusters' mean changes (n,)."""
         count = self.weights.shape[1]
         n = np.bincount(self.cluster_of, minlength=count)
         return sign_flip_p((np.bincount(self.cluster_of, change, count)[n > 0] / n[n > 0]).tolist())
 
 
 RIVALS = {booster: tuple(name for name in names if name != ALONE) for booster, names in CONTROLS_OF.items()}
-"""By booster, the controls that are on the object where the booster was."""
+"""Booster -> the controls that take its place on the object."""
 OWNERS = {control: booster for booster, names in CONTROLS_OF.items() for control in names}
-"""By control, the booster that it belongs to."""
+"""Control -> its booster."""
 COMPARED = (
     *((booster, control) for booster, controls in CONTROLS_OF.items() for control in controls),
     (PATCHED, TEXTURED),
     (UNPATCHED, WRONG),
 )
-"""The variants that are compared besides each with `unpatched`, in this order."""
+"""Variants that are compared, besides each with `unpatched`, in this order."""
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
 
 
 class HasCapture(Protocol):
-    """What was said of an image."""
+    """A result for an image."""
 
     @property
     def capture(self) -> Capture:
-        """The image."""
+        """Image of the result."""
 
 
 Shown = TypeVar("Shown", bound=HasCapture)
@@ -160,14 +158,14 @@ Poses = dict[tuple[str, str], dict[str, dict[int, Prediction]]]
 
 
 def rank_variant(variant: str) -> tuple[int, str]:
-    """Sort key: `unpatched`, `patched`, `textured`, other boosters by name, controls as `CONTROLS` has them."""
+    """Return a sort key: `unpatched`, `patched`, `textured`, other boosters by name, controls as in `CONTROLS`."""
     if variant in CONTROLS:
         return len(VARIANTS) + CONTROLS.index(variant), variant
     return (VARIANTS.index(variant) if variant in VARIANTS else len(VARIANTS) - 1), variant
 
 
 def name_booster(variant: str) -> str:
-    """`the patch`, `the texture`, or the variant in quotes."""
+    """Return `the patch`, `the texture`, or the variant in quotes."""
     return f"the {NOUNS[variant]}" if variant in NOUNS else f"'{variant}'"
 
 
@@ -177,7 +175,7 @@ class Group:
 
     Attributes:
         n, failed: images classified, and images that could not be read.
-        n_top1, n_top5: how many are right at the first guess, and within five.
+        n_top1, n_top5: images with the true class as the first prediction, and among five.
         mean_true_prob: mean probability of the true class, None without images.
     """
 
@@ -192,12 +190,12 @@ class Group:
 
     @property
     def top1(self) -> float | None:
-        """Share of images right at the first guess."""
+        """Share of images with the true class as the first prediction."""
         return self.n_top1 / self.n if self.n else None
 
     @property
     def top5(self) -> float | None:
-        """Share of images with the truth among five guesses."""
+        """Share of images with the true class among five predictions."""
         return self.n_top5 / self.n if self.n else None
 
     @property
@@ -206,7 +204,7 @@ class Group:
         return wilson_interval(self.n_top1, self.n)
 
     def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         head = {key: getattr(self, key) for key in ("source", "object", "variant", "n", "failed")}
         shares = {"top1": self.top1, "top5": self.top5, "top1_ci95": list(self.top1_ci95)}
         return head | shares | {"mean_true_prob": self.mean_true_prob}
@@ -221,22 +219,22 @@ class Pair:
 
     @property
     def has_one_camera(self) -> bool:
-        """Whether both were taken from the same place, as far as it is known."""
+        """Whether both cameras are the same, as far as they are known."""
         return self.first.capture.compare_cameras(self.second.capture) is None
 
     @property
     def is_alike(self) -> bool:
-        """Both differ in the booster alone, as far as it is known."""
+        """Whether both differ in the booster alone, as far as it is known."""
         return self.first.capture.explain_no_pair(self.second.capture) is None
 
     @property
     def is_gained(self) -> bool:
-        """The first is wrong, the second right."""
+        """Whether the first is wrong and the second correct."""
         return self.second.correct_top1 and not self.first.correct_top1
 
     @property
     def is_lost(self) -> bool:
-        """The first is right, the second wrong."""
+        """Whether the first is correct and the second wrong."""
         return self.first.correct_top1 and not self.second.correct_top1
 
     @property
@@ -246,7 +244,7 @@ class Pair:
 
 
 def describe_change(found: PairedOutcomes) -> dict[str, Any]:
-    """`gained`, `lost` and `mcnemar_p` of pairs, as the summary of every experiment has them; the second is judged."""
+    """Return `gained`, `lost` and `mcnemar_p` of the second against the first, as every summary has them."""
     return {"gained": found.only_second, "lost": found.only_first, "mcnemar_p": found.mcnemar_p}
 
 
@@ -255,9 +253,9 @@ class Comparison:
     """Pairs that have something in common: two variants on the same poses, two sources, or two runs.
 
     Attributes:
-        source, object: of the pairs; `all` for those of all together.
-        first, second: the variants of each pair; `unpatched` and another, a booster and its control, or twice the same.
-        pairs: images of the same pose, read in both; at least a single pair.
+        source, object: source and object of the pairs; `all` for pooled pairs.
+        first, second: variants of each pair; for two sources or runs the same variant twice.
+        pairs: images of the same pose, read in both; at least one pair.
     """
 
     source: str
@@ -268,7 +266,7 @@ class Comparison:
 
     @cached_property
     def outcomes(self) -> PairedOutcomes:
-        """Number of pairs of which both images, only the first, only the second or neither is correct."""
+        """Number of pairs with both, only the first, only the second or no image correct."""
         return PairedOutcomes.count((pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs)
 
     @cached_property
@@ -294,19 +292,19 @@ class Comparison:
 
     @cached_property
     def commonest_mistake(self) -> tuple[str | None, int]:
-        """The commonest wrong first guess with `second`, and how often; None and 0 where it is always right."""
+        """Commonest wrong prediction with `second`, and its count; None and 0 if all are correct."""
         wrong = Counter(pair.second.top1_label for pair in self.pairs if not pair.second.correct_top1)
-        # of equally common classes the first by name, so that the same run says the same
+        # of equally common classes the first by name, so that results can be repeated
         return min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
 
     def as_pair(self) -> dict[str, Any]:
-        """One of the `pairs` of `summary.json`: a variant against `unpatched`, on the images of these pairs alone."""
+        """Return an entry of `pairs` in `summary.json`: a variant against `unpatched`, on these pairs alone."""
         found = self.outcomes
         head = {"source": self.source, "object": self.object, "variant": self.second, "n_pairs": found.n}
         return head | {"n_first": found.n_first, "n_second": found.n_second} | describe_change(found)
 
     def as_json(self) -> dict[str, Any]:
-        """One of the `comparisons` of `summary.json`."""
+        """Return an entry of `comparisons` in `summary.json`."""
         found = self.outcomes
         return {
             "source": self.source, "object": self.object, "first": self.first, "second": self.second,
@@ -320,7 +318,7 @@ class Comparison:
 
 
 def gather(items: Iterable[Item], keys_of: Callable[[Item], Iterable[Key]]) -> dict[Key, list[Item]]:
-    """Return items by key; an item with several keys, as its object and `all`, counts under each."""
+    """Return items by key; an item counts under each of its keys, such as its object and `all`."""
     found: dict[Key, list[Item]] = defaultdict(list)
     for item in items:
         for key in keys_of(item):
@@ -329,12 +327,12 @@ def gather(items: Iterable[Item], keys_of: Callable[[Item], Iterable[Key]]) -> d
 
 
 def rank_row(source: str, name: str, variant: str) -> tuple[str, bool, str, tuple[int, str]]:
-    """Sort key of a table's rows: by source, object (`all` last) and variant (see `rank_variant`)."""
+    """Return a sort key of rows: by source, object (`all` last) and variant (see `rank_variant`)."""
     return source, name == POOLED, name, rank_variant(variant)
 
 
 def group_images(images: Iterable[Shown]) -> dict[RowKey, list[Shown]]:
-    """What was said of images by source, object (`all` for all of them) and variant, in the order of `rank_row`."""
+    """Return results by source, object (and `all`) and variant, in the order of `rank_row`."""
 
     def keys_of(shown: Shown) -> list[RowKey]:
         return [(shown.capture.source, name, shown.capture.variant) for name in (shown.capture.object, POOLED)]
@@ -343,24 +341,18 @@ def group_images(images: Iterable[Shown]) -> dict[RowKey, list[Shown]]:
 
 
 def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
-    """The rows of `group_images`."""
-    return [_count_group(key, members) for key, members in group_images(predictions).items()]
-
-
-def _count_group(key: RowKey, members: list[Prediction]) -> Group:
-    read = [prediction for prediction in members if prediction.is_read]
-    return Group(
-        *key,
-        n=len(read),
-        failed=len(members) - len(read),
-        n_top1=sum(prediction.correct_top1 for prediction in read),
-        n_top5=sum(prediction.correct_top5 for prediction in read),
-        mean_true_prob=sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None,
-    )
+    """Return the accuracy of each group of `group_images`."""
+    groups = []
+    for key, members in group_images(predictions).items():
+        read = [prediction for prediction in members if prediction.is_read]
+        n_top1, n_top5 = sum(item.correct_top1 for item in read), sum(item.correct_top5 for item in read)
+        mean = sum(prediction.true_prob or 0.0 for prediction in read) / len(read) if read else None
+        groups.append(Group(*key, len(read), len(members) - len(read), n_top1, n_top5, mean))
+    return groups
 
 
 def index_poses(predictions: Iterable[Prediction]) -> Poses:
-    """Images by source and object, variant and pose: of several of the same pose the first that was read."""
+    """Return images by source and object, variant and pose; of several images of a pose the first that was read."""
     by_pose: Poses = defaultdict(lambda: defaultdict(dict))
     for prediction in predictions:
         poses = by_pose[(prediction.capture.source, prediction.capture.object)][prediction.capture.variant]
@@ -372,30 +364,29 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
 
 
 def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
-    """The images of two variants at the same pose and camera, both read; by source and object, poses ascending."""
-    found = (_pair_poses(variants[first], variants[second]) for variants in poses.values()
-             if first in variants and second in variants)  # fmt: skip
-    return [pair for pairs in found for pair in pairs]
+    """Return the pairs of two variants at the same pose and camera, by source and object, poses ascending."""
+    both = [variants for variants in poses.values() if first in variants and second in variants]
+    return [pair for variants in both for pair in _pair_poses(variants[first], variants[second])]
 
 
 def _pair_poses(first: dict[int, Prediction], other: dict[int, Prediction]) -> list[Pair]:
     shared = [Pair(first[pose], other[pose]) for pose in sorted(first.keys() & other.keys())]
-    # pose 3 of two plans is not the same camera, and two lights do not give the same picture
+    # pose 3 of two plans is not the same camera, and other light makes another image
     return [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.is_alike]
 
 
 def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
-    """By variant, its images with those of `unpatched`; a variant of which none could be paired is left out."""
+    """Return the pairs of each variant with `unpatched`; variants without a pair are left out."""
     found: dict[str, list[Pair]] = defaultdict(list)
-    for variants in poses.values():  # each with its own: of many objects each may have variants that no other has
-        bare = variants.get(UNPATCHED, {})
-        for name in variants.keys() - {UNPATCHED} if bare else ():
-            found[name] += _pair_poses(bare, variants[name])
+    for variants in poses.values():  # objects may have different variants
+        unpatched = variants.get(UNPATCHED, {})
+        for name in variants.keys() - {UNPATCHED} if unpatched else ():
+            found[name] += _pair_poses(unpatched, variants[name])
     return {name: found[name] for name in sorted(found, key=rank_variant) if found[name]}
 
 
 def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
-    """Two variants by source and object, `all` last."""
+    """Return comparisons of two variants by source and object, `all` last."""
 
     def keys_of(pair: Pair) -> list[tuple[str, str, str, str]]:
         capture, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
@@ -405,7 +396,7 @@ def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
 
 
 def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
-    """A line for each source and variants whose pooled row has objects with unequal numbers of pairs."""
+    """Return a line for each pooled row whose objects have unequal numbers of pairs."""
     counts: dict[tuple[str, str, str], dict[str, int]] = defaultdict(dict)
     for row in rows:
         if row.object != POOLED:
@@ -424,23 +415,23 @@ def explain_pooling(rows: Sequence[Comparison]) -> list[str]:
 
 
 def compare_unpatched(poses: Poses) -> list[Comparison]:
-    """Each variant against `unpatched`, by source, object (`all` last) and variant."""
+    """Compare each variant with `unpatched`, by source, object (`all` last) and variant."""
     return _sort_rows([row for pairs in pair_with_unpatched(poses).values() for row in compare_pairs(pairs)])
 
 
 def compare_controls(poses: Poses) -> list[Comparison]:
-    """What `COMPARED` lists, by source and object, `all` last; what was not shot is not compared."""
+    """Compare the variants of `COMPARED` that were shot, by source and object, `all` last."""
     return _sort_rows([row for names in COMPARED for row in compare_pairs(pair_variants(poses, *names))])
 
 
 def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
-    return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants as they came
+    return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants keep order
 
 
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
-    """(path, reason) of every image that was read and has no partner in `unpatched`, or in any other variant.
+    """Return (path, reason) of every readable image without a partner in `unpatched`, or in any other variant.
 
-    Where an object was seen in a single variant, nothing can be paired and nothing is listed.
+    Objects with a single variant have no pairs, and are not listed.
     """
     partners: dict[tuple[tuple[str, str], bool, int], list[Prediction]] = defaultdict(list)
     for key, variants in poses.items():
@@ -452,9 +443,9 @@ def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tu
         capture, key = prediction.capture, (prediction.capture.source, prediction.capture.object)
         if len(poses[key]) == 1 or not prediction.is_read:
             continue
-        is_bare = capture.variant == UNPATCHED
-        others = partners.get((key, not is_bare, capture.pose_id), []) if capture.pose_id is not None else []
-        if reason := _why_unpaired(prediction, others, poses[key] if is_bare else (UNPATCHED,)):
+        is_unpatched = capture.variant == UNPATCHED
+        others = partners.get((key, not is_unpatched, capture.pose_id), []) if capture.pose_id is not None else []
+        if reason := _why_unpaired(prediction, others, poses[key] if is_unpatched else (UNPATCHED,)):
             unpaired.append((capture.path, reason))
     return unpaired
 
@@ -469,33 +460,31 @@ def _why_unpaired(prediction: Prediction, partners: list[Prediction], names: Col
         return f"no {wanted} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
+    # a partner exists: it must differ in the booster alone
     gap = ""
     for partner in partners:
         if partner.is_read:
             found = prediction.capture.explain_no_pair(partner.capture)
-            if found is None:  # a partner that differs in the booster alone is enough
+            if found is None:  # a single partner that differs in the booster alone is enough
                 return None
             gap = gap or found
     return f"{NO_PAIR}{gap} than {partners[0].capture.path}"
 
 
 NO_PAIR = "no pair: "
-"""Begins the reason of an image whose partner differs from it in more than the booster."""
+"""Start of the reason for an image whose partner differs in more than the booster."""
 
 
 def count_no_pairs(poses: Poses) -> list[tuple[str, int]]:
-    """Return why pairs with `unpatched` were not formed, such as `sim/patched: other light`, and how many of each.
-
-    Counted are images of one pose that were both read and differ in more than the booster.
-    """
+    """Return the reasons why images of a pose form no pair, such as `sim/patched: other light`, with counts."""
     reasons: Counter[str] = Counter()
     for (source, _), variants in poses.items():
-        bare = variants.get(UNPATCHED, {})
+        unpatched = variants.get(UNPATCHED, {})
         for name, own in variants.items():
-            for pose in bare.keys() & own.keys() if name != UNPATCHED else ():
-                first, second = bare[pose], own[pose]
+            for pose in unpatched.keys() & own.keys() if name != UNPATCHED else ():
+                first, second = unpatched[pose], own[pose]
                 if first.is_read and second.is_read and (why := first.capture.explain_no_pair(second.capture)):
-                    # the angle between two cameras is of this pair alone
+                    # without the angle between two cameras, which is of this pair alone
                     reasons[f"{source}/{name}: {why.partition(' (')[0]}"] += 1
     return list(reasons.items())
 
@@ -506,8 +495,8 @@ class FlipList:
 
     Attributes:
         kind: `gained` or `lost`.
-        shown: the pairs that are shown: by variant, boosters before controls, the surest of each first.
-        counts: (variant, how many there are), in the order of `rank_variant`.
+        shown: pairs to show: by variant, boosters before controls, the largest change first.
+        counts: (variant, number of pairs), in the order of `rank_variant`.
     """
 
     kind: str
@@ -516,15 +505,12 @@ class FlipList:
 
     @property
     def n(self) -> int:
-        """How many there are."""
+        """Number of pairs."""
         return sum(count for _, count in self.counts)
 
 
 def list_flips(poses: Poses) -> tuple[FlipList, FlipList]:
-    """The pairs that were gained and those that were lost against `unpatched`, at most 40 of each shown.
-
-    `patch-alone` is left out: without the object its images are no before and after of the same object.
-    """
+    """Return the pairs gained and lost against `unpatched`, without `patch-alone`; at most 40 of each are shown."""
     pairs = [pair for name, own in pair_with_unpatched(poses).items() if name != ALONE for pair in own]
     gained, lost = [pair for pair in pairs if pair.is_gained], [pair for pair in pairs if pair.is_lost]
     return _pick_flips("gained", gained), _pick_flips("lost", lost)

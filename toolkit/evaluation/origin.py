@@ -1,4 +1,4 @@
-"""What a result rests on: the images that were counted and set aside, how they were made, and who judged them."""
+"""Origin of a result: images counted and set aside, how they were made, and the network."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -26,17 +26,14 @@ TITLE = "What this rests on"
 
 @dataclass(frozen=True)
 class SourceOrigin:
-    """How the images of one source were made, as far as its manifest states it.
+    """Origin of the images of a source, by its manifest.
 
     Attributes:
-        source: name of the source.
-        n: images that count.
         has_manifest: whether each image was compared with a manifest; else images are paired by name.
-        renderers, lights: that made the images; empty for photographs.
-        plan: short hash of all poses that the objects were taken from; empty if they are not known.
+        renderers, lights: renderers and lights of the images; empty for photographs.
+        plan: short hash of all poses; empty if they are not known.
         shapes: object and short hash of its mesh.
         boosters: (variant, name, short hash).
-        controls: variants that are controls.
     """
 
     source: str
@@ -50,13 +47,13 @@ class SourceOrigin:
     controls: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """One of the `sources` of `rests_on`."""
+        """Return an entry of `sources` in `rests_on`."""
         lists = {name: list(getattr(self, name)) for name in ("renderers", "lights", "controls")}
         boosters = [{"variant": variant, "name": name, "sha256": sha256} for variant, name, sha256 in self.boosters]
         return vars(self) | lists | {"shapes": dict(self.shapes), "boosters": boosters}
 
     def describe(self) -> str:
-        """All of it in one line."""
+        """Return the origin as a line."""
         made = f"rendered by {_list(self.renderers)}, {_list(self.lights)} light" if self.renderers else "not rendered"
         how = "compared with manifest.jsonl" if self.has_manifest else "no manifest: pairing by name"
         plan = f", plan {self.plan}" if self.plan else ""
@@ -66,17 +63,14 @@ class SourceOrigin:
 
 @dataclass(frozen=True)
 class Origin:
-    """What a result rests on.
+    """Origin of a result.
 
     Attributes:
-        counted: how many images count.
-        images_sha256: hash of their paths and of the hashes of their files.
-        set_aside: the images that do not, each with its reason.
-        is_trusted: images that differ from their manifest were counted all the same.
-        sources: how the images of each source were made.
-        no_pairs: why pairs were not formed, and of how many images.
-        network: that judged: its name, weights and number of classes.
-        notes: contradictions that a reader should know.
+        images_sha256: hash of their paths and file hashes.
+        set_aside: images that do not count, each with its reason.
+        is_trusted: whether images that contradict their manifest were counted.
+        no_pairs: reasons why pairs were not formed, with counts.
+        network: name, weights and number of classes of the network.
     """
 
     counted: int
@@ -90,11 +84,11 @@ class Origin:
 
     @property
     def faults(self) -> list[tuple[str, str]]:
-        """(path, reason) of the images in which a folder contradicts itself."""
+        """(path, reason) of images that contradict their folder or manifest."""
         return [(capture.path, capture.reason) for capture in self.set_aside if capture.is_fault]
 
     def as_json(self) -> dict[str, Any]:
-        """The field `rests_on` of `summary.json`."""
+        """Return the field `rests_on` of `summary.json`."""
         return {
             "counted": self.counted, "images_sha256": self.images_sha256, "trusted_files": self.is_trusted,
             "set_aside": [capture.as_json() for capture in self.set_aside],
@@ -104,7 +98,7 @@ class Origin:
         }  # fmt: skip
 
     def lines(self) -> list[tuple[str, str]]:
-        """(heading, text) for people, one screen at most."""
+        """Return (heading, text) lines for people, a screen at most."""
         reasons = Counter(capture.kind for capture in self.set_aside).most_common(MOST_REASONS)
         aside = "".join(f"; {n} set aside: {reason}" for reason, n in reasons)
         trust = "; files were trusted over their manifest" if self.is_trusted else ""
@@ -118,23 +112,12 @@ class Origin:
 
 
 def find_origin(
-    folder: CaptureFolder,
-    no_pairs: Iterable[tuple[str, int]],
-    network: Classifier | Detector,
+    folder: CaptureFolder, no_pairs: Iterable[tuple[str, int]], network: Classifier | Detector,
     notes: Sequence[str] = (),
-) -> Origin:
-    """Gather what the result of an evaluation rests on.
-
-    Args:
-        folder: whose images were judged.
-        no_pairs: from `toolkit.evaluation.metrics.count_no_pairs`.
-        network: that judged.
-        notes: contradictions that were found besides.
-    """
-    named = (
-        f"{network.name}, weights {network.weights.name} {network.weights.sha256[:SHORT]}, "
-        f"{len(network.labels)} classes"
-    )
+) -> Origin:  # fmt: skip
+    """Return the origin of an evaluation's result; `no_pairs` is from `count_no_pairs`, `notes` are contradictions."""
+    weights = network.weights
+    named = f"{network.name}, weights {weights.name} {weights.sha256[:SHORT]}, {len(network.labels)} classes"
     sources = dict.fromkeys(capture.source for capture in folder.captures)
     return Origin(
         counted=len(folder.captures), images_sha256=hash_captures(folder.captures), set_aside=folder.set_aside,
@@ -144,64 +127,48 @@ def find_origin(
 
 
 def hash_captures(captures: Iterable[Capture]) -> str:
-    """Return one hash of all images: of their paths, and of the hashes of their files."""
+    """Return the hash of the paths and file hashes of all images."""
     return sha256_bytes("".join(sorted(f"{capture.image_sha256} {capture.path}\n" for capture in captures)).encode())
 
 
 def explain_replaced(run: Run, predictions: Sequence[Prediction], captures_dir: Path) -> list[str]:
-    """Return a sentence if the images of a run are others now than those that it judged.
-
-    Nothing is said if images are gone, or if an earlier version made the run.
-
-    Args:
-        run: from `open_run`.
-        predictions: from `read_predictions`.
-        captures_dir: where its images lie.
-    """
+    """Return a sentence if images of a run were replaced since; none if images are gone or the run is too old."""
     before = (load_json(run.folder / SUMMARY).get("rests_on") or {}).get("images_sha256")
     if before is None:
         return []
-    hashes = list(hash_images(predictions, captures_dir))
-    if any(sha256 is None and prediction.is_read for prediction, sha256 in zip(predictions, hashes, strict=True)):
+    hashed = list(zip(predictions, hash_images(predictions), strict=True))
+    if any(sha256 is None and prediction.is_read for prediction, sha256 in hashed):
         return []
-    now = [
-        replace(prediction.capture, image_sha256=sha256) for prediction, sha256 in zip(predictions, hashes, strict=True)
-    ]
-    if hash_captures(now) == before:
+    if hash_captures(replace(prediction.capture, image_sha256=sha256) for prediction, sha256 in hashed) == before:
         return []
     return [
-        f"{run.name} judged other pictures than lie in {captures_dir} now: they were shot again, edited or replaced. "
-        "Run 'toolkit eval' again to judge these"
+        f"{run.name} judged other images than there are in {captures_dir} now: they were shot again, edited or "
+        "replaced. Run 'toolkit eval' again to judge the new images"
     ]
 
 
 def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
     own = [capture for capture in folder.captures if capture.source == source]
     boosters = {
-        (one.variant, str(one.settings.get("booster") or ""), one.booster_sha256[:SHORT])
-        for one in own if one.booster_sha256
+        (capture.variant, str(capture.settings.get("booster") or ""), capture.booster_sha256[:SHORT])
+        for capture in own if capture.booster_sha256
     }  # fmt: skip
-    posed = [one for one in own if one.T_world_camera is not None]
-    meshes = {(one.object, one.settings.get("mesh_sha256")) for one in own}
+    posed = [capture for capture in own if capture.T_world_camera is not None]
+    poses = {(item.object, item.pose_id, item.T_world_camera, item.focal_length) for item in posed}
+    meshes = {(capture.object, capture.settings.get("mesh_sha256")) for capture in own}
     shapes = {(name, str(sha256)[:SHORT]) for name, sha256 in meshes if sha256}
+    variants = {capture.variant for capture in own}
     return SourceOrigin(
         source, len(own), has_manifest=source not in folder.without_manifest,
         renderers=_collect(own, "renderer"), lights=_collect(own, "light"),
-        plan=_hash_poses(posed) if posed else "",
-        shapes=tuple(sorted(shapes)),
-        boosters=tuple(sorted(boosters)),
-        controls=tuple(name for name in CONTROLS if any(one.variant == name for one in own)),
+        plan=sha256_bytes("\n".join(sorted(map(str, poses))).encode())[:SHORT] if poses else "",
+        shapes=tuple(sorted(shapes)), boosters=tuple(sorted(boosters)),
+        controls=tuple(name for name in CONTROLS if name in variants),
     )  # fmt: skip
 
 
 def _collect(captures: Sequence[Capture], name: str) -> tuple[str, ...]:
     return tuple(sorted({str(capture.settings[name]) for capture in captures if capture.settings.get(name)}))
-
-
-def _hash_poses(captures: Sequence[Capture]) -> str:
-    """Return the short hash of all places that objects were taken from."""
-    poses = {(capture.object, capture.pose_id, capture.T_world_camera, capture.focal_length) for capture in captures}
-    return sha256_bytes("\n".join(sorted(map(str, poses))).encode())[:SHORT]
 
 
 def _list(names: Sequence[str]) -> str:

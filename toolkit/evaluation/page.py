@@ -1,4 +1,4 @@
-"""What reports share: the shell, an HTML file that opens from disk with no network, and how figures look."""
+"""Parts that reports share: a self-contained HTML page, embedded pictures, colours and axes of figures."""
 
 import base64
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from toolkit.core.statistics import wilson_interval
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
+# a palette for colour-blind readers (Okabe and Ito 2008)
 BLUE: str = "#0072b2"
 ORANGE: str = "#d55e00"
 GREEN: str = "#009e73"
@@ -25,20 +25,18 @@ COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY)
 UNPATCHED_COLOUR: str = "#6b6f76"
 LEFT_OUT_COLOUR: str = "#d9dce1"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
-"""Frames of pictures whose truth is the first guess, among five, and not among them."""
+"""Frame of an image whose true class is the first prediction, among five, and not among five."""
 
 
 def write_page(
     path: Path, package: str, template: str, context: Mapping[str, Any], **filters: Callable[[str], str]
 ) -> Path:
-    """Write a page; everything in it that comes from files or names is escaped.
+    """Write a page from a template; all texts are escaped.
 
     Args:
-        path: of the file.
-        package: in which the template lies; what it extends or includes may lie in `toolkit.evaluation`.
-        template: its name; it extends `page.html.j2`.
-        context: what it is filled with.
-        filters: its own, beside those of numbers and `embed`.
+        package: package of the template; templates that it extends or includes may be in `toolkit.evaluation`.
+        template: name of the template, which extends `page.html.j2`.
+        filters: filters besides those of numbers and `embed`.
 
     Raises:
         ToolkitError: the file cannot be written.
@@ -60,12 +58,12 @@ def write_page(
 
 
 def embed_picture(content: bytes, kind: str = "png") -> str:
-    """A picture as a `data:` URI; `kind` is `png`, `jpeg` or `webp`."""
+    """Return a picture as a `data:` URI; `kind` is `png`, `jpeg` or `webp`."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def colour_of(variants: Sequence[str], variant: str) -> str:
-    """Grey for `unpatched`, the others in turn."""
+    """Return grey for `unpatched`, and the other colours in turn."""
     if variant == UNPATCHED:
         return UNPATCHED_COLOUR
     others = [name for name in dict.fromkeys(variants) if name != UNPATCHED]
@@ -73,7 +71,7 @@ def colour_of(variants: Sequence[str], variant: str) -> str:
 
 
 def style_panel(panel: "Axes", low: float = 0, high: float = 104) -> None:
-    """Per cent upwards in steps of 20, with a faint grid and no frame above and on the right."""
+    """Scale the y axis in per cent, with a faint grid and no frame above and on the right."""
     panel.set_ylim(low, high)
     panel.set_yticks(range(0, 101, 20))
     panel.grid(axis="y", alpha=0.3)

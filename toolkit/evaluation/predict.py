@@ -1,4 +1,4 @@
-"""Captures in, one prediction each out, in constant memory; no network is asked about an image twice."""
+"""Classify captures in constant memory, each image at most once."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -24,21 +24,19 @@ def predict_captures(
     captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, batch_size: int | None = None,
     look: Callable[[Capture, np.ndarray], None] | None = None,
 ) -> list[Prediction]:  # fmt: skip
-    """Classify images; the order of the result is that of `captures`.
+    """Classify images, in the order of `captures`.
 
-    Images are read ahead by threads beside the network, few enough that memory does not grow with their number. Answers
-    depend neither on the batch nor on the threads. A corruption that is pending is one of the crop, see `read_pixels`.
+    Threads read a few images ahead, so memory does not grow with their number. Predictions depend neither on the batch
+    nor on the threads. A pending corruption applies to the crop, see `read_pixels`.
 
     Args:
-        captures: the images.
-        true_classes: class index of each object.
-        classifier: answers.
-        batch_size: images that are gathered before the network is asked; by default as `predict_stream` finds it.
+        batch_size: images in a batch; by default as `predict_stream` finds it.
         look: called with each image and its (crop, crop, 3) uint8 pixels.
 
     Raises:
         ToolkitError: as `toolkit.models.predict.predict`.
     """
+    # images that cannot be read keep an empty prediction
     labels, trues = classifier.labels, [true_classes[capture.object] for capture in captures]
     found = [Prediction(capture, true, labels[true]) for capture, true in zip(captures, trues, strict=True)]
     pictures = read_ahead(captures, classifier.preprocessing)
@@ -61,20 +59,13 @@ def predict_captures(
 
 
 CHUNK = 128
-"""Images between two writes: what a kill may cost."""
-
-
+"""Images between two writes: the most that a kill can cost."""
 PREDICTIONS = Work("prediction", 2, old_at=5)
 """In the first version, the last digits depended on the batch."""
 
 
 class CachedPrediction(BaseModel):
-    """One line of the file.
-
-    Attributes:
-        key: hash of image, weights, preprocessing and true class.
-        top1_index, top1_prob, true_prob, true_rank: as in `Prediction`.
-    """
+    """A line of the cache: a hash of image, weights, preprocessing and true class, and fields of `Prediction`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     key: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -87,19 +78,18 @@ class CachedPrediction(BaseModel):
 def predict_once(
     captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
 ) -> tuple[list[Prediction], int]:  # fmt: skip
-    """`predict_captures`, asking the network only about images it has not seen.
+    """`predict_captures`, for images without a prediction in `cache_file`, which is written every 128 images.
 
-    What it says is appended to `cache_file` every 128 images. Images that cannot be read are not kept: they may be
-    mended.
+    Images that cannot be read are not kept.
 
     Returns:
-        One prediction per capture in their order, and how many images the network was asked about.
+        A prediction for each capture in their order, and the number of images that were classified now.
 
     Raises:
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
     keys = [_key(capture, true_classes[capture.object], classifier) for capture in captures]
-    # the same image may stand for several values: the first to come is asked about
+    # the same image may come several times: only the first is classified
     first = {key: at for at, key in reversed(list(enumerate(keys)))}
     unread: dict[str, Prediction] = {}
     with hold_folder(cache_file.parent):
@@ -109,9 +99,10 @@ def predict_once(
             for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
                 predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
                 new = [(keys[at], prediction) for at, prediction in zip(chunk, predictions, strict=True)]
-                unread |= {key: one for key, one in new if not one.is_read}
-                cache.add(*(_as_line(key, one) for key, one in new if one.is_read))
+                unread |= {key: prediction for key, prediction in new if not prediction.is_read}
+                cache.add(*(_as_line(key, prediction) for key, prediction in new if prediction.is_read))
                 bar.advance(len(chunk))
+    # predictions of the cache, and images that were not read
     results = [
         _recall(capture, true_classes[capture.object], classifier, cache.known[key])
         if key in cache.known
@@ -122,22 +113,22 @@ def predict_once(
 
 
 def _key(capture: Capture, true_index: int, classifier: Classifier) -> str:
-    """Key of a prediction: of image, corruption, weights, preprocessing and truth."""
+    """Return the key of a prediction: image, corruption, weights, preprocessing and true class."""
     try:
-        # one that must not be opened is known by its path alone, and is never kept
+        # an image that must not be opened is known by its path, and is never kept
         image = capture.path if capture.refused is not None else sha256_file(capture.file)
     except OSError:
         image = capture.path
     # by the weights' hash, not their name: a file may be replaced under its name
     parts = [image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index]
     corruption = capture.pending_corruption
-    if corruption is not None:  # whose seed is the path
+    if corruption is not None:  # its seed is the path
         parts += [*corruption, capture.path_in_source]
     return PREDICTIONS.key(*parts)
 
 
-def _as_line(key: str, one: Prediction) -> CachedPrediction:
-    fields = {name: getattr(one, name) for name in CachedPrediction.model_fields if name != "key"}
+def _as_line(key: str, prediction: Prediction) -> CachedPrediction:
+    fields = {name: getattr(prediction, name) for name in CachedPrediction.model_fields if name != "key"}
     # a sum of rounded shares may pass 1 by the last bit
     fields |= {name: min(fields[name], 1.0) for name in ("top1_prob", "true_prob")}
     return CachedPrediction(key=key, **fields)

@@ -1,4 +1,4 @@
-"""What a network said of one image: a classifier's first guess and the truth's place, a detector's boxes."""
+"""Prediction for an image: a classifier's first class and the rank of the true class, or a detector's boxes."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,12 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Detection:
-    """What a detector said of one image; what is not known is None.
+    """A detector's result for an image; unknown values are None.
 
     Attributes:
-        true_box: where the object is.
-        found: whether a detection of its class is strong enough and overlaps by half.
-        score, iou, box: of the strongest one of the class that overlaps by half.
-        strongest_label, strongest_score: of the strongest detection of all.
+        found: whether a detection of its class has enough score and an IoU of at least 0.5.
+        score, iou, box: strongest detection of the class with an IoU of at least 0.5.
+        strongest_label, strongest_score: strongest detection of all.
     """
 
     true_box: Box | None = None
@@ -31,15 +30,13 @@ class Detection:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the network said of one image; everything after `true_label` is None where the image was not read.
+    """Prediction for an image; everything after `true_label` is None if the image was not read.
 
     Attributes:
-        capture: the image.
-        true_index, true_label: what it shows.
-        top1_index, top1_label, top1_prob: the network's first guess.
-        true_prob, true_rank: probability of the truth, and its place among the guesses, from 1.
+        top1_index, top1_label, top1_prob: first predicted class.
+        true_prob, true_rank: probability and rank (from 1) of the true class.
         status: `ok`, or why the image was not read.
-        detection: what a detector said, see `toolkit.evaluation.predictions_csv.make_detected`; None of a classifier.
+        detection: a detector's result, see `toolkit.evaluation.predictions_csv.make_detected`; None of a classifier.
     """
 
     capture: Capture
@@ -60,10 +57,10 @@ class Prediction:
 
     @property
     def correct_top1(self) -> bool:
-        """Whether the first guess is right."""
+        """Whether the first predicted class is the true class."""
         return self.true_rank == 1
 
     @property
     def correct_top5(self) -> bool:
-        """Whether the truth is among the first five guesses."""
+        """Whether the true class is among the first five."""
         return self.true_rank is not None and self.true_rank <= 5

@@ -1,4 +1,4 @@
-"""`predictions.csv` and `detections.csv`, a row an image: written, read back, and the images where they still are."""
+"""Write and read `predictions.csv` and `detections.csv`, a row for each image, and find the images again."""
 
 import csv
 import io
@@ -15,6 +15,7 @@ from toolkit.captures.capture import Capture
 from toolkit.captures.corrupted_copy import name_source
 from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
+from toolkit.core.extras import import_package
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
 from toolkit.core.tables import FormattedNumber, decode_cell, encode_csv
 from toolkit.core.text import shorten
@@ -32,22 +33,26 @@ COLUMNS: dict[str, type] = {
     "correct_top1": bool, "correct_top5": bool, "status": str, "failed_gates": str,
 }  # fmt: skip
 NEEDED = [name for name in COLUMNS if name != "failed_gates"]
-"""Runs from before there were gates lack that one."""
+"""Columns of older runs too."""
 
 
 def encode_predictions(predictions: Iterable[Prediction]) -> str:
-    """The text of the file."""
+    """Return the text of `predictions.csv`."""
     return encode_csv(list(COLUMNS), map(_row, predictions))
 
 
-def _row(one: Prediction) -> Iterator[object]:
-    capture = one.capture
+def _row(prediction: Prediction) -> Iterator[object]:
+    capture = prediction.capture
     yield from (capture.source, capture.object, capture.variant, capture.pose_id, capture.path)
-    yield from (one.true_index, one.true_label, one.top1_index, one.top1_label)
-    # the truth's probability may be tiny: six significant digits, where the first guess's has six decimals
-    yield from (f"{one.top1_prob:.6f}", f"{one.true_prob:.6g}", one.true_rank) if one.is_read else (None,) * 3
-    yield from (int(one.correct_top1), int(one.correct_top5)) if one.is_read else (None,) * 2
-    yield from (one.status, "; ".join(capture.failed_gates))
+    yield from (prediction.true_index, prediction.true_label, prediction.top1_index, prediction.top1_label)
+    # the true class's probability may be tiny: six significant digits in place of six decimals
+    yield from (
+        (f"{prediction.top1_prob:.6f}", f"{prediction.true_prob:.6g}", prediction.true_rank)
+        if prediction.is_read
+        else (None,) * 3
+    )
+    yield from (int(prediction.correct_top1), int(prediction.correct_top5)) if prediction.is_read else (None,) * 2
+    yield from (prediction.status, "; ".join(capture.failed_gates))
 
 
 DETECTION_COLUMNS: dict[str, type] = {
@@ -56,20 +61,17 @@ DETECTION_COLUMNS: dict[str, type] = {
     "status": str,
 }  # fmt: skip
 MOST_LEVELS = 20
-"""Depth of folders that are listed once each; a deeper file is looked up by itself."""
+"""Depth to which folders are listed once each; deeper files are looked up one by one."""
 FILE, FOLDER, LINK = "file", "folder", "link"
 
 
 def make_detected(capture: Capture, true_label: str, detection: Detection, status: str = OK) -> Prediction:
-    """A detector's answer as a prediction, right where the object is found: what pairs and tests take.
-
-    Nothing is ranked: a wrong answer has no rank, and no class has a number.
-    """
+    """Return a detection as a prediction for pairs and tests, correct if the object is found, without ranks."""
     if status != OK:
         return Prediction(capture, -1, true_label, status=status, detection=detection)
-    # the score stands where a classifier has a probability: flips are sorted by it
+    # the score takes the place of a classifier's probability: flips are sorted by it
     strongest, score = detection.strongest_label, detection.score or 0.0
-    # a wrong answer of the true class would look right: it is called not found
+    # a wrong answer of the true class would look correct: it is called not found
     wrong = strongest if strongest and strongest != true_label else "not found"
     return Prediction(
         capture, -1, true_label, top1_label=true_label if detection.found else wrong, top1_prob=score, true_prob=score,
@@ -78,16 +80,17 @@ def make_detected(capture: Capture, true_label: str, detection: Detection, statu
 
 
 def encode_detections(predictions: Iterable[Prediction]) -> str:
-    """The text of the file, of predictions that have a `detection`."""
-    return encode_csv(list(DETECTION_COLUMNS), map(_write_detection, predictions))
-
-
-def _write_detection(one: Prediction) -> Iterator[object]:
-    capture, said = one.capture, one.detection or Detection()
-    yield from (capture.source, capture.object, capture.variant, capture.pose_id, capture.path)
-    yield from (one.true_label, format_box(said.true_box), None if said.found is None else int(said.found))
-    yield from (_round(said.score), _round(said.iou), format_box(said.box))
-    yield from (said.strongest_label, _round(said.strongest_score), one.status)
+    """Return the text of `detections.csv`."""
+    rows = []
+    for prediction in predictions:
+        capture, said = prediction.capture, prediction.detection or Detection()
+        rows.append([
+            capture.source, capture.object, capture.variant, capture.pose_id, capture.path,
+            prediction.true_label, format_box(said.true_box), None if said.found is None else int(said.found),
+            _round(said.score), _round(said.iou), format_box(said.box),
+            said.strongest_label, _round(said.strongest_score), prediction.status,
+        ])  # fmt: skip
+    return encode_csv(list(DETECTION_COLUMNS), rows)
 
 
 def _round(share: float | None) -> str | None:
@@ -95,15 +98,14 @@ def _round(share: float | None) -> str | None:
 
 
 def format_box(box: Iterable[float] | None) -> FormattedNumber | None:
-    """`10.0 20.0 30.0 40.0`."""
+    """Return a box as a cell, with a decimal each."""
     return None if box is None else FormattedNumber(" ".join(f"{float(side):.1f}" for side in box))
 
 
 def read_detection(line: Mapping[str, str]) -> Detection:
-    """What a row of the file says; a `ValueError` where a cell is no number or box."""
-    return Detection(
-        **{field.name: _parse(line[field.name], DETECTION_COLUMNS[field.name]) for field in fields(Detection)}
-    )
+    """Return the detection of a row; a `ValueError` if a cell is no number or box."""
+    names = [field.name for field in fields(Detection)]
+    return Detection(**{name: _parse(line[name], DETECTION_COLUMNS[name]) for name in names})
 
 
 def _parse(cell: str, kind: type) -> Any:
@@ -120,11 +122,11 @@ def _parse(cell: str, kind: type) -> Any:
 
 
 MOST_SHOWN, MOST_NUMBER = 40, 2**31 - 1
-"""Letters of a wrong cell in a message; numbers of classes and poses are whole ones of 32 bits, as in Parquet."""
+"""Letters of a wrong cell in a message; largest class or pose number, 32 bits as in Parquet."""
 
 
 def _read_number(cell: str, least: int) -> int:
-    # very many digits are no number to Python, and take long
+    # Python refuses very long numbers
     number = int(cell) if len(cell) < 20 else MOST_NUMBER + 1
     if not least <= number <= MOST_NUMBER:
         raise ValueError(f"'{shorten(cell, MOST_SHOWN)}': expected a whole number from {least} to {MOST_NUMBER}")
@@ -133,17 +135,17 @@ def _read_number(cell: str, least: int) -> int:
 
 def _read_share(cell: str) -> float:
     share = float(cell)
-    if not 0 <= share <= 1:  # neither is NaN
+    if not 0 <= share <= 1:  # also NaN
         raise ValueError(f"'{shorten(cell, MOST_SHOWN)}': expected a probability from 0 to 1")
     return share
 
 
 REPEATED = ("source", "object", "variant", "true_label", "top1_label", "status")
-"""Few texts in very many lines: each is kept once."""
+"""Columns with few different texts, each kept once in memory."""
 
 
 def find_captures_dir(workspace: Workspace, run: Run) -> Path:
-    """The folder that the images of a run lie in: sweeps and worlds have their own, others the workspace's captures."""
+    """Return the folder of a run's images: sweeps and worlds have their own, others the workspace's captures."""
     if run.kind == "world-eval":
         return run.folder / "frames"
     if run.kind != "sweep":
@@ -151,32 +153,23 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
     axis = run.folder.resolve().parent
     # `captures-SET` holds the images of runs whose name ends in -SET, or in -SET-2 for another result of that name
     names = (run.folder.name, re.sub(r"-\d+$", "", run.folder.name))
-    of_sets = [
-        file
-        for file in axis.glob("captures-*")
-        if any(name.endswith(file.name.removeprefix("captures")) for name in names)
-    ]
-    # the longest: one set's name may be the end of another's
-    return max(of_sets, key=lambda one: len(one.name), default=axis / "captures")
+    ends = [(folder, folder.name.removeprefix("captures")) for folder in axis.glob("captures-*")]
+    of_sets = [folder for folder, end in ends if any(name.endswith(end) for name in names)]
+    # the longest: a set's name may be the end of another's
+    return max(of_sets, key=lambda folder: len(folder.name), default=axis / "captures")
 
 
 def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
-    """Read `predictions.csv` of a run, or a detector's `detections.csv`, where right means found.
+    """Read `predictions.csv` of a run, or a detector's `detections.csv`, in which correct means found.
 
-    An image that was corrupted when it was read has no file of its own: its capture names the file before that.
-
-    Args:
-        run: whose.
-        captures_dir: where the images lie; those that are gone have captures all the same.
+    The capture of an image that was corrupted when it was read names the original file.
 
     Raises:
-        ToolkitError: there is no such file (a benchmark's and landing's runs have none), or it is damaged.
+        ToolkitError: there is no such file (benchmarks and landings have none), or it is damaged.
     """
     file = run.folder / (DETECTIONS if run.kind == "detection" else PREDICTIONS)
     if not file.is_file():
-        raise ToolkitError(
-            f"{run.name} holds no {file.name}: a run of kind '{run.kind}' cannot be taken apart by image"
-        )
+        raise ToolkitError(f"{run.name} holds no {file.name}: a run of kind '{run.kind}' has no results by image")
     # `sim` of `sim-fog-3`
     ends = {row.source: name_source("", (row.condition, row.severity or 0)) for row in run.rows}
     sources = {source: source.removesuffix(end) for source, end in ends.items()}
@@ -189,7 +182,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         missing = [name for name in needed if name not in names]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': run 'toolkit eval' again")
-        # most files hold no quote, and need no cell looked at
+        # most files hold no quote, and need no decoding of cells
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
         with without_collector():
             cells = (map(decode_cell, line) if is_escaped else line for line in lines if line)
@@ -198,16 +191,16 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         raise ToolkitError(f"{file} is damaged ({error}): run 'toolkit eval' again") from None
 
 
-Find = Callable[[str], tuple[Path, bool]]
+Find = Callable[[str], tuple[Path, str]]
 
 
 def _within(root: Path) -> Find:
-    """`inside`, and whether a file is there, for very many files and folders: each folder is listed once."""
+    """Return a function: `inside` and the kind of a path, for many paths; each folder is listed once."""
     folders = {"": (there := inside(root, ""), _list_kinds(there))}
 
     def look(path: str) -> tuple[Path, str]:
         head, _, name = path.rpartition("/")
-        # what can lead nowhere else needs no check of its own
+        # a plain path cannot lead elsewhere, and needs no further check
         is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
         if is_plain and name not in ("", ".", "..") and len(name) <= MOST_NAME_BYTES and path.count("/") < MOST_LEVELS:
             if head not in folders:
@@ -219,40 +212,36 @@ def _within(root: Path) -> Find:
         place = inside(root, path)
         return place, FILE if place.is_file() else FOLDER if place.is_dir() else ""
 
-    def find(path: str) -> tuple[Path, bool]:
-        place, kind = look(path)
-        return place, kind == FILE
-
-    return find
+    return look
 
 
 def _list_kinds(folder: Path) -> dict[str, str]:
-    """What lies in a folder by name, but for what is neither a file, a folder nor a link."""
+    """Return the kind of each file, folder and link in a folder, by name."""
     try:
         with os.scandir(folder) as found:
             return {
-                one.name: LINK if one.is_symlink() else FILE if one.is_file() else FOLDER
-                for one in found if one.is_symlink() or one.is_file() or one.is_dir()
+                entry.name: LINK if entry.is_symlink() else FILE if entry.is_file() else FOLDER
+                for entry in found if entry.is_symlink() or entry.is_file() or entry.is_dir()
             }  # fmt: skip
     except OSError:  # it is not there
         return {}
 
 
 def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
-    # interned: one copy of each text instead of one a line
+    # interned: a single copy of each text for all lines
     for name in REPEATED:
         if name in line:
             line[name] = intern(line[name])
     path, source = line["path"], line["source"]
-    file, is_there = find(path)
+    file, kind = find(path)
     head, _, rest = path.partition("/")
-    # not there under its own path: it was corrupted when it was read, and the file before that is meant
-    if not is_there and sources.get(head, head) != head:
+    # not under its own path: it was corrupted when it was read, so take the original file
+    if kind != FILE and sources.get(head, head) != head:
         file, _ = find(f"{sources[head]}/{rest}")
     gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))
     pose_id = _read_number(line["pose_id"], 0) if line["pose_id"] else None
     corruption = None
-    if line.get("weather"):  # of a world: a camera has one number at each place, and many weathers
+    if line.get("weather"):  # of a world: a camera has the same number in all weathers
         corruption = (line["weather"], _read_number(line["severity"], 0))
         source = " ".join([line["world"], line["place"], *map(str, corruption)])
     capture = Capture(
@@ -270,13 +259,14 @@ def _read_line(line: dict[str, str], find: Find, sources: Mapping[str, str]) -> 
     )  # fmt: skip
 
 
-def has_own_file(one: Prediction, captures_dir: Path) -> bool:
-    """Whether the image is there as it was judged; one that was corrupted when it was read is not."""
-    return one.capture.file == inside(captures_dir, one.capture.path) and one.capture.file.is_file()
+def has_own_file(prediction: Prediction, captures_dir: Path) -> bool:
+    """Whether the image has its own file; an image that was corrupted when it was read has none."""
+    file = prediction.capture.file
+    return file == inside(captures_dir, prediction.capture.path) and file.is_file()
 
 
-def hash_images(predictions: Sequence[Prediction], captures_dir: Path) -> Iterator[str | None]:
-    """SHA-256 of each image's file as it is now; None of a file that is gone."""
+def hash_images(predictions: Sequence[Prediction]) -> Iterator[str | None]:
+    """Yield the SHA-256 of each image's file as it is now; None if the file is gone."""
     for prediction in predictions:
         try:
             yield sha256_file(prediction.capture.file)
@@ -285,43 +275,38 @@ def hash_images(predictions: Sequence[Prediction], captures_dir: Path) -> Iterat
 
 
 PANDAS = {str: "string", int: "Int64", float: "Float64", bool: "boolean"}
-"""Types of pandas that know `NA`."""
+"""pandas types with `NA`."""
 
 
 class Written(Protocol):
-    """What was written into a folder `eval/RUN`, such as the result of `evaluate_captures`."""
+    """A result with a folder `eval/RUN`, such as that of `evaluate_captures`."""
 
     @property
     def run_dir(self) -> Path:
-        """The folder."""
+        """Folder of the run."""
 
 
 def predictions_table(run: Written | Path | str) -> "pandas.DataFrame":
-    """The predictions of an evaluation as a pandas `DataFrame`, one row per image, as in its `predictions.csv`.
+    """Return the predictions of an evaluation as a pandas `DataFrame`, a row for each image.
 
     Columns: source, object, variant, pose_id, path, true_index, true_label, top1_index, top1_label, top1_prob,
     true_prob (both in [0, 1]), true_rank (from 1), correct_top1, correct_top5, status (`ok`, or why the image was not
-    read), failed_gates (empty for none). What is not known of an image is `NA`.
+    read), failed_gates (empty for none). Unknown values are `NA`.
 
     `predictions_table(result).groupby(["object", "variant"]).correct_top1.mean()` is the accuracy of each variant.
 
     Args:
-        run: what `evaluate_captures` returned, or a folder `eval/RUN`.
+        run: result of `evaluate_captures`, or a folder `eval/RUN`.
 
     Raises:
         ToolkitError: pandas is not installed, or the folder holds no predictions.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise ToolkitError(
-            "predictions_table needs pandas, which is not installed: pip install '.[pandas]' in the kit's folder"
-        ) from None
+    pandas = import_package("pandas", "pandas", "predictions_table")
     folder = Path(run) if isinstance(run, str | Path) else run.run_dir
     file = folder / "predictions.csv"
     if not file.is_file():
         raise ToolkitError(f"{folder} holds no predictions.csv: expected the folder of an evaluation, eval/RUN")
-    # an object may be called "null" or "NA": only an empty field is unknown
+    # an object may be called "null" or "NA": only empty cells are unknown
     table = pandas.read_csv(file, dtype="string", keep_default_na=False, na_values=[""])
     missing = [name for name in NEEDED if name not in table.columns]
     if missing:
@@ -331,6 +316,6 @@ def predictions_table(run: Written | Path | str) -> "pandas.DataFrame":
     if "failed_gates" in table.columns:
         table["failed_gates"] = table["failed_gates"].fillna("")
     for name in ("correct_top1", "correct_top5"):
-        # empty where nothing was said: neither right nor wrong
+        # empty if the image was not read: neither right nor wrong
         table[name] = table[name].map({"1": True, "0": False})
     return table.astype({name: PANDAS[COLUMNS[name]] for name in NEEDED})

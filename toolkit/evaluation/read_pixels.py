@@ -1,4 +1,4 @@
-"""Pixels of captures as networks see them: read ahead by threads, corrupted where they shall be."""
+"""Pixels of captures as networks see them: read ahead by threads, and corrupted if wanted."""
 
 import warnings
 from collections.abc import Generator, Iterable
@@ -18,15 +18,14 @@ MAX_DECODERS, AHEAD = 8, 32
 
 
 def read_pixels(capture: Capture, how: Preprocessing | None) -> np.ndarray | str:
-    """(h, w, 3) uint8 sRGB of one image, or why there is none.
+    """Return the pixels (h, w, 3) uint8 sRGB of an image, or why it was not read.
 
-    A corruption that is pending is one of what is returned: of the crop, or of the whole capture if there is no crop.
-    As ImageNet-C's own images, the result is rounded to 8 bits. An image's seed is its path below the source, so that
-    neither its place nor its batch matters, and `sim` and `real` get the same fog at the same path.
+    A pending corruption is applied to the returned pixels, rounded to 8 bits as in ImageNet-C. Its seed is the path
+    below the source, so neither order nor batch matters, and `sim` and `real` get the same fog at the same path.
 
     Args:
         capture: the image.
-        how: how a classifier's crop is made; None for the whole capture, as a detector sees it.
+        how: preprocessing of a classifier's crop; None for the whole image, as a detector sees it.
     """
     if capture.refused is not None:
         return capture.refused
@@ -49,8 +48,8 @@ def read_ahead(
 ) -> Generator[tuple[Capture, np.ndarray | str]]:
     """Yield each image with its `read_pixels`, in order; `ahead` images are read in advance, by threads."""
     with warnings.catch_warnings():
-        # read_image has its own, stricter limit; other decoders' warnings end in `status` when they matter
+        # read_image has its own, stricter limit
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         warnings.filterwarnings("ignore", module=r"PIL\..*")
         threads = min(MAX_DECODERS, count_cores())
-        yield from map_ahead(lambda one: (one, read_pixels(one, how)), captures, threads, ahead)
+        yield from map_ahead(lambda capture: (capture, read_pixels(capture, how)), captures, threads, ahead)

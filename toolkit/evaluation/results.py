@@ -1,4 +1,4 @@
-"""Everything that follows from the predictions, whether boosters met the network that judges, and `summary.json`."""
+"""Findings of an evaluation, the networks that boosters were trained on, and `summary.json`."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -44,14 +44,12 @@ MOST_NAMED = 3
 
 @dataclass(frozen=True)
 class Training:
-    """What is known of the training of what an object wears.
+    """Training of a booster on an object.
 
     Attributes:
-        source, object, variant: the images that it is on.
-        booster, booster_sha256: the name and the hash of the patch, texture or wrap, as a manifest has it.
-        networks: that it was trained on.
-        seen: whether the network that judges is among them, by its file's hash or that of its numbers.
-        class_name: that it was trained for, in the labels of these networks.
+        booster, booster_sha256: name and hash of the patch, texture or wrap, as in the manifest.
+        seen: whether the evaluated network is among them, by the hash of its file or of its weights.
+        class_name: class of the training, in the labels of these networks.
     """
 
     source: str
@@ -64,20 +62,18 @@ class Training:
     class_name: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         return vars(self) | {"networks": [network.model_dump() for network in self.networks]}
 
 
 def find_training(
     captures: Sequence[Capture], workspace: Workspace, weights_sha256: str, tensors_sha256: str | None = None
 ) -> tuple[Training, ...]:
-    """The training of every booster that the manifests name and a record of the workspace describes.
+    """Return the training of every booster in the manifests that has a record in the workspace.
 
     Args:
-        captures: images; those without a manifest, and noise and grey as boosters, have no part in it.
-        workspace: whose patches, sets of patches and textures are looked through, the package's own among them.
-        weights_sha256: of the file of the network that judges.
-        tensors_sha256: of its numbers, see `toolkit.models.identity`; None where they are not known.
+        weights_sha256: hash of the evaluated network's file.
+        tensors_sha256: hash of its weights, see `toolkit.models.identity`; None if it is not known.
     """
     worn = dict.fromkeys(
         (capture.source, capture.object, capture.variant, capture.booster_sha256)
@@ -86,37 +82,28 @@ def find_training(
     )
     if not worn:
         return ()
+    # records of patches, textures and wraps by hash
     records = {sha256: (booster, label, networks) for sha256, booster, label, networks in _read_records(workspace)}
     found = []
     for source, name, variant, sha256 in worn:
         if sha256 is not None and sha256 in records:
             booster, label, networks = records[sha256]
-            seen = any(
-                is_same_network(network, weights_sha256, tensors_sha256, workspace.classifiers_dir)
-                for network in networks
-            )
+            own = workspace.classifiers_dir
+            seen = any(is_same_network(network, weights_sha256, tensors_sha256, own) for network in networks)
             found.append(Training(source, name, variant, booster, sha256, tuple(networks), seen, label))
     return tuple(found)
 
 
 def describe_other_classes(training: Sequence[Training], true_labels: Mapping[str, str]) -> list[str]:
-    """A line for each booster that was trained for another label than its object is judged by.
+    """Return a line for each booster that was trained for another class than the object's true label.
 
-    A class that a spec gives by its index is another one in another list of labels.
-
-    Args:
-        training: see `find_training`; controls of a wrong class are left out.
-        true_labels: by object, in the labels of the network that judges.
+    An index in a spec means another class in another list of labels.
     """
     lines = []
     for booster in training:
         label = true_labels.get(booster.object, "")
-        if (
-            label
-            and booster.class_name
-            and booster.variant != WRONG
-            and plain_name(label) != plain_name(booster.class_name)
-        ):
+        are_known = label and booster.class_name and booster.variant != WRONG
+        if are_known and plain_name(label) != plain_name(booster.class_name):
             lines.append(
                 f"{booster.source}: {booster.variant} ({booster.object}) was trained for '{booster.class_name}', and "
                 f"is judged as '{label}'"
@@ -125,7 +112,7 @@ def describe_other_classes(training: Sequence[Training], true_labels: Mapping[st
 
 
 def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequence[NetworkRecord]]]:
-    """Hash, name, class and networks of each booster; broken and absent records are refused where they are used."""
+    """Yield hash, name, class and networks of each booster; broken records are reported when they are used."""
     pngs: list[tuple[Path, type[BoosterRecord]]] = [(png, TextureRecord) for png in workspace.textures().values()]
     for patch_set in (None, *workspace.patch_sets()):
         pngs += [(png, PatchRecord) for png in workspace.with_patches(patch_set).patches().values()]
@@ -141,7 +128,7 @@ def _read_records(workspace: Workspace) -> Iterator[tuple[str, str, str, Sequenc
 
 
 def mark_seen(training: Sequence[Training], source: str, name: str, variant: str) -> str:
-    """`yes`, `no` or `partly` for a row of the table, pooled ones among them; empty where nothing is known."""
+    """Return `yes`, `no` or `partly` for a row of the table; empty if the training is not known."""
     asked = {
         booster.seen for booster in training
         if (booster.source, booster.variant) == (source, variant) and name in (booster.object, POOLED)
@@ -150,15 +137,13 @@ def mark_seen(training: Sequence[Training], source: str, name: str, variant: str
 
 
 def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
-    """A line for each source and variant that was judged by a network which its boosters never saw."""
+    """Return a line for each source and variant whose boosters were not trained on the network."""
     lines = []
     for source, variant in dict.fromkeys((booster.source, booster.variant) for booster in training if not booster.seen):
-        some = [
-            booster
-            for booster in training
-            if (booster.source, booster.variant, booster.seen) == (source, variant, False)
-        ]
-        names, archs = ({one.object: 0 for one in some}, {net.arch: 0 for one in some for net in one.networks})
+        key = (source, variant, False)
+        some = [booster for booster in training if (booster.source, booster.variant, booster.seen) == key]
+        names = dict.fromkeys(booster.object for booster in some)
+        archs = dict.fromkeys(trained.arch for booster in some for trained in booster.networks)
         whose = ", ".join(names) if len(names) <= MOST_NAMED else f"{len(names)} objects"
         on = " and ".join(archs) or "no network"
         if network in archs:
@@ -169,22 +154,18 @@ def describe_unseen(network: str, training: Sequence[Training]) -> list[str]:
 
 @dataclass(frozen=True)
 class Findings:
-    """Everything that follows from the predictions.
+    """Predictions and their statistics.
 
     Attributes:
-        predictions: one per image.
         groups: accuracy by source, object and variant.
         pairs: each variant against `unpatched`.
-        comparisons: the boosters against their controls and each other.
-        headlines: the result in words.
-        flips: pairs gained, and lost.
-        failed: (path, reason) of what could not be read.
-        unpaired: (path, reason) of images without a partner.
-        no_pairs: why pairs were not formed, and how many of each.
+        comparisons: boosters against their controls and each other.
+        failed: (path, reason) of images and folders that could not be read.
+        no_pairs: reasons why pairs were not formed, with counts.
         sim_real: rendered sources against photographs of the same poses.
-        passed: the same without the photographs that failed a gate; None where none did.
-        training: of the boosters, where their records are known.
-        origin: what the result rests on; None for what was not read from captures.
+        passed: findings without the photographs that failed a gate; None if none failed.
+        training: training of the boosters with a record.
+        origin: origin of the result; None if it was not read from captures.
     """
 
     predictions: tuple[Prediction, ...]
@@ -203,12 +184,12 @@ class Findings:
 
     @property
     def gated(self) -> list[Prediction]:
-        """The predictions of photographs that failed a gate."""
+        """Predictions of photographs that failed a gate."""
         return [prediction for prediction in self.predictions if prediction.capture.failed_gates]
 
     @property
     def gate_lines(self) -> list[str]:
-        """What the failed photographs change, in words, for each source and variant."""
+        """Effect of the failed photographs in words, for each source and variant."""
         counts = Counter(photo.capture.source for photo in self.gated)
         return describe_both(self.pairs, self.passed.pairs if self.passed else (), counts)
 
@@ -217,7 +198,7 @@ class Findings:
 def compare_predictions(
     network: str, predictions: Sequence[Prediction], refused_folders: Sequence[tuple[str, str]] = ()
 ) -> Findings:
-    """Count, pair, test and put into words what the network of that name said."""
+    """Count, pair and test predictions, and describe the result of the network of that name."""
     poses = index_poses(predictions)
     groups = group_predictions(predictions)
     pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
@@ -226,41 +207,30 @@ def compare_predictions(
     good = [prediction for prediction in predictions if not prediction.capture.failed_gates]
     unread = [(prediction.capture.path, prediction.status) for prediction in predictions if not prediction.is_read]
     return Findings(
-        tuple(predictions),
-        groups=tuple(groups),
-        pairs=tuple(pairs),
-        comparisons=tuple(comparisons),
-        headlines=tuple(headlines),
-        flips=list_flips(poses),
-        failed=(*unread, *refused_folders),
+        tuple(predictions), groups=tuple(groups), pairs=tuple(pairs), comparisons=tuple(comparisons),
+        headlines=tuple(headlines), flips=list_flips(poses), failed=(*unread, *refused_folders),
         unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
-        no_pairs=tuple(count_no_pairs(poses)),
-        sim_real=tuple(sim_real),
+        no_pairs=tuple(count_no_pairs(poses)), sim_real=tuple(sim_real),
+        # once more without the photographs that failed a gate
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
-    )
+    )  # fmt: skip
 
 
 def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], kind: Kind = "eval") -> dict[str, Any]:
-    """What `summary.json` of an evaluation, or of a sweep's, holds.
+    """Return the content of `summary.json` of an evaluation or a sweep.
 
-    `controls` has `comparisons` (the fields of `Comparison` and both intervals: each booster against those of its
-    controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
-    question, tone, verdict, sentence}. Both are empty without controls and with one booster.
-
-    `rests_on` holds the fields of `toolkit.evaluation.origin.Origin`: images counted and set aside, and how they were
-    made.
-
-    `gates` lists the photographs that failed one, and has `groups` and `pairs` once more without them.
-
-    `boosters` lists what is known of the training of each patch and texture that the manifests name {source, object,
-    variant, booster, booster_sha256, networks, seen}: whether it was trained on the network that judges.
-
-    `corrupted` names the sources whose images are corrupted {source, corruption, severity}.
-
-    `sim_real` has an entry for each rendered source and source of photographs of the same poses: `rows` by object and
-    variant (the gap, its interval and test, the rank correlation), `gains` (which poses a booster gains), `wrong` (the
-    poses that the rig predicted wrongly) and what was not compared. It is empty without both kinds of sources.
+    - `rests_on`: see `toolkit.evaluation.origin.Origin`.
+    - `controls`: `comparisons` of boosters with their controls, and of patch and texture, by object and pooled; and
+      `answers` {source, question, tone, verdict, sentence}.
+    - `boosters`: see `Training`.
+    - `corrupted`: sources of corrupted images {source, corruption, severity}.
+    - `sim_real`: for each pair of rendered source and photographs of the same poses, `rows` by object and variant (gap,
+      interval, test, rank correlation), `gains` (poses that a booster gains), `wrong` (poses that the rig predicted
+      wrongly) and images without a match.
+    - `gates`: photographs that failed a gate, and groups and pairs without them.
     """
+    passed = findings.passed
+    failed_gates = [{"path": item.capture.path, "gates": list(item.capture.failed_gates)} for item in findings.gated]
     return {
         **begin_summary(kind, classifier),
         "rests_on": findings.origin and findings.origin.as_json(),
@@ -274,11 +244,9 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
         "corrupted": list_corrupted(prediction.capture for prediction in findings.predictions),
         "sim_real": [comparison.as_json() for comparison in findings.sim_real],
         "gates": {
-            "failed": [
-                {"path": photo.capture.path, "gates": list(photo.capture.failed_gates)} for photo in findings.gated
-            ],
-            "groups_without": [group.as_json() for group in findings.passed.groups] if findings.passed else [],
-            "pairs_without": [pair.as_pair() for pair in findings.passed.pairs] if findings.passed else [],
+            "failed": failed_gates,
+            "groups_without": [group.as_json() for group in passed.groups] if passed else [],
+            "pairs_without": [pair.as_pair() for pair in passed.pairs] if passed else [],
         },
         "failed": list_reasons(findings.failed),
         "unpaired": list_reasons(findings.unpaired),
@@ -288,6 +256,6 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
 
 
 def list_corrupted(captures: Iterable[Capture]) -> list[dict[str, str | int]]:
-    """Source, corruption and severity of each source that is corrupted, sorted, as `summary.json` has them."""
+    """Return source, corruption and severity of each corrupted source, sorted, as in `summary.json`."""
     found = sorted({(capture.source, *capture.corruption) for capture in captures if capture.corruption is not None})
     return [{"source": source, "corruption": name, "severity": severity} for source, name, severity in found]

@@ -1,4 +1,4 @@
-"""The folder of a run: no result is written over another one, and a file that was changed afterwards is found."""
+"""Folder of a run: no result overwrites another, and files that were changed afterwards are detected."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -13,14 +13,14 @@ PREDICTIONS, DETECTIONS, CELLS, EPISODES = "predictions.csv", "detections.csv", 
 TABLES: Mapping[str, str] = {
     f"{name.removesuffix('.csv')}_sha256": name for name in (PREDICTIONS, DETECTIONS, CELLS, EPISODES)
 }
-"""Field of the summary -> the table whose hash it holds."""
+"""Field of the summary -> table whose hash it holds."""
 CONTENT = "content_sha256"
 """Hash of all other fields of a summary."""
 IsFree = Callable[[Path], bool]
 
 
 def find_run_dir(wanted: Path, is_free: IsFree, overwrite: bool = False) -> Path:
-    """`wanted`, or the first of RUN-2, RUN-3 … that may be written to: it holds no result, or this one."""
+    """Return `wanted`, or the first of RUN-2, RUN-3 … that is free: without a result, or with the same result."""
     number, folder = 1, wanted
     while not overwrite and not is_free(folder):
         number += 1
@@ -29,36 +29,30 @@ def find_run_dir(wanted: Path, is_free: IsFree, overwrite: bool = False) -> Path
 
 
 def lacks_other_table(name: str, text: str) -> IsFree:
-    """Whether a folder has no such table, or one of this very content."""
+    """Return a test whether a folder has no such table, or a table with the same text."""
     content = text.encode()
     return lambda folder: not (folder / name).is_file() or (folder / name).read_bytes() == content
 
 
 def lacks_other_inputs(key: str) -> IsFree:
-    """Whether a folder holds no finished run, or one that was asked to do the same, by its key."""
-    return lambda folder: not (folder / SUMMARY).is_file() or _read_key(folder / SUMMARY) == key
+    """Return a test whether a folder holds no finished run, or a run of the same inputs, by its key."""
 
+    def is_free(folder: Path) -> bool:
+        if not (folder / SUMMARY).is_file():
+            return True
+        content = load_json(folder / SUMMARY)
+        return isinstance(content, dict) and content.get(INPUTS) == key
 
-def _read_key(summary: Path) -> object:
-    content = load_json(summary)
-    return content.get(INPUTS) if isinstance(content, dict) else None
+    return is_free
 
 
 def explain_run_dir(wanted: Path, found: Path) -> tuple[str, ...]:
-    """A note where a run could not be called as it was meant to be."""
+    """Return a note if a run has another name than it was asked to have."""
     return () if found == wanted else (f"{wanted} holds another result, and stays as it is",)
 
 
 def write_run(run_dir: Path, summary: Mapping[str, Any], tables: Mapping[str, str]) -> dict[str, Any]:
-    """Write the tables of a run and last its `summary.json`, which holds their hashes and its own.
-
-    Args:
-        run_dir: from `find_run_dir`.
-        summary: all else that the summary holds.
-        tables: text of each file by its name.
-
-    Returns:
-        The summary as it was written.
+    """Write the tables of a run, then its `summary.json` with their hashes and its own; return the summary.
 
     Raises:
         ToolkitError: the folder cannot be written.
@@ -73,17 +67,12 @@ def write_run(run_dir: Path, summary: Mapping[str, Any], tables: Mapping[str, st
 
 
 def hash_summary(content: Mapping[str, Any]) -> str:
-    """SHA-256 of all fields of a summary but this hash, however they are laid out in the file."""
-    fields = {key: value for key, value in content.items() if key != CONTENT}
-    return sha256_json(fields)
+    """Return the SHA-256 of all other fields of a summary, in any order and layout."""
+    return sha256_json({key: value for key, value in content.items() if key != CONTENT})
 
 
 def check_run(folder: Path, content: Mapping[str, Any]) -> None:
-    """Refuse a run of which a file was changed after it was written; older runs hold no hashes, and pass.
-
-    Raises:
-        ToolkitError: a table is not the one that was counted, or the summary is not the one that was written.
-    """
+    """Raise a `ToolkitError` if a table or the summary was changed after the run; older runs hold no hashes."""
     remedy = "undo the change, or make the run again"
     for field, name in TABLES.items():
         file = folder / name

@@ -1,4 +1,4 @@
-"""Where a network finds the evidence for a class (Grad-CAM), for the flips that the report shows."""
+"""Grad-CAM maps for the flips in the report: where a network finds evidence for a class."""
 
 import threading
 from collections.abc import Sequence
@@ -21,23 +21,20 @@ from toolkit.models.predict import ask_in_parts
 if TYPE_CHECKING:
     import torch
 
-NO_MAP = (
-    "{arch} has no feature map with a place in the image: no module of it gives (b, c, h, w) or (b, h, w, c) with h, w "
-    "> 1"
-)
-TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM says little"
+NO_MAP = "{arch} has no feature map: no module of it returns (b, c, h, w) or (b, h, w, c) with h, w > 1"
+TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM means little"
 UNUSED = "the last feature map of {arch} does not lead to its output"
 
 
 class NoSaliency(Exception):
-    """A network that Grad-CAM cannot explain; the message says why."""
+    """A network that Grad-CAM cannot explain, with the reason."""
 
 
 def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
-    """The module whose output, of those with four axes and a height and width above 1, is made last.
+    """Return the last module whose output has four axes, and height and width above 1.
 
     Raises:
-        NoSaliency: there is none, or layers that work on tokens follow it, as in a vision transformer.
+        NoSaliency: there is none, or token layers follow it, as in a vision transformer.
     """
     import torch
 
@@ -52,14 +49,14 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
             return
         if output.ndim == 4 and min(_channels_first(output).shape[2:]) > 1:
             last, tokens_after = module, False
-        # (batch, tokens, channels): attention mixes places, so that a map before it says little
+        # (batch, tokens, channels): attention mixes places, so a map before it means little
         elif output.ndim == 3 and output.shape[1] > 1:
             tokens_after = True
 
     hooks = [module.register_forward_hook(note) for module in classifier.module.modules()]
     side = classifier.preprocessing.crop_px
     try:
-        with torch.enable_grad():  # a network that has a quicker way without gradients shows no layers there
+        with torch.enable_grad():  # a fast path without gradients may skip the layers
             classifier.logits(torch.full((1, 3, side, side), 0.5))
     finally:
         for hook in hooks:
@@ -72,10 +69,7 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
 
 
 def _channels_first(features: "torch.Tensor") -> "torch.Tensor":
-    """Features (b, c, h, w) as they are, and those of (b, h, w, c), as Swin transformers have them, in that order.
-
-    The image is square: rows and columns are the two axes of equal length.
-    """
+    """Return features (b, c, h, w); those of Swin transformers are (b, h, w, c), with two equal sides h and w."""
     _, first, second, last = features.shape
     return features.permute(0, 3, 1, 2) if first == second != last else features
 
@@ -83,18 +77,14 @@ def _channels_first(features: "torch.Tensor") -> "torch.Tensor":
 def compute_gradcam(
     classifier: Classifier, feature_map: "torch.nn.Module", batch: "torch.Tensor", classes: list[int]
 ) -> np.ndarray:
-    """(b, h, w) float32 maps, at least 0, in the feature map's own resolution and without any scaling.
+    """Return Grad-CAM maps (b, h, w) float32, at least 0, in the feature map's resolution, without scaling.
 
-    The channels of the feature map, each weighted by the mean over all places of the gradient of the class's logit,
-    summed and cut at zero (Selvaraju et al. 2017, equations 1 and 2). The graph starts at the feature map: no gradient
-    runs through the layers before it, and the cost is little more than that of the forward pass. A map depends on its
-    own image alone.
+    The channels of the feature map are weighted by the mean gradient of the class's logit, summed and cut at zero
+    (Selvaraju et al. 2017, equations 1 and 2). No gradient runs through the layers before the feature map.
 
     Args:
-        classifier: the network.
-        feature_map: from `find_feature_map`.
         batch: (b, 3, crop, crop) float tensor, sRGB-encoded in [0, 1].
-        classes: index of the class to look for in each image.
+        classes: class index for each image.
 
     Raises:
         NoSaliency: the feature map does not lead to the output.
@@ -102,17 +92,17 @@ def compute_gradcam(
     """
     import torch
 
-    seen = threading.local()  # parts of the batch are asked at the same time, each on its thread
+    seen = threading.local()  # parts of the batch run at the same time, each on its thread
 
     def start_graph(_: torch.nn.Module, __: tuple, output: torch.Tensor) -> torch.Tensor:
         leaf = output.detach().requires_grad_()
         seen.features = leaf
-        return leaf.clone()  # what follows may work in place, which a leaf of the graph does not allow
+        return leaf.clone()  # later layers may work in place, which a leaf does not allow
 
     def ask(chosen: list[int]) -> torch.Tensor:
         with torch.enable_grad():
             logits = classifier.logits(batch[chosen])
-            # each image's logit depends on that image alone: the gradient of the sum holds all gradients
+            # a logit depends on its image alone: the gradient of the sum holds all gradients
             target = logits[torch.arange(len(chosen)), torch.tensor([classes[k] for k in chosen])].sum()
             gradient = None
             if target.requires_grad:
@@ -120,7 +110,7 @@ def compute_gradcam(
         if gradient is None:
             raise NoSaliency(UNUSED.format(arch=classifier.arch))
         with torch.no_grad():
-            # Grad-CAM (Selvaraju et al. 2017, equations 1 and 2): channels weighted by their mean gradient, then ReLU
+            # channels weighted by their mean gradient, then ReLU
             weights = _channels_first(gradient).double().mean((2, 3), keepdim=True)
             return (weights * _channels_first(seen.features).double()).sum(1).relu().float().cpu()
 
@@ -132,20 +122,19 @@ def compute_gradcam(
 
 
 MAX_UNASKED = 200
-"""Flips up to which maps are drawn without being asked for."""
+"""Largest number of flips for which maps are drawn by default."""
 GREY_SHARE, MAX_ALPHA = 0.8, 0.75
 HEAT_LEVELS = (0.0, 0.35, 0.7, 1.0)
 HEAT_COLOURS = ((60, 15, 110), (190, 40, 90), (245, 125, 20), (252, 250, 140))
-"""From dark violet over orange to pale yellow, lighter with more heat, so that it reads without colour vision too."""
+"""From dark violet over orange to pale yellow, lighter with more heat, also for colour-blind readers."""
 
 
 @dataclass(frozen=True)
 class Saliency:
-    """What there is to show.
+    """Saliency maps of flips.
 
     Attributes:
-        pictures: JPEG `data:` URIs by (path of the image before, path of the image after): a URI for each image.
-        reason: why there are none, empty where there are some or none were wanted.
+        pictures: two JPEG `data:` URIs by the paths of the images before and after.
     """
 
     pictures: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
@@ -153,25 +142,17 @@ class Saliency:
 
 
 def draw_saliency(flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None) -> Saliency:
-    """Grad-CAM for the true class on both images of every flip shown.
-
-    Args:
-        flips: from `list_flips`.
-        classifier: the network that was evaluated.
-        wanted: yes, no, or where None: when there are at most 200 flips.
-    """
+    """Draw Grad-CAM maps of the true class on both images of every flip; by default of at most 200 flips."""
     shown = [pair for flip in flips for pair in flip.shown]
     n = sum(flip.n for flip in flips)
     if wanted is False or not shown:
         return Saliency()
     if wanted is None and n > MAX_UNASKED:
-        return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
-    # an image in several flips is asked about once
-    images = list(
-        {prediction.capture.path: prediction for pair in shown for prediction in (pair.first, pair.second)}.values()
-    )
+        return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: use --saliency to draw maps")
+    # an image in several flips is classified once
+    images = {image.capture.path: image for pair in shown for image in (pair.first, pair.second)}
     try:
-        seen = _compute_maps(images, classifier)
+        seen = _compute_maps(list(images.values()), classifier)
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
@@ -186,20 +167,18 @@ def draw_saliency(flips: Sequence[FlipList], classifier: Classifier, wanted: boo
 
 
 def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Image:
-    """What the network saw, greyed, under a translucent map.
+    """Return the network's input, nearly grey, under a translucent map.
 
     Args:
         pixels: (h, w, 3) uint8 sRGB.
-        heat: (rows, columns), at least 0, enlarged to the picture bilinearly.
-        top: heat that is drawn fully; at 0 nothing is drawn.
+        heat: (rows, columns), at least 0, enlarged bilinearly.
+        top: heat with full colour.
     """
-    height, width = pixels.shape[:2]
-    level = Image.fromarray(np.asarray(heat, np.float32) / max(top, 1e-12)).resize(
-        (width, height), Image.Resampling.BILINEAR
-    )
+    level = Image.fromarray(np.asarray(heat, np.float32) / max(top, 1e-12))
+    level = level.resize((pixels.shape[1], pixels.shape[0]), Image.Resampling.BILINEAR)
     heat = np.clip(np.asarray(level), 0, 1)[..., None]
     base = pixels.astype(np.float32)
-    # nearly grey, so that the colours left are the map's
+    # nearly grey, so that colours are those of the map
     base += GREY_SHARE * (base.mean(2, keepdims=True) - base)
     colour = np.concatenate([np.interp(heat, HEAT_LEVELS, values) for values in zip(*HEAT_COLOURS, strict=True)], 2)
     alpha = MAX_ALPHA * heat**0.7
@@ -207,7 +186,7 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
 
 
 def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """(pixels, map) of each image by its path; an image that does not decode any more is left out."""
+    """Return pixels and map of each image by its path, without images that do not decode any more."""
     import torch
 
     feature_map = find_feature_map(classifier)
@@ -218,9 +197,8 @@ def _compute_maps(images: Sequence[Prediction], classifier: Classifier) -> dict[
         while batch := list(islice(pictures, AHEAD)):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:
-                tensor = (
-                    torch.from_numpy(np.stack([pixels for _, pixels in read])).permute(0, 3, 1, 2).float().div_(255)
-                )
+                stacked = torch.from_numpy(np.stack([pixels for _, pixels in read]))
+                tensor = stacked.permute(0, 3, 1, 2).float().div_(255)
                 maps = compute_gradcam(classifier, feature_map, tensor, [classes[path] for path, _ in read])
                 found |= {path: (pixels, heat) for (path, pixels), heat in zip(read, maps, strict=True)}
             ticker.advance(len(batch))

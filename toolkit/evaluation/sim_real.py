@@ -1,4 +1,4 @@
-"""The rig against photographs, pose by pose: how far off it is, and whether it knows the hard poses."""
+"""Compare the rig with photographs, pose by pose: the gap in accuracy, and the ranks of the poses."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -30,17 +30,16 @@ Key = tuple[str, str, int]
 Poses = dict[Key, list[Prediction]]
 ELSEWHERE = "has its camera elsewhere"
 LIKE = "sim-like-"
-"""Start of the names of sources that were shot with the cameras of photographs."""
+"""Start of names of sources with the cameras of photographs."""
 
 
 @dataclass(frozen=True)
 class GainForecast:
-    """Whether the rig tells which poses a booster gains: poses with all four images, unpatched and not, of both kinds.
+    """Whether the rig predicts the poses that a booster gains, over poses with all four images.
 
     Attributes:
-        outcomes: a pose is gained (wrong before, right after) or not: first in the rig, second in photographs.
-        sim_gain, real_gain: change of the share right, the booster's effect.
-        sim_lost, real_lost: right before and wrong after.
+        outcomes: whether a pose is gained: first in the rig, second in photographs.
+        sim_lost, real_lost: number of poses that are lost.
     """
 
     object: str
@@ -51,16 +50,16 @@ class GainForecast:
 
     @property
     def sim_gain(self) -> float:
-        """Change of the share right in the rig, the booster's effect."""
+        """Change of accuracy in the rig."""
         return (self.outcomes.n_first - self.sim_lost) / self.outcomes.n
 
     @property
     def real_gain(self) -> float:
-        """Change of the share right in photographs."""
+        """Change of accuracy in photographs."""
         return (self.outcomes.n_second - self.real_lost) / self.outcomes.n
 
     def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         found = self.outcomes
         return {
             "object": self.object, "variant": self.variant, "n": found.n, "both": found.both,
@@ -75,9 +74,7 @@ class SimReal:
     """A rendered source against a source of photographs.
 
     Attributes:
-        sim, real: their names.
-        pairs: images of both that show the same object, variant and pose: first the rig's, second the photograph.
-        unmatched_sim, unmatched_real: images of either that were read and are in no pair.
+        pairs: images of the same object, variant and pose: first the rig's, second the photograph.
     """
 
     sim: str
@@ -88,33 +85,40 @@ class SimReal:
 
     @cached_property
     def rows(self) -> tuple[Comparison, ...]:
-        """By object (`all` last) and variant: first the rig, second the photograph."""
+        """Comparisons by object (`all` last) and variant: first the rig, second the photograph."""
         members = gather(self.pairs, lambda pair: [(name, place_of(pair)[1]) for name in (place_of(pair)[0], POOLED)])
         order = sorted(members, key=lambda key: rank_row(self.real, *key))
         return tuple(Comparison(self.real, *key, key[1], tuple(members[key])) for key in order)
 
     @cached_property
     def forecasts(self) -> tuple[GainForecast, ...]:
-        """By object (`all` last) and variant, `unpatched` left out."""
+        """Forecasts by object (`all` last) and variant, without `unpatched`."""
         first: dict[tuple[str, str, int | None], Pair] = {}
         for pair in self.pairs:
             first.setdefault(place_of(pair), pair)
-        bare = {place: first.get((place[0], UNPATCHED, place[2])) for place in first if place[1] != UNPATCHED}
-        both = [
-            (before, after)
-            for place, before in bare.items()
-            if before is not None and _is_of_one_camera(before, after := first[place])
-        ]
+        # before and after in the rig, and before and after in photographs, each with the same camera
+        both = []
+        for (name, variant, pose_id), after in first.items():
+            before = first.get((name, UNPATCHED, pose_id)) if variant != UNPATCHED else None
+            if before is not None:
+                sim, real = Pair(before.first, after.first), Pair(before.second, after.second)
+                if sim.has_one_camera and real.has_one_camera:
+                    both.append((sim, real))
         members = gather(both, lambda pair: [(name, place_of(pair[1])[1]) for name in (place_of(pair[1])[0], POOLED)])
-        return tuple(_forecast(key, members[key]) for key in sorted(members, key=lambda key: rank_row("", *key)))
+        forecasts = []
+        for key in sorted(members, key=lambda key: rank_row("", *key)):
+            gained = PairedOutcomes.count((sim.is_gained, real.is_gained) for sim, real in members[key])
+            lost = [sum(pair.is_lost for pair in pairs) for pairs in zip(*members[key], strict=True)]
+            forecasts.append(GainForecast(*key, gained, *lost))
+        return tuple(forecasts)
 
     @cached_property
     def wrong(self) -> tuple[Pair, ...]:
-        """Pairs of which only a single image is correct: the rig predicted this pose wrongly."""
+        """Pairs with a single correct image: the rig predicted these poses wrongly."""
         return tuple(pair for pair in self.pairs if pair.is_gained or pair.is_lost)
 
     def as_json(self) -> dict[str, Any]:
-        """One entry of `sim_real` in `summary.json`."""
+        """Return an entry of `sim_real` in `summary.json`."""
         return {
             "sim": self.sim, "real": self.real, "n": len(self.pairs),
             "rows": [_describe_gap(row) for row in self.rows],
@@ -126,7 +130,7 @@ class SimReal:
 
 
 def place_of(pair: Pair) -> tuple[str, str, int | None]:
-    """Object, variant and pose of a pair."""
+    """Return object, variant and pose of a pair."""
     return pair.second.capture.object, pair.second.capture.variant, pair.second.capture.pose_id
 
 
@@ -156,16 +160,15 @@ def _pair_json(pair: Pair) -> dict[str, Any]:
 def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
     """Compare every rendered source with every source of photographs that shares objects, variants and poses.
 
-    A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
-    cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
-    boosters are no pair. Images of a pose with the same name are paired, else the first of each. Sources
-    are compared under the same corruption alone.
+    A source is rendered by its manifest, or if its name is `sim` or starts with `sim-`. A source with the cameras of
+    photographs (`sim-like-real`) is compared only with these photographs. Sources must have the same corruption. See
+    `pair_sources`.
     """
     return [match for match in _match_sources(predictions) if match.pairs]
 
 
 def explain_apart(predictions: Sequence[Prediction]) -> Reasons:
-    """Photographs that no rendered source is compared with, since its cameras stand elsewhere at the same poses."""
+    """Return photographs without a comparison because the rig's cameras are elsewhere at the same poses."""
     found = _match_sources(predictions)
     compared = {match.real for match in found if match.pairs}
     alone = [reason for match in found if match.real not in compared for reason in match.unmatched_real]
@@ -177,11 +180,14 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
     by_source: dict[str, list[Prediction]] = defaultdict(list)
     for prediction in predictions:
         by_source[prediction.capture.source].append(prediction)
-    rendered = [name for name, members in by_source.items() if _is_rendered(name, members)]
-    if len(rendered) in (0, len(by_source)):  # only renders, or only photographs: there is nothing to index
+    rendered = [
+        name for name, members in by_source.items()
+        if f"{name}-".startswith("sim-") or any(prediction.capture.is_rendered for prediction in members)
+    ]  # fmt: skip
+    if len(rendered) in (0, len(by_source)):  # only renders, or only photographs
         return []
     rank = {name: at for at, name in enumerate(rendered)}
-    # by pose, and by the photographs that the cameras are of: what shares no pose is never looked at
+    # by pose, and by the photographs with the same cameras: sources without a common pose are never compared
     showing: dict[tuple[str | None, object, Key], list[str]] = defaultdict(list)
     for sim in rendered:
         shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else None
@@ -199,19 +205,14 @@ def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
     return made
 
 
-def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
-    return source == "sim" or source.startswith("sim-") or any(prediction.capture.is_rendered for prediction in members)
-
-
 def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tuple[tuple[Pair, ...], Reasons, Reasons]:
     """Pair the images of two sources by object, variant and pose.
 
-    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of a
-    pose, those of the same name are
-    paired, each once; where none are, the first that fit.
+    Images with different boosters or cameras, by their manifests, are no pair. If a pose has several
+    images, images of the same name are paired, each once, else the first that fit.
 
     Returns:
-        The pairs by object, variant and pose; and the images of either source that were read and are in none.
+        The pairs by object, variant and pose; and the readable images of either source that are in no pair.
     """
     sim_poses, real_poses = _index_images(sims), _index_images(reals)
     pairs: list[Pair] = []
@@ -232,7 +233,7 @@ def _index_images(members: Iterable[Prediction]) -> Poses:
 
 
 def _same_booster(first: Prediction, other: Prediction) -> bool:
-    # a photograph whose manifest says no hash may be of either
+    # a photograph without a hash in its manifest may have either booster
     known = {first.capture.booster_sha256, other.capture.booster_sha256} - {None}
     return len(known) < 2
 
@@ -242,10 +243,10 @@ def _fits(first: Prediction, other: Prediction) -> bool:
 
 
 def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
-    """Those that name each other, by their files, each image once."""
+    """Return the pairs with matching file names, each image once."""
     taken: set[int] = set()
     chosen = []
-    # pose_01.heic.jpg is the image like pose_01.heic, where there is a pose_01.jpg beside it
+    # pose_01.heic.jpg belongs to pose_01.heic, even if there is a pose_01.jpg
     for kind in ("name", "stem"):
         for pair in candidates:
             sim, real = PurePosixPath(pair.first.capture.path), PurePosixPath(pair.second.capture.path)
@@ -280,34 +281,16 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
     return tuple(left)
 
 
-def _is_of_one_camera(before: Pair, after: Pair) -> bool:
-    """Return whether both variants were rendered from the same camera, and photographed from the same camera."""
-    return Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera
-
-
-def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Pair, Pair]]) -> GainForecast:
-    sim = [Pair(before.first, after.first) for before, after in pairs]
-    real = [Pair(before.second, after.second) for before, after in pairs]
-    gained = PairedOutcomes.count(
-        (simulated.is_gained, other.is_gained) for simulated, other in zip(sim, real, strict=True)
-    )
-    return GainForecast(*key, gained, sum(pair.is_lost for pair in sim), sum(pair.is_lost for pair in real))
-
-
 def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Verdict]:
-    """A headline for each rendered source against photographs: of its first booster, or of the bare objects."""
-    return [_judge_rig(network, matched, _pick_row(matched)) for matched in comparisons]
+    """Return a headline for each rendered source against photographs: of its first booster, else of `unpatched`."""
+    return [_judge_rig(network, matched) for matched in comparisons]
 
 
-def _pick_row(matched: SimReal) -> Comparison:
+def _judge_rig(network: str, matched: SimReal) -> Verdict:
     rows = {row.second: row for row in matched.rows if row.object == POOLED}
-    boosters = [name for name in rows if name != UNPATCHED and name not in OWNERS]
-    return rows[(boosters or list(rows))[0]]
-
-
-def _judge_rig(network: str, matched: SimReal, row: Comparison) -> Verdict:
+    row = rows[next((name for name in rows if name != UNPATCHED and name not in OWNERS), next(iter(rows)))]
     found = row.outcomes
-    # the interval's lower end: only a correlation that is shown counts
+    # the interval's lower end: only a significant correlation counts
     low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
     if found.mcnemar_p < SIGNIFICANT:
         tone, verdict = "bad", "The rig promises too " + ("much" if found.gain < 0 else "little")
@@ -318,6 +301,7 @@ def _judge_rig(network: str, matched: SimReal, row: Comparison) -> Verdict:
     if found.mcnemar_p < SIGNIFICANT and low_rank > 0:
         tone, verdict = "open", f"{verdict}, but ranks the poses as the photographs do"
     what = "without a booster" if row.second == UNPATCHED else f"with {name_booster(row.second)}"
+    # gap, test and ranks in words
     sentence = (
         f"On {found.n} poses {what} {network} is right on {format_count(found.n_first, found.n)} in {matched.sim} and "
         f"on {format_count(found.n_second, found.n)} in {matched.real}: a gap of {format_points(found.gain)} points "
@@ -334,16 +318,13 @@ def _judge_rig(network: str, matched: SimReal, row: Comparison) -> Verdict:
 def _describe_forecast(forecast: GainForecast) -> str:
     found = forecast.outcomes
     kappa = "" if found.kappa is None else f" (Cohen's kappa {format_kappa(found.kappa)})"
+    # poses gained in the rig (`first`), which predicts, and in photographs (`second`)
+    if found.n_second:
+        wrong = f"; it predicted {found.only_first} more that were not gained" if found.only_first else ""
+        gained = f"The rig predicted {found.both} of the {found.n_second} poses gained in the photographs{wrong}"
+    else:
+        gained = f"No pose was gained in the photographs, and the rig predicted {found.only_first or 'none'}"
     return (
         f"{name_booster(forecast.variant).capitalize()} adds {format_points(forecast.sim_gain)} points in the rig and "
-        f"{format_points(forecast.real_gain)} in photographs. {_describe_gained(found)}{kappa}."
+        f"{format_points(forecast.real_gain)} in photographs. {gained}{kappa}."
     )
-
-
-def _describe_gained(found: PairedOutcomes) -> str:
-    """The poses that the booster gained: in the rig (`first`), which predicts, and in photographs (`second`)."""
-    if not found.n_second:
-        predicted = f"{found.only_first}" if found.only_first else "none"
-        return f"No pose was gained in the photographs, and the rig predicted {predicted}"
-    wrong = f"; it predicted {found.only_first} more that were not gained" if found.only_first else ""
-    return f"The rig predicted {found.both} of the {found.n_second} poses gained in the photographs{wrong}"

@@ -1,8 +1,9 @@
-"""Runs: the `summary.json` of every experiment, its rows as one table, and which of them are meant."""
+"""Runs: the `summary.json` of every experiment, all rows as a table, and filters of rows."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -21,40 +22,38 @@ from toolkit.models.identity import describe_network
 from toolkit.models.network import AnyNetwork, Classifier
 
 SCHEMA_VERSION = 1
-"""The newest of `summary.json` that is read here."""
+"""Newest version of `summary.json` that is read here."""
 CLEAR, MEAN = "clear", "mean of corruptions"
-"""Condition of images as they were taken, and of a mean over several conditions."""
+"""Condition of uncorrupted images, and of a mean over several conditions."""
 Kind = Literal["eval", "detection", "world-eval", "sweep", "benchmark", "landing"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Metric = Literal["top1", "success", "found"]
 METRICS: Mapping[str, Metric] = {"detection": "found", "landing": "success"}
 SOURCES = {"landing": "flights"}
-"""Source of the rows of a kind whose summary names none."""
+"""Source of the rows of a kind without a source in its summary."""
 
 
 @dataclass(frozen=True)
 class ResultRow:
-    """One group of images, or of landings, in one run.
+    """A group of images, or of landings, in a run.
 
     Attributes:
-        run: path of its folder below `eval/`.
-        kind: which experiment made it.
-        network: who was asked.
-        source: of the images; in a sweep the value; of a benchmark the data set.
-        object: `all` for all of them together.
-        variant: what was put on the object; of landings the pad.
-        condition: weather or corruption; `clear` without.
-        severity: of the condition, 0 without; None for a mean.
-        world, place: of a world's groups and landings; None elsewhere, place `all` for all places together.
-        n, failed: how many were judged, and how many images could not be read; None where it is a mean of shares.
-        metric: what `share` is of: right at the first guess, landed, or found by a detector.
-        share, ci95: with its 95 % interval; None without images.
-        gained, lost, p: pairs that changed against `unpatched` (of landings the first pad), and the exact McNemar test;
+        run: path of the run's folder below `eval/`.
+        source: source of the images; in a sweep the value, in a benchmark the data set.
+        object: name of the object; `all` for pooled rows.
+        variant: booster on the object; the pad of landings.
+        condition: weather or corruption, or `clear`.
+        severity: severity of the condition, 0 without; None for a mean.
+        world, place: world and place, or place `all`; None without a world.
+        n, failed: number of images classified, and of images that could not be read; None for a mean of shares.
+        metric: meaning of `share`: correct, landed, or found by a detector.
+        share, ci95: share and its 95 % interval; None without images.
+        gained, lost, p: changed pairs against `unpatched` (for landings the first pad), and the exact McNemar test;
             None without pairs.
-        n_pairs, n_bare: pairs, and how many of their images without the booster are right; None in older summaries.
-        has_pooled: whether there is a row of all objects that it is a part of.
-        is_part: whether some of these images, or of those without the booster, are in no pair.
-        network_id: of architecture, weights, labels and preprocessing together; empty where a summary has none.
+        n_pairs, n_bare: number of pairs, and of correct `unpatched` images in them; None in older summaries.
+        has_pooled: whether there is a pooled row that this row is a part of.
+        is_part: whether some images, with or without the booster, are in no pair.
+        network_id: hash of architecture, weights, labels and preprocessing; empty in older summaries.
     """
 
     run: str
@@ -83,7 +82,7 @@ class ResultRow:
 
     @property
     def details(self) -> set[str]:
-        """Names of the fields in which the row is a part of another row: it is shown where they are asked for."""
+        """Fields in which the row is a part of another row; it is shown if a filter names them."""
         found = {"object"} if self.object != POOLED and self.has_pooled else set()
         if self.place not in (None, POOLED):
             found.add("place")
@@ -92,13 +91,13 @@ class ResultRow:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """The fields, as `toolkit runs --json` has them."""
+        """Return the fields as `toolkit runs --json` prints them."""
         fields = {key: value for key, value in vars(self).items() if key not in ("has_pooled", "is_part")}
         return fields | {"ci95": None if self.ci95 is None else list(self.ci95)}
 
 
 def begin_summary(kind: str, network: AnyNetwork) -> dict[str, Any]:
-    """The fields that the summary of what a network said begins with."""
+    """Return the first fields of every summary."""
     model = describe_network(network)
     if isinstance(network, Classifier):
         model["description"] = network.describe()
@@ -106,7 +105,7 @@ def begin_summary(kind: str, network: AnyNetwork) -> dict[str, Any]:
 
 
 def list_reasons(items: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
-    """(path, reason) of what could not be used, as summaries have it."""
+    """Return (path, reason) pairs as summaries hold them."""
     return [{"path": path, "reason": reason} for path, reason in items]
 
 
@@ -115,13 +114,13 @@ Count = Annotated[int, Field(ge=0)]
 
 
 class _Part(BaseModel):
-    """What is read of a part of a summary; other fields are passed over."""
+    """A part of a summary; other fields are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
 class _Where(_Part):
-    """What was shown to whom: the fields of `ResultRow`, by any name that a kind of summary has for them."""
+    """Fields of `ResultRow`, by any name that a kind of summary has for them."""
 
     network: str = Field("", validation_alias=AliasChoices("answerer", "regressor"))
     source: str = ""
@@ -135,17 +134,17 @@ class _Where(_Part):
 
     @property
     def key(self) -> tuple[str | int | None, ...]:
-        """Equal for a row and its pair."""
+        """Key of a row and its pair."""
         return tuple(getattr(self, name) for name in _Where.model_fields)
 
     @property
     def key_without_variant(self) -> tuple[str | int | None, ...]:
-        """Equal for all variants of the same images."""
+        """Key of all variants of the same images."""
         return tuple(getattr(self, name) for name in _Where.model_fields if name != "variant")
 
     @property
     def name(self) -> str:
-        """As pairs of landings name their cells."""
+        """Name of a cell in the pairs of landings."""
         air = f"{self.condition}:{self.severity}" if self.severity else self.condition
         return "/".join(map(str, (self.variant, self.network, self.world, air, self.gains)))
 
@@ -165,7 +164,7 @@ class _Group(_Mean):
 
 
 class _Pair(_Where):
-    """A variant against `unpatched`; of landings, one cell against another."""
+    """A variant against `unpatched`; for landings a cell against another."""
 
     cell: str = ""
     against: str = ""
@@ -177,8 +176,8 @@ class _Pair(_Where):
 
     @property
     def is_of_variants(self) -> bool:
-        """Whether the two differ in the variant alone; of landings, in the pad."""
-        # cells are named pad/regressor/world/air: all behind the pad must be the same
+        """Whether the two differ in the variant alone; for landings, in the pad."""
+        # cells are named pad/regressor/world/air: everything after the pad must be equal
         return self.cell.partition("/")[2] == self.against.partition("/")[2]
 
 
@@ -189,7 +188,7 @@ class _Corrupted(_Part):
 
 
 class RunNetwork(_Part):
-    """Who was asked; fields that an older summary lacks are empty."""
+    """Network of a run; fields that an older summary lacks are empty."""
 
     name: str = ""
     arch: str = ""
@@ -208,7 +207,7 @@ class _About(_Part):
 
 
 class _Summary(_Part):
-    """What is read of a summary of any kind: it has groups, or cells."""
+    """A summary of any kind: it has groups, or cells."""
 
     model: RunNetwork = RunNetwork()
     about: _About = _About()
@@ -220,12 +219,12 @@ class _Summary(_Part):
 
     @property
     def network(self) -> RunNetwork:
-        """Who was asked; of a benchmark it stands elsewhere."""
+        """Network of the run, which benchmarks keep in `about`."""
         return self.model if self.model.name or self.model.arch else self.about.model
 
 
 def name_kind(content: Mapping[str, Any], run: str) -> str:
-    """The kind that a summary says it is of; of an older one that does not say, by what it holds and where it lies."""
+    """Return the kind of a summary; for an older summary without this field, by its content and folder."""
     said, groups = content.get("kind"), content.get("groups")
     if said is not None:
         return "detection" if said == "detections" else str(said)
@@ -237,21 +236,21 @@ def name_kind(content: Mapping[str, Any], run: str) -> str:
 
 
 def read_run(folder: Path, name: str) -> "Run":
-    """A run from its `summary.json`.
+    """Return a run from its `summary.json`.
 
     Raises:
         ToolkitError: the file is damaged, of a newer toolkit or of another program, or it or a table of the run was
-            changed after it was written.
+            changed afterwards.
     """
     file = folder / SUMMARY
     content = load_json(file)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    # True is an int to Python, and no version
+    # True is an int in Python
     if not isinstance(version, int) or isinstance(version, bool):
         raise ToolkitError(f"{file} is not a result of toolkit: expected a schema_version in it")
     if version > SCHEMA_VERSION:
         raise ToolkitError(
-            f"{file} was written by a newer toolkit (schema_version {version}, this one reads up to {SCHEMA_VERSION}): "
+            f"{file} was written by a newer toolkit (schema_version {version}, expected at most {SCHEMA_VERSION}): "
             "update toolkit"
         )
     if "groups" not in content and "cells" not in content:
@@ -259,10 +258,8 @@ def read_run(folder: Path, name: str) -> "Run":
     said = name_kind(content, name)
     kind = next((known for known in KINDS if known == said), None)
     if kind is None:
-        raise ToolkitError(
-            f"{file} is of a kind {said!r} that this toolkit does not know: expected one of {', '.join(KINDS)}: "
-            "update toolkit"
-        )
+        raise ToolkitError(f"{file} has an unknown kind {said!r}: expected one of {', '.join(KINDS)}: update toolkit")
+    # files of the run must be unchanged
     check_run(folder, content)
     try:
         found = _Summary.model_validate(content)
@@ -272,26 +269,27 @@ def read_run(folder: Path, name: str) -> "Run":
 
 
 def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
-    # landings name their cells; elsewhere the fields of a row are its key
+    # landings name their cells; otherwise the fields of a row are its key
     changes = {pair.cell or pair.key: pair for pair in found.pairs if pair.is_of_variants}
     corrupted = {copy.source: (copy.corruption, copy.severity) for copy in found.corrupted}
-    pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
-    bare = {group.key_without_variant: group.n for group in found.groups if group.variant == UNPATCHED}
-    for one in (*found.groups, *found.cells):
-        condition, severity = corrupted.get(one.source, (one.condition, one.severity))
-        row = ResultRow(run, kind, **one.model_dump())
-        own = found.network
-        is_own = one.network in ("", own.name)
+    groups, own = (*found.groups, *found.cells), found.network
+    pooled = {group.source for group in groups if group.object == POOLED}
+    unpatched = {group.key_without_variant: group.n for group in found.groups if group.variant == UNPATCHED}
+    for group in groups:
+        # older summaries lack some fields, or keep them elsewhere
+        condition, severity = corrupted.get(group.source, (group.condition, group.severity))
+        is_own = group.network in ("", own.name)
         row = replace(
-            row, network=one.network or own.name or own.arch, network_id=own.network_id if is_own else "",
-            source=one.source or SOURCES.get(kind) or found.about.data,
+            ResultRow(run, kind, **group.model_dump()),
+            network=group.network or own.name or own.arch, network_id=own.network_id if is_own else "",
+            source=group.source or SOURCES.get(kind) or found.about.data,
             condition=CLEAR if condition in (None, "clean") else condition, severity=severity or 0,
-            ci95=one.ci95 if one.n else None, metric=METRICS.get(kind, "top1"), has_pooled=one.source in pooled,
+            ci95=group.ci95 if group.n else None, metric=METRICS.get(kind, "top1"), has_pooled=group.source in pooled,
         )  # fmt: skip
-        change = changes.get(one.key) or changes.get(one.name)
+        change = changes.get(group.key) or changes.get(group.name)
         if change is not None:
             numbers = {name: getattr(change, name) for name in ("gained", "lost", "p", "n_pairs", "n_bare")}
-            counts = {row.n, bare.get(one.key_without_variant, row.n)}
+            counts = {row.n, unpatched.get(group.key_without_variant, row.n)}
             row = replace(row, **numbers, is_part=change.n_pairs is not None and counts != {change.n_pairs})
         yield row
     for mean in found.means if kind == "benchmark" else ():
@@ -310,15 +308,7 @@ ALIASES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Run:
-    """One run's folder.
-
-    Attributes:
-        name: its path below `eval/`.
-        folder: where it is.
-        kind: which experiment made it.
-        rows: what it found.
-        network: who was asked, if it is one network.
-    """
+    """A run."""
 
     name: str
     folder: Path
@@ -328,12 +318,12 @@ class Run:
 
     @property
     def has_predictions(self) -> bool:
-        """Whether it says what was answered image by image."""
+        """Whether the run has a table of predictions."""
         return any((self.folder / name).is_file() for name in (PREDICTIONS, DETECTIONS))
 
 
 def find_runs(workspace: Workspace) -> tuple[list[Run], list[tuple[str, str]]]:
-    """Every run below the workspace's `eval/`, by name, and (path, reason) of each that cannot be read."""
+    """Return every run below the workspace's `eval/`, by name, and (path, reason) of each that cannot be read."""
     runs, refused = [], []
     for name in list_run_names(workspace.eval_dir):
         try:
@@ -344,12 +334,7 @@ def find_runs(workspace: Workspace) -> tuple[list[Run], list[tuple[str, str]]]:
 
 
 def open_run(workspace: Workspace, name: str | Path) -> Run:
-    """A run by its name below `eval/`, or by its folder.
-
-    Raises:
-        ToolkitError: there is none of that name, or its `summary.json` is damaged, of a newer toolkit or of another
-            program.
-    """
+    """Return a run by its name below `eval/`, or by its folder; a `ToolkitError` as `read_run` or if there is none."""
     folder = workspace.eval_dir / name
     if not folder.is_dir():
         folder = Path(name)
@@ -366,24 +351,24 @@ def open_run(workspace: Workspace, name: str | Path) -> Run:
 
 
 def list_run_names(eval_dir: Path) -> list[str]:
-    """Names of all runs below a folder: the folders that hold a summary."""
+    """Return the names of all folders with a summary below a folder."""
     found = sorted(folder for folder, _, names in walk_folders(eval_dir) if SUMMARY in names and folder != eval_dir)
     return [folder.relative_to(eval_dir).as_posix() for folder in found if (folder / SUMMARY).is_file()]
 
 
 @dataclass(frozen=True)
 class Where:
-    """What a row must be: `object=racer`, `share>=0.5`, `run=resnet*`."""
+    """Condition on a row: `object=racer`, `share>=0.5`, `run=resnet*`."""
 
     field: str
     operator: str
     value: str
 
     def is_met(self, row: ResultRow) -> bool:
-        """Whether the row is so; a field that it lacks meets `!=` alone."""
+        """Whether a row meets the condition; a missing field meets `!=` alone."""
         found = getattr(row, self.field)
         if self.operator in ("=", "!="):
-            # as people type it: 0.5
+            # as it is typed: 0.5
             text = f"{found:g}" if isinstance(found, float) else str(found)
             return (found is not None and fnmatchcase(text, self.value)) == (self.operator == "=")
         if found is None:
@@ -393,69 +378,66 @@ class Where:
 
 
 def parse_where(text: str) -> Where:
-    """`FIELD=VALUE`, with `*` and `?` in VALUE, or `FIELD!=VALUE`; of numbers also `>`, `>=`, `<` and `<=`.
+    """Parse `FIELD=VALUE`, with `*` and `?` in VALUE, or `FIELD!=VALUE`; for numbers also `>`, `>=`, `<` and `<=`.
 
     `weather` and `corruption` mean the field `condition`, `model` means `network`, `top1` and `success` mean `share`.
 
     Raises:
-        ToolkitError: there is no such field, or it cannot be compared so.
+        ToolkitError: there is no such field, or the operator does not suit it.
     """
-    found = [one for one in OPERATORS if one in text]
+    found = [sign for sign in OPERATORS if sign in text]
     if not found:
         raise ToolkitError(f"'{text}' is not a condition: expected FIELD=VALUE, such as object=racer or p<0.05")
-    # the first in the text, and of two that begin there the longer: `>=` before `>`
-    operator = min(found, key=lambda one: (text.index(one), -len(one)))
+    # the first operator in the text, and `>=` before `>`
+    operator = min(found, key=lambda sign: (text.index(sign), -len(sign)))
     name, _, value = (part.strip() for part in text.partition(operator))
     field = ALIASES.get(name, name)
     if field not in FIELDS:
         raise one_of("field of a run", name, [*FIELDS, *ALIASES])
     if operator not in ("=", "!=") and not (field in NUMBERS and _is_number(value)):
         raise ToolkitError(f"'{text}' is not a condition: {operator} compares numbers: {', '.join(NUMBERS)}")
-    # rows say `clear` where the benchmark's files say `clean`
+    # the benchmark's files call clear `clean`
     return Where(field, operator, CLEAR if (field, value) == ("condition", "clean") else value)
 
 
 def _is_number(text: str) -> bool:
     try:
-        # NaN is not equal to itself
-        return float(text) == float(text)
+        return not isnan(float(text))
     except ValueError:
         return False
 
 
 def pick_rows(rows: Sequence[ResultRow], wanted: Sequence[Where] = (), everything: bool = False) -> list[ResultRow]:
-    """The rows that are as wanted in every way.
+    """Return the rows that meet all conditions.
 
     Args:
-        rows: of any runs.
-        wanted: from `parse_where`.
-        everything: also the rows that are parts of other rows (one object of all, one corruption of a mean); else
-            those are there only where `wanted` names what they are a part by.
+        rows: rows of any runs.
+        wanted: conditions from `parse_where`.
+        everything: whether to return rows that are parts of pooled rows or means too; else only if a condition names
+            the field, see `ResultRow.details`.
     """
-    named = {one.field for one in wanted}
+    named = {where.field for where in wanted}
     shown = [row for row in rows if everything or row.details <= named]
-    return [row for row in shown if all(one.is_met(row) for one in wanted)]
+    return [row for row in shown if all(where.is_met(row) for where in wanted)]
 
 
 def describe_condition(row: ResultRow) -> str:
-    """`clear`, `fog 3`, `mean of corruptions`."""
+    """Return `clear`, `fog 3` or `mean of corruptions`."""
     return f"{row.condition} {row.severity}" if row.severity else row.condition
 
 
 def tell_networks_apart(rows: Sequence[ResultRow]) -> list[ResultRow]:
-    """The same rows, with the hash behind the name of each network whose name another network has as well."""
+    """Return the rows, with the hash after the name of each network if two networks share the name."""
     known: dict[str, set[str]] = {}
     for row in rows:
         known.setdefault(row.network, set()).update({row.network_id} - {""})
     shared = {name for name, own in known.items() if len(own) > 1}
-    return [
-        replace(row, network=f"{row.network} {row.network_id or '(older)'}") if row.network in shared else row
-        for row in rows
-    ]
+    names = [f"{row.network} {row.network_id or '(older)'}" if row.network in shared else row.network for row in rows]
+    return [replace(row, network=name) for row, name in zip(rows, names, strict=True)]
 
 
 def build_runs_table(rows: Sequence[ResultRow]) -> Table:
-    """A line for each row; columns that say nothing, or what the run's name says, are left out."""
+    """Return a table with a line for each row, without empty columns or columns that repeat the run's name."""
     rows = tell_networks_apart(rows)
     columns = {
         "run": [row.run for row in rows],
@@ -475,7 +457,7 @@ def _format_numbers(row: ResultRow) -> list[str]:
     n = NONE if row.n is None else str(row.n)
     right = f"{format_percent(row.share)} ({format_interval(row.ci95)})" if row.ci95 else format_percent(row.share)
     change = "" if row.gained is None else f"{row.gained}/{row.lost}"
-    # the shares of all images are no before and after of fewer pairs
+    # if some images have no pair, the shares of all images are not those of the pairs
     if row.is_part and row.n_pairs and row.n_bare is not None:
         change += f" of {row.n_pairs}, bare {format_percent(row.n_bare / row.n_pairs)} %"
     return [n, right, change, format_p(row.p)]

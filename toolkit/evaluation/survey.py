@@ -1,4 +1,4 @@
-"""Which classifiers are at hand: what each can do, how good it is on a folder, and how fast here."""
+"""List the networks on this machine: abilities, accuracy on a folder, and speed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,21 +32,17 @@ TORCHVISION_LICENCE = "BSD-3-Clause (torchvision)"
 
 @dataclass(frozen=True)
 class SurveyedModel:
-    """One row of the survey.
+    """A row of the survey.
 
     Attributes:
-        model: how it is named to every command.
-        kind: `classifier` or `detector`.
-        weights: name of its file.
-        classes: how many.
-        image_px: side of what it sees.
-        parameters: how many numbers it has; None where its file does not show them.
-        licence: as far as it is said; else empty.
-        can_train: whether boosters can be trained against it.
-        why_not: why it cannot, or could not be loaded; else empty.
-        images_per_s: forward, in batches of 8; None if not timed.
-        trained_images_per_s: forward and back to the image; None if not timed.
-        n, correct: images of the folder; None without a folder, or where its classes are others.
+        model: name for `--model`.
+        image_px: side of the input, pixels.
+        parameters: number of parameters; None if the file does not show them.
+        can_train: whether boosters can be trained against the network.
+        why_not: why it cannot train boosters, or could not be loaded.
+        images_per_s: speed forward, in batches of 8; None if not timed.
+        trained_images_per_s: speed forward and back to the image; None if not timed.
+        n, correct: images of the folder; None without a folder, or if its classes differ.
         accuracy, ci95: their ratio, with Wilson's interval.
     """
 
@@ -68,14 +64,9 @@ class SurveyedModel:
 
 
 def list_models(folder: Path | None = None) -> list[str]:
-    """Names of the classifiers whose weights are on this machine: user's own, bundled, torchvision's.
-
-    A file whose name would mean something else, such as code, is named by its path.
-
-    Args:
-        folder: the workspace's `rig/classifiers`.
-    """
+    """Return the names of classifiers with weights on this machine: those in `folder`, bundled, torchvision's."""
     published = [name for name in list_architectures() if find_local(name) is not None]
+    # a name with a colon means something else, such as code: then the path
     own = [str(file.absolute()) if ":" in name else name for name, file in list_own(folder).items()]
     return [*own, *published]
 
@@ -84,16 +75,10 @@ def survey_models(
     models: Sequence[str], device: str = "auto", folder: Path | None = None, data: str | None = None,
     with_speed: bool = False,
 ) -> list[SurveyedModel]:  # fmt: skip
-    """Load each network, and where asked time it and count what it gets right.
-
-    One that cannot be loaded is a row that says why.
+    """Load each network, and measure accuracy and speed if wanted; a network that does not load has a reason.
 
     Args:
-        models: names, see `load_classifier`.
-        device: `auto`, `cpu` or `cuda`.
-        folder: the workspace's `rig/classifiers`.
         data: folder with a folder per class (its val/ or test/, if it exists); None: no accuracy.
-        with_speed: whether to time each, some seconds a network.
     """
     rows = []
     with progress("networks", len(models)) as ticker:
@@ -112,7 +97,14 @@ def survey_models(
 def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bool) -> SurveyedModel:
     module = classifier.module
     numbers = sum(tensor.numel() for tensor in (*module.parameters(), *module.buffers()))
-    n, correct, why = None, None, classifier.untrainable
+    path, n, correct, why = classifier.weights.path, None, None, classifier.untrainable
+    licence = read_labels_file(path).licence
+    if licence is None and (path == bundled_file() or path.parent == BUNDLED_DIR):
+        licence = OWN_LICENCE
+    elif licence is None:
+        is_published = path.parent == cache_dir() and classifier.arch in list_architectures()
+        licence = TORCHVISION_LICENCE if is_published else ""
+    # accuracy, if the classes of the data are those of the network
     if data is not None:
         try:
             n, correct = _count_correct(classifier, data)
@@ -121,7 +113,7 @@ def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bo
     return SurveyedModel(
         model, classifier.weights.name, "classifier", len(classifier.labels), classifier.preprocessing.crop_px,
         parameters=numbers or None,
-        licence=_find_licence(classifier), can_train=not classifier.untrainable, why_not=why,
+        licence=licence, can_train=not classifier.untrainable, why_not=why,
         images_per_s=measure_speed(classifier) if with_speed else None,
         trained_images_per_s=(
             measure_speed(classifier, backward=True) if with_speed and not classifier.untrainable else None
@@ -132,11 +124,11 @@ def _survey(model: str, classifier: Classifier, data: str | None, with_speed: bo
 
 
 def _survey_detector(model: str, detector: Detector, with_speed: bool) -> SurveyedModel:
-    """Speed from pictures of 640 × 480 to boxes; accuracy is what `toolkit eval` measures."""
+    """Return a row with the speed from images of 640 × 480 to boxes, without accuracy."""
     images_per_s = None
     if with_speed:
         pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
-        # once unmeasured: first passes set up what later passes use
+        # a first pass without timing sets up caches
         detector.detect(pictures)
         start = perf_counter()
         detector.detect(pictures)
@@ -148,17 +140,8 @@ def _survey_detector(model: str, detector: Detector, with_speed: bool) -> Survey
     )  # fmt: skip
 
 
-def _find_licence(classifier: Classifier) -> str:
-    path = classifier.weights.path
-    if (said := read_labels_file(path).licence) is not None:
-        return said
-    if path == bundled_file() or path.parent == BUNDLED_DIR:
-        return OWN_LICENCE
-    return TORCHVISION_LICENCE if path.parent == cache_dir() and classifier.arch in list_architectures() else ""
-
-
 def measure_speed(classifier: Classifier, backward: bool = False) -> float:
-    """Images per second on this machine, preprocessing left out; with `backward` also the gradient by the image."""
+    """Return images per second without preprocessing; with `backward`, including the gradient of the image."""
     side = classifier.preprocessing.crop_px
     batch = torch.rand(BATCH, 3, side, side, device=classifier.device, requires_grad=backward)
 
@@ -167,11 +150,11 @@ def measure_speed(classifier: Classifier, backward: bool = False) -> float:
             logits = classifier.logits(batch)
             if backward:
                 torch.autograd.grad(logits.sum(), batch)
-        # a GPU's work is queued: without waiting only the queueing would be timed
+        # a GPU's work is queued: wait for it
         if classifier.device == "cuda":
             torch.cuda.synchronize()
 
-    # once unmeasured: first passes set up what later passes use
+    # a first pass without timing sets up caches
     run()
     count, start = 0, perf_counter()
     while count == 0 or perf_counter() - start < SPEED_S:
@@ -181,7 +164,7 @@ def measure_speed(classifier: Classifier, backward: bool = False) -> float:
 
 
 def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
-    """Images of the folder, and how many of them the classifier gets right."""
+    """Return the number of images, and of correctly classified images."""
     images = open_images(data, classifier)
     correct = 0
     with progress(f"asking {classifier.name}", len(images.images)) as ticker:

@@ -1,4 +1,4 @@
-"""The result on the console: a table for each source, the rig against photographs, and each result in words."""
+"""Results on the console: a table for each source, the rig against photographs, and results in words."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,10 +21,10 @@ from toolkit.core.tables import (
     format_rank,
 )
 from toolkit.core.text import count_of
-from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group, Pair
+from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group
 from toolkit.evaluation.origin import TITLE
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
-from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
+from toolkit.evaluation.sim_real import SimReal, place_of
 
 MAX_ROWS, MAX_WRONG, MAX_LINES = 60, 12, 20
 WHO = ("object", "variant")
@@ -35,14 +35,14 @@ class HasObject(Protocol):
 
     @property
     def object(self) -> str:
-        """Which object it is of; `all` for the pooled row."""
+        """Name of the object; `all` for the pooled row."""
 
 
 Row = TypeVar("Row", bound=HasObject)
 
 
 def print_tables(console: Console, findings: Findings, network: str = "the network") -> None:
-    """Print what an evaluation rests on, its tables, then each result in words."""
+    """Print the origin of an evaluation, its tables, and the results in words."""
     if findings.origin is not None:
         console.print(TITLE)
         for heading, text in findings.origin.lines():
@@ -61,13 +61,13 @@ def print_tables(console: Console, findings: Findings, network: str = "the netwo
 
 
 def count_gated(findings: Findings) -> Counter[tuple[str, str, str]]:
-    """How many photographs failed a gate, by source, object and variant, and pooled."""
+    """Count the photographs that failed a gate, by source, object and variant, and pooled."""
     captures = [photo.capture for photo in findings.gated]
     return Counter((capture.source, name, capture.variant) for capture in captures for name in (capture.object, POOLED))
 
 
 def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
-    """The rows of one source worth showing: the pooled alone when they are too many, none pooled for one object."""
+    """Return the rows to show: without the pooled row of a single object; of too many rows only the pooled rows."""
     single = [row for row in rows if row.object != POOLED]
     if len({row.object for row in single}) == 1:
         return single
@@ -77,7 +77,7 @@ def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
 def rows_by_source(
     groups: Sequence[Group], pairs: Sequence[Comparison], max_rows: int = MAX_ROWS
 ) -> Iterator[tuple[str, int, list[tuple[Group, Comparison | None]]]]:
-    """Each source, how many objects it has, and its rows worth showing, each with its pairs against `unpatched`."""
+    """Yield each source, its number of objects, and the rows to show with their pairs against `unpatched`."""
     paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
     for source in dict.fromkeys(group.source for group in groups):
         own = [group for group in groups if group.source == source]
@@ -89,20 +89,21 @@ def build_tables(
     groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None,
     training: Sequence[Training] = (),
 ) -> list[Table]:  # fmt: skip
-    """One table per source: object × variant, then the pooled rows where there are several objects.
+    """Return a table for each source: object × variant, then pooled rows; of more than 60 rows only the pooled rows.
 
-    A source with more than 60 rows shows the pooled ones alone. `gated` counts photographs that failed a gate, by
-    source, object and variant. Of a source with boosters that never saw the network, by `training`, a column says so.
+    `gated` counts photographs that failed a gate, by source, object and variant. `training` adds a column if a booster
+    was not trained on the network.
     """
     gated = gated or {}
     tables = []
     for source, n_objects, rows in rows_by_source(groups, pairs):
+        # columns that only some sources need
         failed = ["failed"] if any(group.failed for group, _ in rows) else []
         gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
         unseen = ["seen"] if any(booster.source == source and not booster.seen for booster in training) else []
-        # shares of all images are no before and after where some have no partner
-        bare = {group.object: group.n for group, _ in rows if group.variant == UNPATCHED}
-        is_part = any(pair and {group.n, bare.get(group.object)} != {len(pair.pairs)} for group, pair in rows)
+        # if some images have no partner, a column compares the images in pairs
+        alone = {group.object: group.n for group, _ in rows if group.variant == UNPATCHED}
+        is_part = any(pair and {group.n, alone.get(group.object)} != {len(pair.pairs)} for group, pair in rows)
         both = ["in pairs"] if is_part else []
         numbers = ("n", *failed, *gates, *unseen, "top-1 %", "95 %", "top-5 %", "prob", *both, "gained", "lost", "p")
         cells = []
@@ -110,39 +111,42 @@ def build_tables(
             head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
             head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
             head += [mark_seen(training, source, group.object, group.variant) for _ in unseen]
-            cells.append([*head, *_format_group(group), *(_format_both(pair) for _ in both), *_format_change(pair)])
+            prob = NONE if group.mean_true_prob is None else f"{group.mean_true_prob:.2f}"
+            interval = format_interval(group.top1_ci95) if group.n else NONE
+            head += [format_percent(group.top1), interval, format_percent(group.top5), prob]
+            if pair is None:
+                cells.append([*head, *("" for _ in both), "", "", ""])
+                continue
+            found = pair.outcomes
+            head += [f"{found.n_first} → {found.n_second} of {found.n}" for _ in both]
+            cells.append([*head, str(found.only_second), str(found.only_first), format_p(found.mcnemar_p)])
         title = f"{source}: {count_of(n_objects, 'object')}"
         tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))
     return tables
 
 
-def _format_group(group: Group) -> list[str]:
-    if group.mean_true_prob is None:
-        return [NONE] * 4
-    shares = [format_percent(group.top1), format_interval(group.top1_ci95), format_percent(group.top5)]
-    return [*shares, f"{group.mean_true_prob:.2f}"]
-
-
-def _format_both(pair: Comparison | None) -> str:
-    """`2 → 4 of 11`: right without and with the booster, of the same pairs."""
-    return "" if pair is None else f"{pair.outcomes.n_first} → {pair.outcomes.n_second} of {pair.outcomes.n}"
-
-
-def _format_change(pair: Comparison | None) -> list[str]:
-    if pair is None:
-        return [""] * 3
-    return [str(pair.outcomes.only_second), str(pair.outcomes.only_first), format_p(pair.outcomes.mcnemar_p)]
-
-
 def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
-    """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
+    """Print for each pair of sources the gap, the ranks, the gains, and the poses that were predicted wrongly."""
     for comparison in comparisons:
         pairs = f"{count_of(len(comparison.pairs), 'pair')} of images of the same pose"
         title = f"{comparison.sim} and {comparison.real}: {pairs}, rendered and photographed"
-        gaps = [_format_gap(row) for row in pick_rows(comparison.rows)]
+        # accuracy of rig and photographs
+        gaps = []
+        for row in pick_rows(comparison.rows):
+            found = row.outcomes
+            gap = f"{format_points(found.gain)} ({format_points_interval(found.gain_ci95)})"
+            shares = [format_percent(count / found.n) for count in (found.n_first, found.n_second)]
+            tests = [format_p(found.mcnemar_p), format_rank(row.rank)]
+            gaps.append([row.object, row.second, str(found.n), *shares, gap, *tests])
         numbers = ("n", "rend. %", "phot. %", "gap (95 %)", "p", "rank correlation")
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
-        gains = [_format_gains(forecast) for forecast in pick_rows(comparison.forecasts)]
+        # poses that the booster gains in each
+        gains = []
+        for forecast in pick_rows(comparison.forecasts):
+            found = forecast.outcomes
+            counts = (found.n, found.both, found.only_first, found.only_second, found.neither)
+            points = [format_points(forecast.sim_gain), format_points(forecast.real_gain)]
+            gains.append([forecast.object, forecast.variant, *map(str, counts), format_kappa(found.kappa), *points])
         if gains:
             heads = ("n", "both", "rend. only", "phot. only", "neither", "kappa", "+ rend.", "+ phot.")
             title = "poses gained over unpatched, foreseen by the rig or not"
@@ -152,57 +156,37 @@ def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
         console.print()
 
 
-def _format_gap(row: Comparison) -> list[str]:
-    found = row.outcomes
-    gap = f"{format_points(found.gain)} ({format_points_interval(found.gain_ci95)})"
-    shares = [format_percent(count / found.n) for count in (found.n_first, found.n_second)]
-    return [row.object, row.second, str(found.n), *shares, gap, format_p(found.mcnemar_p), format_rank(row.rank)]
-
-
-def _format_gains(row: GainForecast) -> list[str]:
-    found = row.outcomes
-    counts = [str(count) for count in (found.n, found.both, found.only_first, found.only_second, found.neither)]
-    gains = [format_points(row.sim_gain), format_points(row.real_gain)]
-    return [row.object, row.variant, *counts, format_kappa(found.kappa), *gains]
-
-
-def _list_rest(one: SimReal) -> list[str]:
+def _list_rest(comparison: SimReal) -> list[str]:
     lines = []
-    if one.wrong:
+    if comparison.wrong:
         marks = "− the photograph does worse, + better"
-        lines.append(f"predicted wrongly, {len(one.wrong)} of {len(one.pairs)} ({marks}):")
-        found = _list_wrong(one.wrong)
+        lines.append(f"predicted wrongly, {len(comparison.wrong)} of {len(comparison.pairs)} ({marks}):")
+        found: dict[str, list[str]] = {}
+        for pair in comparison.wrong:
+            name, variant, pose_id = place_of(pair)
+            found.setdefault(f"{name} {variant}", []).append(f"{pose_id}{'+' if pair.is_gained else '−'}")
         lines += [f"  {who}: pose {', '.join(poses)}" for who, poses in list(found.items())[:MAX_WRONG]]
         if len(found) > MAX_WRONG:
             lines.append(f"  and {len(found) - MAX_WRONG} more lines, all in summary.json")
-    for name, left in ((one.real, one.unmatched_real), (one.sim, one.unmatched_sim)):
+    # images without a match
+    rest = ((comparison.real, comparison.unmatched_real), (comparison.sim, comparison.unmatched_sim))
+    for name, left in rest:
         if left:
             images = "image" if len(left) == 1 else "images, the first"
             lines.append(f"not compared, {name}: {len(left)} {images} {left[0][0]}: {left[0][1]}")
     return lines
 
 
-def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
-    """Object and variant -> the poses that were predicted wrongly, marked + where the photograph did better."""
-    found: dict[str, list[str]] = {}
-    for pair in pairs:
-        name, variant, pose_id = place_of(pair)
-        found.setdefault(f"{name} {variant}", []).append(f"{pose_id}{'+' if pair.is_gained else '−'}")
-    return found
-
-
 def list_unpaired(items: Sequence[tuple[str, str]], no_pairs: Sequence[tuple[str, int]]) -> list[str]:
-    """`list_lines` of images without a partner; those that differ in more than the booster in one line a reason."""
-    lines = [
-        f"{count_of(count, 'pair')} not formed, {reason} than the unpatched: shoot both again"
-        for reason, count in no_pairs
-    ]
+    """Return lines on images without a partner; those that differ in more than the booster are counted by reason."""
+    words = "than the unpatched: shoot both again"
+    lines = [f"{count_of(count, 'pair')} not formed, {reason} {words}" for reason, count in no_pairs]
     rest = [(path, why) for path, why in items if not why.startswith(NO_PAIR)]
     return lines + list_lines("without a partner", rest)
 
 
 def list_lines(title: str, items: Sequence[tuple[str, str]]) -> list[str]:
-    """`title` and one line per (path, reason), the rest counted; nothing without items."""
+    """Return `title` and a line for each (path, reason), the rest counted; nothing without items."""
     if not items:
         return []
     lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:MAX_LINES])]

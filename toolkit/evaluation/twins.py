@@ -1,4 +1,4 @@
-"""Photographs that show the same picture: as JPEG and PNG, at another size, or once with and once without booster."""
+"""Find photographs that are copies of one another: in another format or size, or in two folders."""
 
 from collections.abc import Sequence
 
@@ -9,34 +9,25 @@ from toolkit.captures.reconcile import SetAside
 from toolkit.evaluation.prediction import Prediction
 
 SIDE = 16
-"""Pictures are compared as SIDE × SIDE block means of what the network sees."""
+"""Images are compared as SIDE × SIDE block means of the network's input."""
 MOST_MEAN, MOST_ANY = 1.5, 10.0
 """Largest mean and largest single difference of two copies' block means, in codes of 255.
 
-Measured on 175 photographs: copies as JPEG of quality 75, or at 200 px, differ by at most 1.2 and 9.9. The two most
-similar of different photographs differ by 6.6 on average and 145 at most.
+Measured on 175 photographs. Copies (JPEG of quality 75, or 200 px) differ by at most 1.2 and 9.9, different
+photographs by at least 6.6 and 145.
 """
 FLAT = 2.0
-"""Standard deviation of block means, in codes, below which a picture shows nothing that could be told apart."""
+"""Standard deviation of block means, in codes, below which an image is too uniform to compare."""
 
 
 class TwinFinder:
-    """Finds photographs that are copies of one picture, from the pixels that a network is shown anyway.
-
-    Renders are left out: their manifest knows the camera of each, and a booster may be hidden from it.
-    """
+    """Finds photographs that are copies, from the network's input; renders are skipped, as a booster may be hidden."""
 
     def __init__(self) -> None:
-        """Nothing was looked at yet."""
         self._looks: dict[str, np.ndarray] = {}
 
     def look(self, capture: Capture, pixels: np.ndarray) -> None:
-        """Keep what a photograph looks like.
-
-        Args:
-            capture: the image; renders and images that are corrupted when they are read are passed over.
-            pixels: (n, n, 3) uint8 sRGB.
-        """
+        """Keep the block means of a photograph; `pixels` are (n, n, 3) uint8 sRGB."""
         if capture.is_rendered or capture.corruption is not None:
             return
         side = len(pixels) // SIDE * SIDE
@@ -47,11 +38,11 @@ class TwinFinder:
     def drop(self, predictions: Sequence[Prediction]) -> tuple[list[Prediction], list[SetAside]]:
         """Return the predictions that count, and the images that do not.
 
-        Of copies within a variant the first by name counts. If an unmodified and a boosted image, or images of two
-        objects, are the same picture, then one lies in the wrong folder, and neither counts.
+        The first by name counts of copies within a variant. If copies have different objects, or are unpatched and
+        boosted, an image is in the wrong folder, and neither counts.
         """
         groups: dict[str, list[Prediction]] = {}
-        for prediction in sorted(predictions, key=lambda one: one.capture.path):
+        for prediction in sorted(predictions, key=lambda item: item.capture.path):
             if prediction.capture.path in self._looks:
                 groups.setdefault(prediction.capture.source, []).append(prediction)
         aside: dict[str, SetAside] = {}
@@ -62,13 +53,13 @@ class TwinFinder:
         return [prediction for prediction in predictions if prediction.capture.path not in aside], list(aside.values())
 
     def _find_pairs(self, group: Sequence[Prediction]) -> list[tuple[Prediction, Prediction]]:
-        """Return each image with the first by name that looks like it."""
-        looks = np.stack([self._looks[one.capture.path] for one in group])
+        """Return the pairs of images that are copies, by name."""
+        looks = np.stack([self._looks[prediction.capture.path] for prediction in group])
         means = looks.mean(1)
         order = np.argsort(means, kind="stable")
         found = []
         for place, at in enumerate(order):
-            # copies differ by less than MOST_MEAN on average, so they stand close in this order
+            # copies differ by less than MOST_MEAN on average, so they are close in this order
             end = place + 1 + np.searchsorted(means[order[place + 1 :]], means[at] + MOST_MEAN, "right")
             others = order[place + 1 : end]
             apart = np.abs(looks[others] - looks[at])
@@ -79,14 +70,14 @@ class TwinFinder:
 
 
 def _judge(first: Capture, second: Capture) -> list[SetAside]:
-    """Return what does not count of two images that show the same picture."""
-    one, other = (capture.path for capture in (first, second))
+    """Return the images that do not count, of two copies."""
+    path_a, path_b = (capture.path for capture in (first, second))
     if first.object != second.object:
         why = "the same picture as one of another object: {}. One of them lies in the wrong folder"
-        return [SetAside(one, why.format(other)), SetAside(other, why.format(one))]
+        return [SetAside(path_a, why.format(path_b)), SetAside(path_b, why.format(path_a))]
     if first.variant == second.variant:
-        return [SetAside(other, f"a copy of a photograph that counts once: {one}", is_fault=False)]
+        return [SetAside(path_b, f"a copy of a photograph that counts once: {path_a}", is_fault=False)]
     if UNPATCHED in (first.variant, second.variant):
         why = "unpatched and boosted are the same picture: {}. One of them lies in the wrong folder"
-        return [SetAside(one, why.format(other)), SetAside(other, why.format(one))]
+        return [SetAside(path_a, why.format(path_b)), SetAside(path_b, why.format(path_a))]
     return []

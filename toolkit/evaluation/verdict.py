@@ -1,4 +1,4 @@
-"""The result in words: does the booster help, is it this booster, what do the controls say, how sure is that."""
+"""Results in words: whether the booster helps, and what the controls show."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ from toolkit.evaluation.metrics import (
 STICKER, EITHER = "object or sticker?", "patch or texture?"
 MOST = 0.5
 ONE_WAY_FLIPS = 6
-"""The fewest pairs that must change, all one way, for an exact McNemar p below 0.05: 2 · 0.5⁶ = 0.031."""
+"""Fewest changed pairs, all in one direction, for an exact McNemar p below 0.05."""
 Groups = Mapping[str, Group]
-"""The pooled groups of a source, by variant."""
+"""Pooled groups of a source, by variant."""
 Comparisons = Mapping[tuple[str, str], Comparison]
-"""The pooled comparisons of a source, by both variants."""
+"""Pooled comparisons of a source, by both variants."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,10 @@ class Verdict:
 
     Attributes:
         tone: `good`, `bad` or `open`.
-        sentence: the result with its numbers, or the numbers behind the verdict.
-        verdict: a few words; empty where the sentence says it.
-        source, variant: what it is about.
-        question: that it answers, where the variants were shot to ask it.
-        brief: the numbers in a few words, for those who read no sentence; empty where the verdict says them.
+        sentence: result with its numbers.
+        verdict: result in a few words; empty if the sentence is enough.
+        question: question that it answers, if the variants were shot for it.
+        brief: numbers in a few words; empty if the verdict has them.
     """
 
     tone: str
@@ -54,35 +53,28 @@ class Verdict:
     brief: str = ""
 
     def as_json(self) -> dict[str, str]:
-        """The fields of `summary.json`."""
+        """Return the fields of `summary.json`."""
         return {key: getattr(self, key) for key in ("source", "question", "tone", "verdict", "sentence")}
 
 
 def find_tone(interval: tuple[float | None, float | None] | None, none: float = 0.0) -> str:
-    """`good` or `bad` where the whole interval lies above or below what no effect is, else `open`; None: no end."""
+    """Return `good` or `bad` if the whole interval is above or below no effect, else `open`; an end may be None."""
     low, high = interval or (None, None)
     return "good" if low is not None and low > none else "bad" if high is not None and high < none else "open"
 
 
 def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence[Comparison]) -> list[Verdict]:
-    """For each source: a headline per booster, or for a source with nothing to compare, then what the controls say.
-
-    Args:
-        network: its name.
-        groups: from `group_predictions`.
-        comparisons: from `compare_unpatched` and `compare_controls`.
-    """
+    """Return for each source a headline for each booster, then the results of the controls."""
     headlines = []
     pooled_of = gather((group for group in groups if group.object == POOLED), lambda group: [group.source])
-    rows_of = gather(
-        (comparison for comparison in comparisons if comparison.object == POOLED),
-        lambda comparison: [comparison.source],
-    )
+    rows_of = gather((row for row in comparisons if row.object == POOLED), lambda row: [row.source])
     for source, own in pooled_of.items():
         pooled = {row.variant: row for row in own}
         rows = {(row.first, row.second): row for row in rows_of.get(source, ())}
         answers = _answer_controls(network, pooled, rows)
-        for variant in _pick_variants(pooled):
+        # controls have a headline only if their booster was not shot
+        boosters = [name for name in pooled if name not in (UNPATCHED, ALONE) and OWNERS.get(name) not in pooled]
+        for variant in boosters or ([UNPATCHED] if UNPATCHED in pooled else []):
             question = ask_help(variant) if answers else ""
             headlines.append(_judge_booster(network, pooled, rows.get((UNPATCHED, variant)), variant, question))
         headlines += answers
@@ -90,19 +82,13 @@ def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence
 
 
 def ask_help(variant: str) -> str:
-    """`does the patch help?`, empty for a variant that is no booster of this kit."""
+    """Return `does the patch help?`; empty for a variant that is not a built-in booster."""
     return f"does the {NOUNS[variant]} help?" if variant in NOUNS else ""
 
 
 def ask_this(booster: str) -> str:
-    """`is it this patch?` or texture."""
+    """Return `is it this patch?` or `is it this texture?`."""
     return f"is it this {NOUNS[booster]}?"
-
-
-def _pick_variants(groups: Groups) -> list[str]:
-    """What gets a headline of its own: boosters; controls where the booster that they belong to was not shot."""
-    boosters = [name for name in groups if name not in (UNPATCHED, ALONE) and OWNERS.get(name) not in groups]
-    return boosters or ([UNPATCHED] if UNPATCHED in groups else [])
 
 
 def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant: str, question: str) -> Verdict:
@@ -111,9 +97,10 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         sentence = f"{network} is right on {_format_group(after)} of the {variant} images."
         verdict = "Accuracy alone, nothing to compare with"
         return Verdict("open", sentence, verdict, after.source, variant, question)
+    # accuracy with and without the booster
     name, where = name_booster(variant), ""
     counts = (after.n_top1, after.n), (before.n_top1, before.n)
-    if row is not None and {after.n, before.n} != {row.outcomes.n}:  # an image without a partner has no part in it
+    if row is not None and {after.n, before.n} != {row.outcomes.n}:  # images without a partner do not count
         counts = (row.outcomes.n_second, row.outcomes.n), (row.outcomes.n_first, row.outcomes.n)
         where = f", at the {row.outcomes.n} poses shot both ways"
     with_it, without = (format_count(*count) for count in counts)
@@ -127,7 +114,7 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
-    """Whether what is called `name` helps: tone, verdict, and the sentence that says why; first is without it."""
+    """Return tone, verdict and reason whether `name` helps; the first of each pair is without it."""
     sentence = (
         f"Of {count_of(outcomes.n, 'pair')}, {outcomes.only_second} became right and {outcomes.only_first} became "
         f"wrong ({format_test(outcomes.mcnemar_p)})."
@@ -142,7 +129,7 @@ def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
 
 
 def describe_unsure(outcomes: PairedOutcomes) -> str:
-    """Which way it points where no test is passed; never that it does nothing."""
+    """Return the direction of a result that is not significant; never that there is no effect."""
     gained, lost = outcomes.only_second, outcomes.only_first
     if not gained and not lost:
         return "No pair changed"
@@ -154,7 +141,7 @@ def describe_unsure(outcomes: PairedOutcomes) -> str:
 
 
 def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Verdict]:
-    """The answers that the variants of a source allow, none where there are no controls and no two boosters."""
+    """Return the answers that the variants of a source allow."""
     answers = []
     for booster, names in RIVALS.items():
         rivals = [rows[booster, name] for name in names if (booster, name) in rows]
@@ -163,21 +150,26 @@ def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Ve
         alone = groups.get(ALONE)
         if booster == PATCHED and alone is not None and alone.n:
             answers.append(_object_or_sticker(network, alone, rows.get((PATCHED, ALONE))))
-    either = rows.get((PATCHED, TEXTURED))
-    return answers if either is None else [*answers, _patch_or_texture(network, either)]
+    if (either := rows.get((PATCHED, TEXTURED))) is not None:
+        tone, verdict, names = "open", "No difference shown between patch and texture", ("the patch", "the texture")
+        if either.outcomes.first_is_better or either.outcomes.second_is_better:
+            tone, verdict = "good", f"The {'patch' if either.outcomes.first_is_better else 'texture'} does better"
+        sentence = _compare_both(network, either.outcomes, names, names)
+        answers.append(Verdict(tone, sentence, verdict, either.source, TEXTURED, EITHER))
+    return answers
 
 
 def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[Comparison]) -> Verdict:
     noun = NOUNS[booster]
-    # of equal baselines the hardest to beat: with the fewest poses that only the booster got right
+    # of equal controls the hardest to beat: with the fewest poses that only the booster gains
     best = max(
         rivals,
         key=lambda row: (row.outcomes.n_second / row.outcomes.n, row.outcomes.only_second - row.outcomes.only_first),
     )
     beaten = [row for row in rivals if row.outcomes.first_is_better]
-    against_bare = rows.get((UNPATCHED, booster))
-    # where bare was not shot too, nothing says that it does not help
-    helps = against_bare is None or against_bare.outcomes.second_is_better
+    against_none = rows.get((UNPATCHED, booster))
+    # without `unpatched`, nothing shows that the booster does not help
+    helps = against_none is None or against_none.outcomes.second_is_better
     tone, verdict = "open", f"Not shown to be this {noun}"
     if best.outcomes.second_is_better:
         tone, verdict = "bad", f"It is not this {noun}: '{best.second}' does better"
@@ -197,15 +189,6 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     return Verdict(tone, sentence, verdict, best.source, booster, ask_this(booster))
 
 
-def _patch_or_texture(network: str, row: Comparison) -> Verdict:
-    tone, verdict = "open", "No difference shown between patch and texture"
-    if row.outcomes.first_is_better or row.outcomes.second_is_better:
-        tone, verdict = "good", f"The {'patch' if row.outcomes.first_is_better else 'texture'} does better"
-    names = ("the patch", "the texture")
-    sentence = _compare_both(network, row.outcomes, names, names)
-    return Verdict(tone, sentence, verdict, row.source, TEXTURED, EITHER)
-
-
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
     return (
         f"On the same {found.n} poses {network} is right on {format_count(found.n_first, found.n)} with {names[0]} and "
@@ -215,7 +198,7 @@ def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], s
 
 
 def _describe_wrong(row: Comparison) -> str:
-    """What another class's patch does to the true class."""
+    """Return a sentence on the effect of another class's patch."""
     found = row.outcomes
     says, count = row.commonest_mistake
     mistake = f"; its commonest mistake is '{says}' ({count} of {found.n})" if says else ""
@@ -228,6 +211,7 @@ def _describe_wrong(row: Comparison) -> str:
 
 
 def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Verdict:
+    # the patch without the object
     low, high = alone.top1_ci95
     sentence = f"The sticker alone, with no object, is enough for {network} in {_format_group(alone)} of its poses"
     if row is None:
@@ -240,7 +224,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
             f"only without it ({format_test(found.mcnemar_p)})."
         )
     needs_object = row is not None and row.outcomes.first_is_better
-    # the whole interval above a half: "mostly" is shown, not just seen
+    # "mostly" needs the whole interval above a half
     if low > MOST:
         tone, verdict = "bad", "The network reads the sticker, not the object"
         if needs_object:

@@ -1,4 +1,4 @@
-"""`toolkit verify`: make a result again from its images and weights, and say whether it is the same."""
+"""`toolkit verify`: compute a result again from its images and weights, and compare the two."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,21 +16,19 @@ from toolkit.evaluation.summaries import SUMMARY, Run, begin_summary, open_run
 from toolkit.models.network import Classifier
 
 ANSWERS = ("true_index", "top1_index", "correct_top1", "correct_top5", "status")
-"""What a result counts; probabilities may differ in their last digits from one machine to another."""
+"""Fields that a result counts; the last digits of probabilities may differ between machines."""
 COUNTED = ("groups", "pairs", "controls")
-"""The parts of a summary that follow from the predictions."""
+"""Parts of a summary that follow from the predictions."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """How a result compares with what was found this time.
+    """A result against its computation now.
 
     Attributes:
-        run: name of the run.
-        n: images in its table.
-        differing: (path, what differs) of images whose answer is another, or that are in one table alone.
-        other_digits: images with the same answer and other digits of a probability.
-        parts: what else differs: `images`, if their files are others, and parts of the summary.
+        differing: (path, difference) of images with another prediction, or in one table alone.
+        other_digits: number of images with the same prediction and other digits of a probability.
+        parts: `images` if their files differ, and parts of the summary that differ.
     """
 
     run: str
@@ -41,16 +39,16 @@ class Verified:
 
     @property
     def is_same(self) -> bool:
-        """Whether the result was found again."""
+        """Whether the result is the same."""
         return not self.differing and not self.parts
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
+        """Return the result for a script."""
         differing = [{"path": path, "reason": why} for path, why in self.differing]
         return vars(self) | {"same": self.is_same, "differing": differing, "parts": list(self.parts)}
 
     def describe(self) -> str:
-        """The result in one sentence."""
+        """Return the result as a sentence."""
         digits = f", {self.other_digits} with other digits of a probability" if self.other_digits else ""
         if self.is_same:
             return f"{self.run}: the same result, {self.n} of {self.n} answers{digits}"
@@ -59,11 +57,7 @@ class Verified:
 
 
 def read_asked(workspace: Workspace, name: str | Path) -> tuple[Run, dict[str, Any]]:
-    """Return a run, and its summary, which states what the run was asked.
-
-    Raises:
-        ToolkitError: there is no such run, its summary is damaged, or it does not state what was asked.
-    """
+    """Return a run and its summary; a `ToolkitError` if the summary does not hold what the run was asked."""
     run = open_run(workspace, name)
     summary = load_json(run.folder / SUMMARY)
     asked = summary.get("asked")
@@ -76,31 +70,28 @@ def read_asked(workspace: Workspace, name: str | Path) -> tuple[Run, dict[str, A
 
 
 def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -> Verified:
-    """Make the result of `toolkit eval` again, and compare it with its files; nothing is written.
-
-    Args:
-        workspace: whose run and captures are meant.
-        name: of the run below `eval/`, or its folder.
-        classifier: the network that judged.
+    """Compute a result of `toolkit eval` again, and compare it with its files; nothing is written.
 
     Raises:
-        ToolkitError: as `read_asked` and `evaluate_captures`, or the network is another than the result's.
+        ToolkitError: as `read_asked` and `evaluate_captures`, or the network is not the run's.
     """
     run, summary = read_asked(workspace, name)
     asked, model = summary["asked"], summary["model"]
     here = begin_summary("eval", classifier)["model"]
-    # weights that were saved again are the same network; older summaries know their file alone
+    # weights that were saved again are the same network; older summaries hold only the hash of the file
     field = "network_id" if model.get("network_id") else "sha256"
     if model.get(field) != here[field]:
         raise ToolkitError(
             f"{run.name}: judged by {model.get('name')} with {field} {model.get(field)}, and {classifier.name} here "
             f"has {here[field]}: name the network that judged with --model or --weights"
         )
+    # classify again
     captures_dir = workspace.root / asked["captures"]
     config = EvalConfig(**{key: asked[key] for key in ASKED}, saliency=False)
     findings, notes = judge_captures(captures_dir, workspace, classifier, config)
     before = {prediction.capture.path: prediction for prediction in read_predictions(run, captures_dir)}
     now = {prediction.capture.path: prediction for prediction in findings.predictions}
+    # compare predictions, image hashes and statistics
     differing = {path: why for path in sorted(before | now) if (why := _compare(before.get(path), now.get(path)))}
     again = summarise(classifier, findings, notes)
     before_sha256 = (summary.get("rests_on") or {}).get("images_sha256")
@@ -112,20 +103,20 @@ def verify_run(workspace: Workspace, name: str | Path, classifier: Classifier) -
 
 
 def _compare(before: Prediction | None, now: Prediction | None) -> str | None:
-    """Return in what two answers about one image differ, in words; None if in nothing that is counted."""
+    """Return how two predictions for an image differ, in words; None if nothing that counts differs."""
     if before is None:
         return "not in the table"
     if now is None:
         return "in the table, and does not count now"
     names = [name for name in ANSWERS if getattr(before, name) != getattr(now, name)]
-    was, is_now = (", ".join(f"{name} {getattr(one, name)}" for name in names) for one in (before, now))
+    was, is_now = (", ".join(f"{name} {getattr(prediction, name)}" for name in names) for prediction in (before, now))
     return f"{was} in the table, {is_now} now" if names else None
 
 
 def _round(content: Any) -> Any:
-    """Return a part of a summary with its numbers rounded below what a machine's last digits change."""
+    """Return a part of a summary with rounded numbers, as last digits differ between machines."""
     if isinstance(content, float):
         return round(content, 4)
     if isinstance(content, dict):
         return {key: _round(value) for key, value in content.items()}
-    return [_round(one) for one in content] if isinstance(content, list | tuple) else content
+    return [_round(item) for item in content] if isinstance(content, list | tuple) else content
