@@ -53,6 +53,20 @@ def test_a_mistyped_command_is_answered_by_the_nearest():
     assert str(outcome.exception) == "no command called 'trian-patch': did you mean train-patch or train-patches?"
 
 
+def test_toolkit_alone_prints_the_commands_of_the_road_and_where_the_others_are():
+    outcome = CliRunner().invoke(app, [])
+    assert outcome.exit_code == 2 and len(outcome.output.splitlines()) <= 12
+    words = [line.split()[1] for line in outcome.output.splitlines() if line.startswith("  toolkit ")]
+    assert words == ["train-patch", "print", "plan", "capture-sim", "eval"]
+    assert "'toolkit --help'" in outcome.output and "'toolkit demo'" in outcome.output
+
+
+@pytest.mark.parametrize(("name", "entry"), list_places())
+def test_a_commands_help_begins_with_its_verb(name, entry):
+    first, verb = load(entry.place).__doc__.split()[0], entry.about.split()[0]
+    assert first[0].isupper() and not first.endswith(("s", "ing", "ed")) and verb == verb.lower(), (name, first)
+
+
 def test_the_version_is_printed():
     assert CliRunner().invoke(app, ["--version"]).output == f"toolkit {__version__}\n"
 

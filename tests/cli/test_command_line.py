@@ -69,8 +69,6 @@ def test_help_lists_the_road(run):
         out.index(f"  {name} ") for name in ("demo", "init", "train-patch", "print", "plan", "capture-sim", "eval")
     ]
     assert all(place > 0 for place in places)
-    code, out, err = run()
-    assert "Usage" in out + err
 
 
 @pytest.mark.slow
@@ -143,7 +141,7 @@ def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
     monkeypatch.setattr("toolkit.cli.setup.make_workspace", stop)
     code, _, err = run("init", "here")
     assert code == 130 and "Traceback" not in err
-    assert err == "stopped: what is finished is kept; run the same command again to go on\n"
+    assert err == "stopped: finished work is kept; run the same command again to resume\n"
 
 
 def test_init_makes_a_workspace_and_says_what_is_next(run, tmp_path):

@@ -107,6 +107,19 @@ def test_two_fields_with_one_flag_are_a_mistake_of_ours():
         from_config(job=Job)(lambda job: None)
 
 
+def test_a_named_tuple_stands_for_the_options_of_its_fields(received):
+    @from_config(one=Turn)
+    def work(network: options.NamedNetwork, one: Turn) -> None:
+        received.update(network=network)
+        if network.device == "odd":
+            raise FieldError("expected with {weights}", {"model": network.model})
+
+    assert run(work, "--model", "vgg11", "--device", "cpu")[0] == 0
+    assert received["network"] == options.NamedNetwork("vgg11", None, "cpu")
+    assert run(work)[0] == 0 and received["network"] == options.NamedNetwork()
+    assert run(work, "--model", "x", "--device", "odd")[2] == "--model x: expected with --weights"
+
+
 def test_a_ready_config_and_a_positional_argument(received):
     @from_config(crop=Crop, one=Turn)
     def work(crop: Crop, one: Turn) -> None:

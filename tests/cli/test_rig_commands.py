@@ -74,7 +74,7 @@ def test_the_preview_draws_positions_and_what_they_see(space):
 def test_eighteen_pairs_show_what_the_statistics_tables_say():
     """Wilson's interval of 9/18 is 29.0-71.0 %; six of six flips have p = 2/64 = 0.031, five 2/32 = 0.0625."""
     words = what_pairs_can_show(18)
-    assert "with 18 pairs, 9 right means 29–71 %" in words and "6 changes for the better" in words
+    assert "with 18 pairs, 9 correct means 29–71 %" in words and "6 changes for the better" in words
     assert "no number of changes" in what_pairs_can_show(5)
     assert what_pairs_can_show(1).startswith("with 1 pair, ")
 

@@ -23,18 +23,21 @@ app = make_app()
 
 
 def main() -> None:
-    """Run the command line; whatever goes wrong becomes a line on stderr, never a traceback that nobody asked for.
+    """Run the command line; every error becomes a line on stderr, with a traceback only under --debug.
 
-    What cannot be used ends with exit code 2, a defect of the kit with 1, Ctrl-C with 130.
+    Bad input ends with exit code 2, a defect of toolkit with 1, Ctrl-C with 130.
     """
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look into every installed package for some
+    # pydantic would look for plugins in every installed package
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
+            stream.reconfigure(errors="backslashreplace")  # a terminal may lack letters
     typed = [word for word in sys.argv[1:] if word != DEBUG]
+    # libraries log and warn: trimesh logs a traceback for each file that it cannot read
     if not _is_debugging():
-        _quiet_libraries()
+        logging.lastResort = logging.NullHandler()
+        warnings.filterwarnings("ignore", module=r"(?!toolkit\b)")
     try:
         with _join_processes(typed):
             code = app(typed, standalone_mode=False) or 0
@@ -42,7 +45,7 @@ def main() -> None:
     except BaseException as error:
         code = _end(error, typed)
     if code == INTERRUPTED:
-        typer.echo("stopped: what is finished is kept; run the same command again to go on", err=True)
+        typer.echo("stopped: finished work is kept; run the same command again to resume", err=True)
     sys.exit(code)
 
 
@@ -50,24 +53,18 @@ def _is_debugging() -> bool:
     return DEBUG in sys.argv[1:] or bool(os.environ.get("TOOLKIT_DEBUG"))
 
 
-def _quiet_libraries() -> None:
-    """Keep what libraries log and warn of to themselves: trimesh logs a traceback for each file that it cannot read."""
-    logging.lastResort = logging.NullHandler()  # in place of the handler that prints what no other takes
-    warnings.filterwarnings("ignore", module=r"(?!toolkit\b)")
-
-
 def _open_closed_streams() -> None:
-    """If a shell closed a stream (`>&-`), the next opened file would take its place, and get what is printed."""
+    """Open streams that a shell closed (`>&-`): the next opened file would take their place, and get the output."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this stream's
+            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this stream's
             setattr(sys, name, os.fdopen(opened, "r" if number == 0 else "w", closefd=False))
 
 
 def _join_processes(typed: list[str]) -> AbstractContextManager[None]:
-    """Train with the processes that torchrun started; any other command is run by the first of them alone."""
+    """Train with the processes that torchrun started; only the first of them runs any other command."""
     if LAUNCHED not in os.environ:
         return nullcontext()
     if typed[:1] and typed[0] in TRAINED_TOGETHER:
@@ -78,7 +75,7 @@ def _join_processes(typed: list[str]) -> AbstractContextManager[None]:
 
 
 def _end(error: BaseException, typed: list[str]) -> int:
-    """Say in a line what ended a command; returns its exit code."""
+    """Print why a command ended, as a line; return its exit code."""
     if isinstance(error, KeyboardInterrupt | typer.Abort):
         return INTERRUPTED
     if isinstance(error, SystemExit):
@@ -89,6 +86,7 @@ def _end(error: BaseException, typed: list[str]) -> int:
     if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help
         typer.echo(error, err=True)
         return BAD_INPUT
+    # every other error is explained in a line or two
     lines, code = explain_end(error, typed)
     with suppress(OSError):
         if _is_debugging():
@@ -103,7 +101,7 @@ def _end(error: BaseException, typed: list[str]) -> int:
 
 
 def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]:
-    """What to say of an error that ended a command, a line each, and its exit code."""
+    """Return the lines for an error that ended a command, and the exit code."""
     match error:
         case ToolkitError():
             return [f"error: {error}"], BAD_INPUT
@@ -116,23 +114,21 @@ def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]
         case OSError():
             return [f"error: {error.strerror or error}"], BAD_INPUT
         case MemoryError():
-            return ["error: the memory is full: ask for fewer or smaller pictures, or a smaller batch"], BAD_INPUT
+            return ["error: the memory is full: use fewer or smaller images, or a smaller batch"], BAD_INPUT
         case UnicodeEncodeError():
-            found = error.object[error.start : error.end]
-            return [
-                f"error: {found!a} is no character and cannot be written: rename what has it in its name"
-            ], BAD_INPUT
-    # anything else is a defect of ours
+            line = f"error: {error.object[error.start : error.end]!a} is no character and cannot be written"
+            return [f"{line}: rename the file that has it in its name"], BAD_INPUT
+    # any other error is a defect of ours
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
     said = " ".join(str(error).split())
     return [
         f"error: {type(error).__name__}{where}: {shorten(said, 300)}",
-        f"this is a defect of toolkit: please report it, with what the same command prints under {DEBUG}",
+        f"this is a defect of toolkit: please report it, with the output of the same command under {DEBUG}",
     ], DEFECT
 
 
 def _close_output() -> None:
-    """Leave nothing for Python to write at its end, which would fail again."""
+    """Send further output to the null device: writing it when Python ends would fail again."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -16,10 +16,11 @@ from toolkit.core.text import shorten
 
 SHARED = "Every command"
 DEBUG = "--debug"
-"""Taken out of what is typed before anything reads it, so that it may stand anywhere."""
+"""Removed from the words before they are parsed, so that it may stand anywhere."""
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
-"""Error in what was typed: Click's own class, or the class of the copy of Click that newer typers carry."""
+"""Error in the typed words: Click's own class, or the class of the copy of Click in newer typers."""
 
+ABOUT = "Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate."
 PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 110},
@@ -28,13 +29,13 @@ PLAIN: dict[str, Any] = {
 
 TYPE = re.compile(r"<[\w\[\], ]+>")
 METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
-"""What stands for a value of a type in the help, where the option names nothing better."""
-
-
+"""Metavar of an option's type in the help, if the option has none of its own."""
+ROAD = ("train-patch", "print", "plan", "capture-sim", "eval")
+"""Commands of the shortest way to a result, which `toolkit` alone lists."""
 SWITCHED = {
     "--pose": "--vary-pose", "--no-pose": "--no-vary-pose", "--light": "--vary-light", "--no-light": "--no-vary-light",
 }  # fmt: skip
-"""Elsewhere these name a pose of the plan, and the light of the rig."""
+"""Earlier switches: other commands use their names for a pose of the plan and the light of the rig."""
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
@@ -49,14 +50,14 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "train-wrap": Entry("trainings:train_wrap", "train what is on the pieces of a wrap"),
+        "train-wrap": Entry("trainings:train_wrap", "train the pictures on the pieces of a wrap"),
         "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
-        "place": Entry("rig:place", "find where on an object a patch is best stuck"),
+        "place": Entry("rig:place", "find the best place for a patch on an object"),
         "wrap": Entry("rig:wrap", "cut an object's surface into flat pieces"),
         "plan": Entry("rig:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("rig:capture_sim", "shoot every object at every pose"),
         "eval": Entry("evaluate:evaluate", "classify a capture folder: table, statistics, report"),
-        "view": Entry("rig:view", "see plan, captures and wraps in a live 3D viewer"),
+        "view": Entry("rig:view", "show plan, captures and wraps in a 3D viewer"),
         "coco": Entry("rig:write_boxes", "write the objects' boxes and masks as COCO"),
     },
     "Your photographs": {},
@@ -66,34 +67,34 @@ GROUPS: dict[str, dict[str, Entry]] = {
         ),
         "train-classifier": Entry("trainings:train_classifier", "train a classifier of your own classes"),
         "head": Entry("encoders:head", "make a classifier of an encoder and a folder of images"),
-        "zero-shot": Entry("encoders:zero_shot", "make a classifier of prompts, by CLIP, SigLIP and their kin"),
-        "refine-network": Entry("trainings:refine_network", "refine a network so that boosters carry over"),
+        "zero-shot": Entry("encoders:zero_shot", "make a classifier of prompts, with CLIP or SigLIP"),
+        "refine-network": Entry("trainings:refine_network", "refine a network so that boosters transfer"),
     },
     "Worlds": {},
     "Landing": {},
     "Challenge": {},
     "Results": {
-        "runs": Entry("runs:list_runs", "list what every run found, as one table"),
-        "verify": Entry("runs:verify", "make a result again, and compare it"),
-        "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
-        "report": Entry("runs:report", "one page of many runs: filters, flips"),
-        "export": Entry("runs:export", "predictions as Parquet, objects as 3MF"),
+        "runs": Entry("runs:list_runs", "list the results of every run as a table"),
+        "verify": Entry("runs:verify", "compute a result again, and compare it"),
+        "compare": Entry("runs:compare", "compare two runs image by image"),
+        "report": Entry("runs:report", "write a page of many runs"),
+        "export": Entry("runs:export", "write predictions as Parquet, objects as 3MF"),
     },
     "Set-up": {
         "init": Entry("setup:init", "make a workspace"),
-        "add": Entry("setup:add", "add an object of your own from its mesh"),
-        "demo": Entry("setup:demo", "run every step in a new workspace, as an example"),
-        "objects": Entry("setup:list_objects", "list the objects that can be photographed"),
-        "models": Entry("setup:list_models", "list the networks that are at hand"),
-        "doctor": Entry("setup:doctor", "check what the kit needs from this machine"),
+        "add": Entry("setup:add", "add your own object from its mesh"),
+        "demo": Entry("setup:demo", "run every step in a new workspace"),
+        "objects": Entry("setup:list_objects", "list the objects, built in and your own"),
+        "models": Entry("setup:list_models", "list the networks with weights on this machine"),
+        "doctor": Entry("setup:doctor", "check this machine for everything that is needed"),
     },
 }
-"""Heading in the help -> the core's commands. Those of the rooms follow them; `list_groups` has all."""
+"""Heading in the help -> commands of the core; `list_groups` adds the commands of the rooms."""
 
 
 @cache
 def list_groups() -> dict[str, dict[str, Entry]]:
-    """Return all commands under their headings, each with its whole place."""
+    """Return all commands under their headings, each with its full place."""
     groups = {heading: _find_places("toolkit.cli", entries) for heading, entries in GROUPS.items()}
     for name, room in find_rooms().items():
         for heading, entries in room.commands.items():
@@ -106,31 +107,21 @@ def _find_places(package: str, entries: Mapping[str, Entry]) -> dict[str, Entry]
 
 
 def list_places() -> Sequence[tuple[str, Entry]]:
-    """Every command's name and entry."""
+    """Return every command's name and entry."""
     return [(name, entry) for entries in list_groups().values() for name, entry in entries.items()]
 
 
-def list_words() -> dict[str, str]:
-    """Return each word that several commands begin with, and what is said of them."""
-    return {word: about for room in find_rooms().values() for word, about in room.words.items()}
-
-
 class GroupedCommand(TyperCommand):
-    """A command whose help lists its options under the headings that they name."""
+    """A command whose help lists its options under their headings."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """`[OPTIONS] PHOTOS...`."""
+        """Return `[OPTIONS] PHOTOS...`."""
         arguments = [parameter for parameter in self.get_params(ctx) if parameter.param_type_name == "argument"]
-        return [
-            "[OPTIONS]",
-            *(
-                _name_parameter(argument) if argument.required else f"[{_name_parameter(argument)}]"
-                for argument in arguments
-            ),
-        ]
+        names = [(_name_parameter(argument), argument.required) for argument in arguments]
+        return ["[OPTIONS]", *(name if is_required else f"[{name}]" for name, is_required in names)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write every parameter under its heading; what every command has comes last."""
+        """Write every parameter under its heading; the options of every command come last."""
         sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
@@ -149,11 +140,7 @@ class GroupedCommand(TyperCommand):
                     formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it.
-
-        Raises:
-            ToolkitError: as the command says; fields are written as their flags.
-        """
+        """Run the command; the message of a `FieldError` then names flags."""
         try:
             return super().invoke(ctx)
         except FieldError as error:
@@ -164,14 +151,14 @@ class GroupedCommand(TyperCommand):
 
 
 def _name_parameter(parameter: Any) -> str:
-    """`--size-mm`, or an argument's metavar."""
+    """Return `--size-mm`, or an argument's metavar."""
     if parameter.param_type_name == "option":
         return str(parameter.opts[0])
     return str(parameter.metavar or parameter.name.upper())
 
 
 def spell_flag(path: str, names: Mapping[str, str]) -> str:
-    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
+    """Return the flag of a field, found by its path or its last name; its path if it has no flag."""
     if path in names:
         return names[path]
     last = path.rpartition(".")[2]
@@ -180,34 +167,32 @@ def spell_flag(path: str, names: Mapping[str, str]) -> str:
 
 
 def show_typed(flag: str, value: object) -> str:
-    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
+    """Return a flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
     if isinstance(value, bool) and flag.startswith("--"):
         return flag if value else f"--no-{flag.removeprefix('--')}"
     return f"{flag} {show_value(value)}"
 
 
 def write_bounds(text: str) -> str:
-    """Help with ranges in words: `1<=x<=5` as `1 to 5`."""
-    text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # these go without saying
+    """Return help with ranges in words: `1<=x<=5` as `1 to 5`."""
+    text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # obvious bounds
     return re.sub(r"x>=(\d+)", r"at least \1", re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text))
 
 
 def _name_type(found: re.Match[str]) -> str:
-    names = [
-        METAVARS.get(word, word) for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")
-    ]
-    return " ".join(names)
+    words = [word for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")]
+    return " ".join(METAVARS.get(word, word) for word in words)
 
 
 class LazyCommand(TyperCommand):
-    """A command of which only name and summary are known until it is called."""
+    """A command whose name and summary are known before its module is loaded."""
 
     def __init__(self, name: str, entry: Entry, group: str) -> None:
         super().__init__(name, help=entry.about, short_help=entry.about, rich_help_panel=group, rich_markup_mode=None)
         self.entry = entry
 
     def load(self, is_completed: bool = False) -> Any:
-        """The whole command; where the shell `is_completed`, with values to offer."""
+        """Return the whole command; if the shell `is_completed`, with values to offer."""
         function = load(self.entry.place)
         if is_completed:
             from toolkit.cli.complete import offer_values
@@ -216,22 +201,22 @@ class LazyCommand(TyperCommand):
         return typer.main.get_command(make_single(function, str(self.name)))
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Load the command, and go on with it."""
+        """Load the command, and parse the words; earlier spellings of options are replaced first."""
         command = self.load(is_completed=bool(extra.get("resilient_parsing")))
+        # an earlier spelling counts only if no option has it now
         known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
         old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
-        return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
-
-
-def _respell(word: str, old: Mapping[str, str]) -> str:
-    name, equals, value = word.partition("=")
-    return f"{old[name]}{equals}{value}" if name in old else word
+        parts = [word.partition("=") for word in args]
+        words = [f"{old.get(name, name)}{equals}{value}" for name, equals, value in parts]
+        return command.make_context(info_name, words, parent, **extra)
 
 
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
-    """Return a `UsageError` as a single line: the option and what was typed, or the nearest option."""
+    """Return a `UsageError` as a single line: the option and its value, or the nearest option."""
     line = f"{' '.join(typed)} "
-    command = next((name for name in (*dict(list_places()), *list_words()) if line.startswith(f"{name} ")), "")
+    words = [word for room in find_rooms().values() for word in room.words]
+    # the command that was typed, for the hint
+    command = next((name for name in (*dict(list_places()), *words) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
         known = [name for parameter in error.ctx.command.get_params(error.ctx) for name in parameter.opts]
@@ -246,7 +231,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     name = _name_parameter(parameter)
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
-    # what was typed after the option, so that the line can quote it
+    # quote the words after the option
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
     given = typed[at : at + parameter.nargs]
     if any(word.lower().lstrip("+-") == "nan" for word in given):
@@ -254,39 +239,33 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     # pydantic's words, shortened
     expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
     for long, short in (
-        ("greater than or equal to", "at least"),
-        ("less than or equal to", "at most"),
-        ("a valid integer", "a whole number"),
-        ("a valid number", "a number"),
-    ):
+        ("greater than or equal to", "at least"), ("less than or equal to", "at most"),
+        ("a valid integer", "a whole number"), ("a valid number", "a number"),
+    ):  # fmt: skip
         expected = expected.replace(long, short)
     return ToolkitError(f"{' '.join([name, *(shorten(word, 80) for word in given)])}: {expected}")
 
 
 class WordGroup(TyperGroup):
-    """Commands that begin with a word, such as `world`; any other word is answered by all of them."""
+    """Commands that begin with the same word, such as `world`; the error for another word lists them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that was typed.
-
-        Raises:
-            ToolkitError: there is none of this name.
-        """
+        """Return the typed command; a `ToolkitError` if there is none."""
         if args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
             raise one_of("command", f"{self.name} {args[0]}", [f"{self.name} {known}" for known in self.commands])
         return super().resolve_command(ctx, args)
 
 
 class RoadGroup(TyperGroup):
-    """All commands, listed by group; a mistyped command is answered by a line that names the nearest.
+    """All commands, listed by group; the error for a mistyped command names the nearest.
 
-    `commands` has each by all its words, `words` those of several words by the first.
+    `commands` has every command by all its words, `words` commands of several words by the first.
     """
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.words: dict[str, WordGroup] = {}
-        about = list_words()
+        about = {word: words for room in find_rooms().values() for word, words in room.words.items()}
         for group, entries in list_groups().items():
             for name, entry in entries.items():
                 command = LazyCommand(name, entry, group)
@@ -298,45 +277,53 @@ class RoadGroup(TyperGroup):
                     self.words[word].add_command(command, rest)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """`help COMMAND` is `COMMAND --help`."""
+        """`help COMMAND` is `COMMAND --help`; without a word, print the commands of the road."""
+        if not args and not ctx.resilient_parsing:
+            typer.echo(describe_road(), err=True)
+            ctx.exit(2)
         return super().parse_args(ctx, [*args[1:], "--help"] if args[:1] == ["help"] else args)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """What may be typed first, in the order of the groups."""
+        """Return every first word, in the order of the groups."""
         return list(dict.fromkeys(name.partition(" ")[0] for name in self.commands))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command, or those that begin with a word."""
+        """Return a command, or the group of commands that begin with a word."""
         return self.words.get(cmd_name) or super().get_command(ctx, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that was typed.
-
-        Raises:
-            ToolkitError: there is none of this name.
-        """
-        is_known = not args or args[0].startswith("-") or self.get_command(ctx, args[0]) is not None
-        if not is_known and not ctx.resilient_parsing:
-            parts = (
-                []
-                if explain_missing(args[0])
-                else [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
-            )
-            if parts:
-                raise ToolkitError(f"no command called '{args[0]}': did you mean {' or '.join(parts)}?")
-            raise explain_missing(args[0]) or one_of("command", args[0], list(self.commands))
+        """Return the typed command; a `ToolkitError` if there is none."""
+        word = args[0]
+        if not word.startswith("-") and self.get_command(ctx, word) is None and not ctx.resilient_parsing:
+            if missing := explain_missing(word):
+                raise missing
+            # a part of a name, such as `train`
+            if parts := [name for name in self.commands if name.startswith(word) or word in name.split("-")]:
+                raise ToolkitError(f"no command called '{word}': did you mean {' or '.join(parts)}?")
+            raise one_of("command", word, list(self.commands))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """One section for each group, the summaries below each other."""
+        """Write a section for each group, the summaries below each other."""
         width = max(map(len, self.commands))
         for group, entries in list_groups().items():
             with formatter.section(group):
                 formatter.write_dl([(f"{name:<{width}}", entry.about) for name, entry in entries.items()])
 
 
+def describe_road() -> str:
+    """Return what `toolkit` alone prints: the commands of the road, and where the others are."""
+    known = dict(list_places())
+    rows = [f"  toolkit {name:<12} {known[name].about}" for name in ROAD]
+    return "\n".join([
+        ABOUT, "", *rows, "",
+        "Start with 'toolkit demo', which runs these steps. 'toolkit --help' lists all commands,",
+        "'toolkit help COMMAND' explains a command.",
+    ])  # fmt: skip
+
+
 def be_quiet(context: typer.Context, wanted: bool) -> bool:
-    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    """Suppress progress and notices until the command has ended, if wanted."""
     if wanted:
         from toolkit.core.console import quietly
 
@@ -350,7 +337,7 @@ Quiet = Annotated[
 
 
 def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
-    """Every command has `--quiet`; those that do not ask for it need not name it."""
+    """Give a command `--quiet` if it has no such parameter of its own."""
     signature = inspect.signature(command, eval_str=True)
     if "quiet" in signature.parameters:
         return command
@@ -368,18 +355,17 @@ def add_quiet(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
-    """Command line of a function, with the help that every command has."""
+    """Return the command line of a function, with the help of every command."""
     single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
     single.command(name, cls=GroupedCommand)(add_quiet(function))
     return single
 
 
 def make_app() -> typer.Typer:
-    """The whole command line."""
+    """Return the whole command line."""
     app = typer.Typer(
-        cls=RoadGroup, no_args_is_help=True, pretty_exceptions_enable=False, **PLAIN,  # type: ignore[arg-type]
-        help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate. "
-        "'toolkit help COMMAND' explains a command.",
+        cls=RoadGroup, pretty_exceptions_enable=False, **PLAIN,  # type: ignore[arg-type]
+        help=f"{ABOUT} 'toolkit help COMMAND' explains a command.",
     )  # fmt: skip
 
     def show_version(wanted: bool) -> None:
@@ -394,7 +380,7 @@ def make_app() -> typer.Typer:
         version: bool = typer.Option(
             False, "--version", help="Print the version.", callback=show_version, is_eager=True
         ),
-        debug: bool = typer.Option(False, DEBUG, help="Show where an error comes from; so does TOOLKIT_DEBUG=1."),
+        debug: bool = typer.Option(False, DEBUG, help="Show the traceback of an error, as TOOLKIT_DEBUG=1 does."),
     ) -> None:
         pass
 

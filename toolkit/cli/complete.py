@@ -1,4 +1,4 @@
-"""What the shell offers as value of an option or argument: the words of its choice, and names in the workspace."""
+"""Values of options and arguments that the shell offers: the words of a choice, and names in the workspace."""
 
 import inspect
 import re
@@ -32,7 +32,7 @@ def _find_values(name: str, mark: OptionInfo | ArgumentInfo) -> Callable[..., li
     for known, kind, list_names in SOURCES:
         if isinstance(mark, kind) and (known in flags or known == name):
             return _make_offer(list_names)
-    # rooms have values of their own, such as the names of worlds
+    # rooms offer more values, such as the names of worlds
     offers = (find_offer(f"values of {str(flag).lstrip('-')}") for flag in (name, *flags))
     return next((_make_offer(list_names) for list_names in offers if list_names), None)
 
@@ -46,10 +46,6 @@ def _make_offer(list_names: Callable[[Workspace], Sequence[str]]) -> Callable[[s
     return offer
 
 
-def _list_objects(space: Workspace) -> list[str]:
-    return sorted(space.object_specs())
-
-
 def _list_runs(space: Workspace) -> list[str]:
     found = (folder for folder, _, names in walk_folders(space.eval_dir) if "summary.json" in names)
     return sorted(folder.relative_to(space.eval_dir).as_posix() for folder in found)
@@ -58,23 +54,18 @@ def _list_runs(space: Workspace) -> list[str]:
 def _list_models(space: Workspace) -> list[str]:
     from toolkit.models.find import BUNDLED_DIR, list_own
 
-    # of torchvision's, whose list would take seconds, only the default
-    return sorted(
-        {"resnet18", *(file.stem for file in BUNDLED_DIR.glob("*.safetensors")), *list_own(space.classifiers_dir)}
-    )
-
-
-def _list_variants(space: Workspace) -> list[str]:
-    return [*VARIANTS, *sorted(space.patches()), *sorted(space.textures())]
+    # only the default of torchvision's networks, whose list would take seconds
+    bundled = (file.stem for file in BUNDLED_DIR.glob("*.safetensors"))
+    return sorted({"resnet18", *bundled, *list_own(space.classifiers_dir)})
 
 
 SOURCES: tuple[tuple[str, type[OptionInfo | ArgumentInfo], Callable[[Workspace], Sequence[str]]], ...] = (
-    ("--object", OptionInfo, _list_objects),
+    ("--object", OptionInfo, lambda space: sorted(space.object_specs())),
     ("--patches", OptionInfo, Workspace.patch_sets),
     ("model", OptionInfo, _list_models),
-    ("--variant", OptionInfo, _list_variants),
+    ("--variant", OptionInfo, lambda space: [*VARIANTS, *sorted(space.patches()), *sorted(space.textures())]),
     ("first", ArgumentInfo, _list_runs),
     ("second", ArgumentInfo, _list_runs),
     ("names", ArgumentInfo, _list_runs),
 )
-"""A flag, or the name of an argument's parameter, and the names that it may have."""
+"""A flag, or the name of an argument's parameter, and a function that lists its values."""

@@ -14,26 +14,28 @@ from toolkit.core.errors import FieldError
 from toolkit.core.workspace import open_workspace
 from toolkit.training.head_config import HeadConfig
 
+ENCODER = "timm:NAME, hf:ORG/NAME, a torchvision network, onnx:FILE, a .pt2, python:MODULE:FUNCTION."
+IMAGE = "Image tower: onnx:FILE, a .pt2, timm:NAME, open_clip:NAME:WEIGHTS."
+TEXT = "Text tower: onnx:FILE, a .pt2, open_clip:NAME:WEIGHTS. Default: that of an open_clip --image."
+PROMPTS = "Class names: text, a name on each line, or JSON as CLIP_benchmark's classnames."
+TEMPLATES = (
+    "Templates with {} for the class: text, a template on each line, or JSON as CLIP_benchmark's. Default: a photo of "
+    "a {}."
+)
+TOKENIZER = "tokenizer.json of the text tower. Default: the file beside the tower."
+SCALE = "Factor of the cosine. Default: the tower's own, else CLIP's 100."
+
 
 @from_config(config=HeadConfig)
 def head(
-    encoder: Annotated[
-        str,
-        typer.Argument(
-            metavar="ENCODER",
-            help="timm:NAME, hf:ORG/NAME, a torchvision network, onnx:FILE, a .pt2, python:MODULE:FUNCTION.",
-        ),
-    ],
+    encoder: Annotated[str, typer.Argument(metavar="ENCODER", help=ENCODER)],
+    *,
     config: HeadConfig,
     weights: Annotated[
-        Path | None,
-        typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors) of the encoder."),
+        Path | None, typer.Option("--weights", metavar="FILE", help=f"{options.STATE_DICT} of the encoder.")
     ] = None,
     download: options.Download = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
-    ] = None,
+    workers: options.RenderProcesses = None,
     out: options.ClassifierFolder = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
@@ -57,51 +59,15 @@ def head(
 
 def zero_shot(
     name: Annotated[str, typer.Argument(metavar="NAME", help="File name of the classifier, for --model NAME.")],
-    image: Annotated[
-        str,
-        typer.Option(
-            "--image", metavar="ENCODER", help="Image tower: onnx:FILE, a .pt2, timm:NAME, open_clip:NAME:WEIGHTS."
-        ),
-    ],
-    prompts: Annotated[
-        Path,
-        typer.Option(
-            "--prompts", metavar="FILE", help="Class names: text, one a line, or JSON as CLIP_benchmark's classnames."
-        ),
-    ],
-    templates: Annotated[
-        Path | None,
-        typer.Option(
-            "--templates",
-            metavar="FILE",
-            help="Templates with {} for the class: text, one a line, or JSON as CLIP_benchmark's. Default: a photo of "
-            "a {}.",
-        ),
-    ] = None,
-    text: Annotated[
-        str | None,
-        typer.Option(
-            "--text",
-            metavar="ENCODER",
-            help="Text tower: onnx:FILE, a .pt2, open_clip:NAME:WEIGHTS. Default: that of an open_clip --image.",
-        ),
-    ] = None,
-    tokenizer: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="tokenizer.json of the text tower. Default: the one beside it."),
-    ] = None,
+    image: Annotated[str, typer.Option("--image", metavar="ENCODER", help=IMAGE)],
+    prompts: Annotated[Path, typer.Option("--prompts", metavar="FILE", help=PROMPTS)],
+    templates: Annotated[Path | None, typer.Option("--templates", metavar="FILE", help=TEMPLATES)] = None,
+    text: Annotated[str | None, typer.Option("--text", metavar="ENCODER", help=TEXT)] = None,
+    tokenizer: Annotated[Path | None, typer.Option(metavar="FILE", help=TOKENIZER)] = None,
     dataset: Annotated[
         str | None, typer.Option(metavar="NAME", help="Which of several data sets in the JSON files.")
     ] = None,
-    scale: Annotated[
-        float | None,
-        typer.Option(
-            "--logit-scale",
-            metavar="X",
-            min=1e-6,
-            help="Factor of the cosine. Default: the tower's own, else CLIP's 100.",
-        ),
-    ] = None,
+    scale: Annotated[float | None, typer.Option("--logit-scale", metavar="X", min=1e-6, help=SCALE)] = None,
     out: options.ClassifierFolder = None,
     restart: options.Restart = False,
     device: options.Device = "auto",
@@ -118,6 +84,7 @@ def zero_shot(
     from toolkit.training.zero_shot import make_zero_shot
 
     space, named = open_workspace(workspace), text or image
+    # small files are checked before a network is loaded
     asked = make_prompts(read_class_names(prompts, dataset), templates, dataset)
     if text is None and not image.startswith(OPEN_CLIP_PREFIX):
         raise FieldError("has no text tower: name it with {text}", {"image": image})

@@ -1,4 +1,4 @@
-"""`toolkit eval` and `toolkit corrupt`: ask networks about captures, and corrupt images."""
+"""`toolkit eval` and `toolkit corrupt`: classify captures, and corrupt images."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from toolkit.evaluation.evaluate import Evaluation
 
 SHOWN_FAILURES = 20
+CORRUPTIONS = (
+    "Corruption, or noise, blur, weather, digital, extra, common (15), all; fog:3 or noise:1-3 for some severities; "
+    "may be repeated."
+)
+SEVERITY = "Severity if --corrupt names none: 1 (slight) to 5 (severe); may be repeated. Default: all five."
 
 
 @from_config(config=EvalConfig)
@@ -30,8 +35,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, "
-            "rig18, your own; default: resnet18, or what the record of --weights says.",
+            help=f"{options.NETWORK}, or a detector. Default: resnet18, or the network of the record of --weights.",
         ),
     ] = None,
     weights: options.WeightsFile = None,
@@ -40,11 +44,11 @@ def evaluate(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Classify every image of a capture folder; write predictions.csv, summary.json and report.html to eval/RUN.
+    """Classify every image of a capture folder, and write table, summary and report to eval/RUN.
 
-    With a detector (torchvision:NAME, onnx:FILE) look for the object instead: detections.csv.
+    With a detector (torchvision:NAME, onnx:FILE), find the object in every image instead.
 
-    With --corrupt, also classify each image with ImageNet-C's fog, blur, noise ...: in sources SOURCE-fog-3.
+    With --corrupt, also classify each image with ImageNet-C's fog, blur or noise, in sources such as sim-fog-3.
     """
     from toolkit.captures.read import find_captured
     from toolkit.models.find import may_be_detector
@@ -56,11 +60,12 @@ def evaluate(
         from toolkit.models.load_detector import is_detector
 
         if is_detector(model):
-            _detect(folder, space, (str(model), weights, device), config, as_json)
+            _detect(folder, space, options.NamedNetwork(model, weights, device), config, as_json)
             return
     from toolkit.evaluation.evaluate import evaluate_captures
     from toolkit.models.load import load_classifier
 
+    # classify
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
     done = evaluate_captures(folder, space, classifier, config)
     if as_json:
@@ -72,19 +77,20 @@ def evaluate(
 
 
 def _detect(
-    captures: Path, space: Workspace, named: tuple[str, Path | None, str], config: EvalConfig, as_json: bool
-) -> None:
-    """The same with a detector."""
+    captures: Path, space: Workspace, named: options.NamedNetwork, config: EvalConfig, as_json: bool
+) -> None:  # fmt: skip
+    """Find the object in every image with a detector, and print the results."""
     from toolkit.evaluation.detect import describe_pairs, evaluate_detector
     from toolkit.evaluation.tables import format_interval, format_percent, list_lines
     from toolkit.models.load_detector import load_detector
 
-    detector = load_detector(*named)
+    detector = load_detector(str(named.model), named.weights, named.device)
     done = evaluate_detector(captures, space, detector, config)
     if as_json:
         show_json(done.summary)
     else:
         say(f"detector: {detector.name} ({detector.arch}, weights {detector.weights.name})")
+        # what was judged, and how well
         for heading, text in done.origin.lines():
             say(f"  {heading}: {text}")
         rows = [
@@ -108,7 +114,7 @@ def _detect(
 
 
 def show_evaluation(done: "Evaluation") -> None:
-    """Print the tables, what could not be used, the result in words, and where the report is."""
+    """Print the tables, the files that could not be used, notes, and the path of the report."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines, list_unpaired, print_tables
 
@@ -123,33 +129,17 @@ def show_evaluation(done: "Evaluation") -> None:
 
 
 def corrupt(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Folder of images, in any layout, or one image.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write to; for one image also a .png or .jpg.")],
-    names: Annotated[
-        list[str],
-        typer.Option(
-            "--corrupt",
-            metavar="NAME[:SEVERITY]",
-            help="Corruption, or noise, blur, weather, digital, extra, common (15), all; fog:3 or noise:1-3 for "
-            "some severities; may be repeated.",
-        ),
-    ],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Folder of images, in any layout, or an image.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write to; for an image also a .png or .jpg.")],
+    names: Annotated[list[str], typer.Option("--corrupt", metavar="NAME[:SEVERITY]", help=CORRUPTIONS)],
     severities: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--severity",
-            metavar="N",
-            min=1,
-            max=5,
-            help="Severity where --corrupt names none: 1 (slight) to 5 (severe); may be repeated. Default: all five.",
-        ),
+        list[int] | None, typer.Option("--severity", metavar="N", min=1, max=5, help=SEVERITY)
     ] = None,
     image_px: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="First resize and crop to N×N pixels (published: 224). Default: as they are."),
+        int | None, typer.Option(metavar="N", help="First resize and crop to N×N pixels (published: 224).")
     ] = None,
     image_format: Annotated[
-        str, typer.Option("--format", metavar="png|jpg", help="jpg: of quality 85, as ImageNet-C was saved.")
+        str, typer.Option("--format", metavar="png|jpg", help="jpg: quality 85, as ImageNet-C was saved.")
     ] = "png",
     seed: options.Seed = 0,
     device: options.Device = "auto",
@@ -157,12 +147,13 @@ def corrupt(
 ) -> None:
     """Corrupt images as ImageNet-C and CIFAR-10-C do: 15 corruptions and 4 more, at 5 severities.
 
-    One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
+    A single corruption at a single severity mirrors IN in OUT; several are written to OUT/NAME/SEVERITY.
     """
     from toolkit.captures.read import find_faults
     from toolkit.corruptions.folder import corrupt_images
     from toolkit.models.network import choose_device
 
+    # images that contradict their manifest are skipped
     chosen = parse_corruptions(names, severities or SEVERITIES)
     result = corrupt_images(
         source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=choose_device(device),

@@ -1,11 +1,11 @@
-"""Options of the commands: those that several share, and those that are made from a config.
+"""Options that several commands share, and options that are made from a config.
 
 A command names its config, and receives it ready or as overrides of a recipe:
 
     @from_config(data=DataConfig, overrides=RECIPES)
-    def train_patch(data: DataConfig, recipe: str, overrides: Overrides, seed: Seed = 0) -> None: ...
+    def train_patch(data: DataConfig, recipe: str, overrides: Overrides, networks: NamedNetworks) -> None: ...
 
-Here alone a field becomes a flag; `toolkit.cli.app` writes it so in the message of a `FieldError`.
+A parameter of a named tuple, such as `NamedNetworks`, has an option for each of its fields.
 """
 
 import inspect
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, Optional, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Optional, TypeVar, get_args, get_origin
 
 import typer
 from pydantic.fields import FieldInfo
@@ -31,45 +31,22 @@ Result = TypeVar("Result")
 OBVIOUS = ("", "at least 0", "at least 1", "above 0")
 """Bounds that the help leaves to the errors."""
 
+WORKSPACE = "Work in this folder; default: the nearest upwards with toolkit.toml."
 Workspace = Annotated[
-    Path | None,
-    typer.Option(
-        "--workspace",
-        metavar="FOLDER",
-        rich_help_panel=SHARED,
-        help="Folder to work in; default: the nearest upwards with toolkit.toml.",
-    ),
+    Path | None, typer.Option("--workspace", metavar="FOLDER", rich_help_panel=SHARED, help=WORKSPACE)
 ]
-
-
-Json = Annotated[
-    bool,
-    typer.Option(
-        "--json",
-        callback=be_quiet,
-        rich_help_panel=SHARED,
-        help="Print the result as JSON on stdout; no progress bar.",
-    ),
+JSON = "Print the result as JSON on stdout; no progress bar."
+Json = Annotated[bool, typer.Option("--json", callback=be_quiet, rich_help_panel=SHARED, help=JSON)]
+SEED = "Same seed, same bytes on the same machine."
+Seed = Annotated[int, typer.Option("--seed", metavar="N", rich_help_panel=SHARED, help=SEED, min=0)]
+Device = Annotated[
+    str, typer.Option("--device", metavar="auto|cpu|cuda", rich_help_panel=SHARED, help="Where the networks run.")
 ]
-Seed = Annotated[
-    int,
-    typer.Option(
-        "--seed", metavar="N", rich_help_panel=SHARED, help="Same seed, same bytes on the same machine.", min=0
-    ),
-]
-
 Patches = Annotated[
-    str | None,
-    typer.Option("--patches", metavar="NAME", help="Subfolder of print/patches; default: print/patches."),
+    str | None, typer.Option("--patches", metavar="NAME", help="Subfolder of print/patches; default: print/patches.")
 ]
-Board = Annotated[
-    str | None,
-    typer.Option(
-        "--board",
-        metavar="NAME",
-        help="The board in the photographs: one of rig/boards, or a TOML file. Default: the one printed last.",
-    ),
-]
+BOARD = "The board in the photographs: a name in rig/boards, or a TOML file. Default: the last printed board."
+Board = Annotated[str | None, typer.Option("--board", metavar="NAME", help=BOARD)]
 Objects = Annotated[
     list[str] | None,
     typer.Option("--object", metavar="NAME", help="Only this object; repeat for more. Default: all."),
@@ -84,53 +61,59 @@ Variants = Annotated[
     ),
 ]
 RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]
-Models = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--model",
-        metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, rig18, your "
-        "own; repeat for several. Default: resnet18.",
-    ),
-]
-Model = Annotated[
+TrueClass = Annotated[
     str | None,
-    typer.Option(
-        "--model",
-        metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, rig18, or "
-        "your own. Default: resnet18.",
-    ),
+    typer.Option("--class", metavar="NAME", help="Class that networks should predict. Default: the object's own."),
 ]
-WeightFiles = Annotated[
-    list[Path] | None,
-    typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors), one for each --model."),
-]
+NETWORK = "Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, hf:ORG/NAME, python:MODULE:FUNCTION, rig18, your own"
+STATE_DICT = "State dict (.pth, .ckpt, .safetensors)"
+Model = Annotated[str | None, typer.Option("--model", metavar="NAME", help=f"{NETWORK}. Default: resnet18.")]
 WeightsFile = Annotated[
     Path | None,
-    typer.Option(
-        "--weights",
-        metavar="FILE",
-        help="State dict (.pth, .ckpt, .safetensors) of --model; FILE.json may hold its labels.",
-    ),
+    typer.Option("--weights", metavar="FILE", help=f"{STATE_DICT} of --model; FILE.json may hold its labels."),
 ]
+
+
+class NamedNetwork(NamedTuple):
+    """Arguments of `load_classifier` but for the folder, each an option."""
+
+    model: Model = None
+    weights: WeightsFile = None
+    device: Device = "auto"
+
+
+class NamedNetworks(NamedTuple):
+    """Arguments of `load_classifiers` and `load_networks` but for the folder, each an option."""
+
+    model: Annotated[
+        list[str] | None,
+        typer.Option("--model", metavar="NAME", help=f"{NETWORK}; repeat for several. Default: resnet18."),
+    ] = None
+    weights: Annotated[
+        list[Path] | None, typer.Option("--weights", metavar="FILE", help=f"{STATE_DICT}, for each --model.")
+    ] = None
+    device: Device = "auto"
+
+
 ClassifierFolder = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
 ]
 Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
-RenderThreads = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", metavar="N", min=0, help="Threads that render ahead; 0: none. Default: one for each core."
-    ),
+RENDER_THREADS = "Threads that render ahead; 0: none. Default: as many as cores."
+RenderThreads = Annotated[int | None, typer.Option("--workers", metavar="N", min=0, help=RENDER_THREADS)]
+RENDER_PROCESSES = "Processes that render. Default: as many as cores."
+RenderProcesses = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help=RENDER_PROCESSES, min=1, show_default=False)
 ]
+DATA = "Folder with a folder for each class (in its train/, val/ or test/, if it has them), or cifar10:FOLDER."
+Data = Annotated[str, typer.Option("--data", metavar="FOLDER", help=DATA)]
 PrintProfile = Annotated[
     Path | None,
     typer.Option(
         "--print-profile",
         metavar="FILE",
         rich_help_panel="Augmentation",
-        help="In place of --print-process: your own printer, as 'toolkit print-profile' measured it.",
+        help="Your own printer, as 'toolkit print-profile' measured it, in place of --print-process.",
     ),
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
@@ -139,12 +122,9 @@ Corrupt = Annotated[
     typer.Option(
         "--corrupt",
         metavar="NAME[:SEVERITY]",
-        help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all; without a "
-        "severity under all five; may be repeated.",
+        help="Corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all; without a severity all five; "
+        "may be repeated.",
     ),
-]
-Device = Annotated[
-    str, typer.Option("--device", metavar="auto|cpu|cuda", rich_help_panel=SHARED, help="Where the networks run.")
 ]
 
 
@@ -153,11 +133,11 @@ class ConfigFlag:
     """Flag of a field of a config, or of a part of it.
 
     Attributes:
-        path: of the field, such as `affine.share`.
-        info: its declaration.
-        flag: its mark.
-        is_switch: whether it puts a part in or takes it out.
-        values: the value that each recipe gives it; of a config without recipes the default, under ``.
+        path: path of the field, such as `affine.share`.
+        info: declaration of the field.
+        flag: mark of the field.
+        is_switch: whether the flag puts a part in or takes it out.
+        values: the field's value in each recipe; without recipes its default, under ``.
     """
 
     path: str
@@ -168,28 +148,28 @@ class ConfigFlag:
 
     @property
     def spelling(self) -> str:
-        """Such as `--size-px`, of a switch that which turns it on; a positional argument's metavar."""
+        """Such as `--size-px`; the spelling that turns a switch on; a positional argument's metavar."""
         if self.flag.positional:
             return self.flag.metavar or self.path.upper()
         return (self.flag.name or f"--{self.path.rpartition('.')[2].replace('_', '-')}").partition("/")[0]
 
     @property
     def parameter(self) -> str:
-        """Its name in the command function."""
+        """Name of the parameter in the command function."""
         return self.path.replace(".", "__")
 
     def option(self, names: Mapping[str, str]) -> inspect.Parameter:
-        """The parameter that typer makes an option of; not typed, it is None.
+        """Return the parameter that typer makes an option of; an option that was not typed is None.
 
         Args:
             names: path of a field -> its flag, for fields that the help names as `{path}`.
         """
         kind = bool if self.is_switch else typed_as(self.info)
+        spellings = self.spelling
         if kind is bool:
-            spellings = self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"
-        else:
-            spellings = self.spelling
+            spellings = self.flag.name or f"{spellings}/--no-{spellings.removeprefix('--')}"
         given: dict[str, Any] = {"help": self._help(names), "metavar": self.flag.metavar or _metavar(kind)}
+        # a field without a default is optional if a recipe gives it a value
         required = self.info.is_required() and not any(value is not None for value in self.values.values())
         made = (
             typer.Argument(**given)
@@ -207,6 +187,7 @@ class ConfigFlag:
     def _help(self, names: Mapping[str, str]) -> str:
         bounds = bounds_of(self.info)
         notes = [] if bounds in OBVIOUS else [bounds]
+        # a lone switch is off by default, which goes without saying
         first, is_lone = None, typed_as(self.info) is bool and "/" not in (self.flag.name or "/")
         for number, (recipe, value) in enumerate(self.values.items()):
             shown = (
@@ -224,7 +205,6 @@ class Only(dict[str, Config]):
     """Recipes of which a command offers some fields alone."""
 
     def __init__(self, recipes: Mapping[str, Config], fields: Container[str]) -> None:
-        """The recipes, and the names of the fields."""
         super().__init__(recipes)
         self.fields = fields
 
@@ -251,11 +231,22 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
 
     def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
         flags = {parameter: list_flags(source) for parameter, source in sources.items()}
-        signature = inspect.signature(command, eval_str=True)
+        written = list(inspect.signature(command, eval_str=True).parameters.values())
+        # a named tuple stands for the options of its fields
+        bundles = {
+            item.name: inspect.signature(item.annotation).parameters.values()
+            for item in written
+            if hasattr(item.annotation, "_fields")
+        }
+        own = [item for outer in written for item in bundles.get(outer.name, [outer])]
         names = {flag.path: flag.spelling for some in flags.values() for flag in some}
-        names |= _spellings([parameter for parameter in signature.parameters.values() if parameter.name not in sources])
-        parameters = _spread(signature, sources, flags, names)
-        _refuse_twins(list(names.items()))
+        names |= _spellings([item for item in own if item.name not in sources])
+        parameters = _spread(own, sources, flags, names)
+        # a flag names a single field
+        seen: dict[str, str] = {}
+        for path, flag in names.items():
+            if seen.setdefault(flag, path) != path:
+                raise ValueError(f"{flag} is the flag of {seen[flag]} and of {path}")
 
         @wraps(command)
         def run(**typed: Any) -> Result:
@@ -263,6 +254,9 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
                 given = {flag.path: typed.pop(flag.parameter, None) for flag in flags[parameter]}
                 given = {path: value for path, value in given.items() if value not in (None, [], ())}
                 typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
+            for item in written:
+                if item.name in bundles:
+                    typed[item.name] = item.annotation(*(typed.pop(field.name) for field in bundles[item.name]))
             return command(**typed)
 
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -295,19 +289,17 @@ def _parts(annotation: object) -> Iterator[type[Config]]:
 
 
 def _spread(
-    signature: inspect.Signature,
-    sources: Mapping[str, Source],
-    flags: Mapping[str, list[ConfigFlag]],
+    own: list[inspect.Parameter], sources: Mapping[str, Source], flags: Mapping[str, list[ConfigFlag]],
     names: Mapping[str, str],
-) -> list[inspect.Parameter]:
+) -> list[inspect.Parameter]:  # fmt: skip
+    """Return the parameters of the options, those of a config in its place."""
     parameters: list[inspect.Parameter] = []
-    for name, parameter in signature.parameters.items():
-        if name in sources:
-            parameters += [flag.option(names) for flag in flags[name]]
-        elif name == "recipe" and parameter.annotation is str:
-            parameters.append(
-                _recipe_option(next(source for source in sources.values() if isinstance(source, Mapping)))
-            )
+    for parameter in own:
+        if parameter.name in sources:
+            parameters += [flag.option(names) for flag in flags[parameter.name]]
+        elif parameter.name == "recipe" and parameter.annotation is str:
+            recipes = next(source for source in sources.values() if isinstance(source, Mapping))
+            parameters.append(_recipe_option(recipes))
         else:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
     return parameters
@@ -318,17 +310,13 @@ def _recipe_option(recipes: Mapping[str, Config]) -> inspect.Parameter:
         f"{name}: {text}" if (text := getattr(recipe, "about", "")) else name for name, recipe in recipes.items()
     )
     first = next(iter(recipes))
-    option = typer.Option(
-        "--recipe",
-        metavar="NAME",
-        help=f"{about}. The other options change single settings of it.  [default: {first}]",
-        show_default=False,
-    )
+    words = f"{about}. The other options change single settings of it.  [default: {first}]"
+    option = typer.Option("--recipe", metavar="NAME", help=words, show_default=False)
     return inspect.Parameter("recipe", inspect.Parameter.KEYWORD_ONLY, default=first, annotation=Annotated[str, option])
 
 
 def _spellings(parameters: list[inspect.Parameter]) -> dict[str, str]:
-    """Flags of the command's own options, which other fields' errors may name."""
+    """Return the flags of the command's own options, which other fields' errors may name."""
     names = {}
     for parameter in parameters:
         option = next((mark for mark in get_args(parameter.annotation)[1:] if isinstance(mark, OptionInfo)), None)
@@ -336,13 +324,6 @@ def _spellings(parameters: list[inspect.Parameter]) -> dict[str, str]:
             given = [text for text in (option.default, *(option.param_decls or ())) if isinstance(text, str)]
             names[parameter.name] = next(iter(given), f"--{parameter.name.replace('_', '-')}").partition("/")[0]
     return names
-
-
-def _refuse_twins(names: list[tuple[str, str]]) -> None:
-    seen: dict[str, str] = {}
-    for path, flag in names:
-        if seen.setdefault(flag, path) != path:
-            raise ValueError(f"{flag} is the flag of {seen[flag]} and of {path}")
 
 
 def _make(config: type[Config], given: Overrides) -> Config:

@@ -1,4 +1,4 @@
-"""What a command prints: lines and tables on stdout, notes and failures on stderr, or JSON on stdout."""
+"""Output of commands: lines and tables on stdout, notes and failures on stderr, or JSON on stdout."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
@@ -9,50 +9,50 @@ from toolkit.core.text import escape, to_json
 
 
 def say(line: str) -> None:
-    """One line on stdout, as it is."""
+    """Print a line on stdout, as it is."""
     from toolkit.core.console import console
 
     console.print(line, markup=False, soft_wrap=True)
 
 
 def warn(line: str, style: str = "yellow") -> None:
-    """One line on stderr that wants to be seen."""
+    """Print a coloured line on stderr."""
     from toolkit.core.console import errors
 
     errors.print(line, style=style, markup=False, soft_wrap=True)
 
 
 def remark(line: str) -> None:
-    """`note: …` on stderr."""
+    """Print `note: …` on stderr."""
     warn(f"note: {line}", style="")
 
 
 def show_json(content: Any) -> None:
-    """The result for a script."""
+    """Print the result for a script."""
     typer.echo(to_json(content))
 
 
 class Result(Protocol):
-    """What a command made: it says itself what became of it, for people and for scripts."""
+    """Result of a command, which describes itself for people and for scripts."""
 
     @property
     def skipped(self) -> Sequence[tuple[str, str]]:
-        """(path, reason) of what could not be used."""
+        """(path, reason) of files that could not be used."""
 
     def as_json(self) -> Any:
-        """All of it for a script."""
+        """Return the result for a script."""
 
     def lines(self) -> Iterable[str]:
-        """The same for people."""
+        """Return the result as lines for people."""
 
 
 def show_result(result: Result, as_json: bool, lines: Iterable[str] | None = None) -> None:
-    """What could not be used, and the result; then an exit code of 1 where something could not be used.
+    """Print skipped files and the result; the exit code is 1 if there are skipped files.
 
     Args:
-        result: of the command.
-        as_json: for a script.
-        lines: for people, instead of the result's own.
+        result: result of the command.
+        as_json: print it for a script.
+        lines: lines for people, in place of the result's own.
     """
     from toolkit.core.console import list_skipped
 
@@ -69,10 +69,9 @@ def show_result(result: Result, as_json: bool, lines: Iterable[str] | None = Non
 
 
 def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """A table on stdout, every cell whole.
+    """Print a table on stdout, every cell whole.
 
-    In a narrow terminal a cell takes several lines, between its words; where the words themselves do not fit side by
-    side, each row becomes a block of lines, a title and its cell on each.
+    In a narrow terminal cells are wrapped. If not even their words fit, each row becomes a block of `title  cell`.
     """
     from rich.table import Column, Table
     from rich.text import Text
@@ -90,6 +89,7 @@ def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
                 console.print(f"{title:{wide}}  {cell}".rstrip(), markup=False, soft_wrap=True)
             console.print()
         return
+    # cells are wrapped to the widths
     table = Table(*(Column(title, width=width) for title, width in zip(titles, widths, strict=True)))
     for row in cells:
         table.add_row(*map(Text, row))

@@ -38,62 +38,51 @@ def print_patches(
         list[Path] | None,
         typer.Option("--patch-file", metavar="PNG", help="A patch file anywhere, with its record beside it."),
     ] = None,
-    wrap: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The pieces of a wrap, and how they are stuck on.")
-    ] = None,
+    wrap: Annotated[str | None, typer.Option(metavar="NAME", help="The pieces of a wrap, and a map of them.")] = None,
     settings: PrintSettings,
     sheet: SheetSettings,
     cut: WrapSettings,
     own: OwnSettings,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Folder, or a .pdf for one patch; default: print/, or print/PATCHES."),
+        Path | None, typer.Option(metavar="PATH", help="Folder, or a .pdf for a patch. Default: print/[PATCHES].")
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs at true size: patches, a wrap, the board under the object, tags, or any picture."""
-    from toolkit.printing.print_patches import print_chosen
-
     place = open_workspace(workspace, is_needed=out is None or sheet.kind is not None).with_patches(patches)
+    # a sheet with a page size of its own is printed alone
     kinds: dict[str, object] = {"tag": own.tag, "picture": own.picture, "wrap": wrap}
     kinds |= {sheet.kind.replace("-", "_"): True} if sheet.kind is not None else {}
-    _check_alone(kinds, has_patches=bool(objects or classes or everything or files))
+    alone = {name: value for name, value in kinds.items() if value is not None}
+    if alone and (len(alone) > 1 or objects or classes or everything or files):
+        raise FieldError(
+            "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
+        )
     if own.tag is not None or own.picture is not None:
         from toolkit.printing.own import print_picture, print_tags
 
         _report_sheet((print_tags if own.tag else print_picture)(own, settings, out or place.root / "print"), as_json)
-        return
-    if sheet.kind is not None:
+    elif sheet.kind is not None:
         from toolkit.printing.print_boards import print_board
 
         _report_sheet(print_board(place, sheet, settings, out), as_json)
-        return
-    if wrap is not None:
+    elif wrap is not None:
         from toolkit.printing.wraps import print_wrap
 
         _report_wrap(print_wrap(place, wrap, settings, cut, out), as_json)
-        return
-    if cut != WrapSettings():
+    elif cut != WrapSettings():
         given = {"cut": cut.cut} if cut.roll_mm is None else {"roll_mm": cut.roll_mm}
         raise FieldError("goes with {wrap}: add that, or leave it out", given)
-    printed, failed, notes = print_chosen(
-        place, out or place.print_dir, settings, objects=objects or [], classes=classes or [], everything=everything,
-        files=files or [],
-    )  # fmt: skip
-    _report_patches(printed, failed, notes, as_json)
-    if failed:
-        raise typer.Exit(1 if printed else 2)
+    else:
+        from toolkit.printing.print_patches import print_chosen
 
-
-def _check_alone(kinds: dict[str, object], *, has_patches: bool) -> None:
-    """Refuse to print a sheet that has a page size of its own together with others."""
-    alone = {name: value for name, value in kinds.items() if value is not None}
-    if alone and (len(alone) > 1 or has_patches):
-        raise FieldError(
-            "cannot be printed together with others: print it in a call of its own", dict([alone.popitem()])
-        )
+        printed, failed, notes = print_chosen(
+            place, out or place.print_dir, settings, objects=objects or [], classes=classes or [],
+            everything=everything, files=files or [],
+        )  # fmt: skip
+        _report_patches(printed, failed, notes, as_json)
 
 
 def _report_patches(
@@ -103,18 +92,21 @@ def _report_patches(
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
         show_json({"printed": [sheet.as_json() for sheet in printed], "failed": failed, "notes": notes})
-        return
-    for sheet in printed:
-        say(sheet.describe_scores())
-        say(sheet.describe())
-    for note in notes:
-        say(f"note: {note}")
-    if any(not sheet.colour_strip for sheet in printed):
-        say("note: no room for the colour strip beside the patch: 'toolkit print --colour-strip' prints it on its own")
-    if printed:
-        tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
-        cut = "cut at the corner marks and tape the patch on as its arrow says"
-        say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
+    else:
+        for sheet in printed:
+            say(sheet.describe_scores())
+            say(sheet.describe())
+        for note in notes:
+            say(f"note: {note}")
+        # how to cut and stick them
+        if any(not sheet.colour_strip for sheet in printed):
+            say("note: no room for the colour strip beside the patch: print it with 'toolkit print --colour-strip'")
+        if printed:
+            tiled = any(sheet.pages > 1 and sheet.tiles != (1, 1) for sheet in printed)
+            cut = "cut at the corner marks and tape the patch on as its arrow shows"
+            say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
+    if failed:
+        raise typer.Exit(1 if printed else 2)
 
 
 def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
@@ -125,9 +117,10 @@ def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
         return
     say(printed.describe())
     if printed.spec_file is not None:
-        say(f"{shorten(printed.spec_file)}: its spec, by which photographs are read")
+        say(f"{shorten(printed.spec_file)}: the spec by which photographs are read")
     if printed.note:
         say(f"note: {printed.note}")
+    # next steps depend on the kind of sheet
     if printed.kind in ("tags", "picture"):
         then = [*([JOIN] if printed.tiles != (1, 1) else []), "cut at the corner marks"]
     elif printed.kind == "colour-strip":

@@ -20,7 +20,7 @@ from toolkit.objects.spec import read_spec
 from toolkit.rig import SHOT_LIST, Pattern, PlaceConfig, ShotListConfig, WrapConfig
 
 if TYPE_CHECKING:
-    from toolkit.rig.plan import CapturePlan, Pose
+    from toolkit.rig.plan import Pose
 
 
 @from_config(config=PlaceConfig)
@@ -29,34 +29,24 @@ def place(
     object_name: Annotated[str, typer.Option("--object", metavar="NAME", help="Object to look for places on.")],
     config: PlaceConfig,
     train: Annotated[
-        int,
-        typer.Option(
-            "--train",
-            metavar="STEPS",
-            min=0,
-            help="Also train a patch in each of the best places, for this many steps.",
-        ),
+        int, typer.Option("--train", metavar="STEPS", min=0, help="Also train a patch in each of the best places.")
     ] = 0,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
-    write: Annotated[
-        bool, typer.Option("--write", help="Put the best place into the object's file, rig/objects/NAME.toml.")
-    ] = False,
+    networks: options.NamedNetworks,
+    write: Annotated[bool, typer.Option("--write", help="Put the best place into rig/objects/NAME.toml.")] = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Score places and sizes for a patch by what cameras see of it, and draw the best.
+    """Score places and sizes for a patch by how well cameras see it, and draw the best.
 
-    One sheet is scored by the plan's cameras; with --sheets 2 or more, those that go on together by random ones.
+    A single sheet is scored by the plan's cameras, several sheets (--sheets) by random cameras.
     """
     from toolkit.captures.suggest_places import TITLES, suggest_places
     from toolkit.models.load import load_classifiers
 
     space = open_workspace(workspace)
-    networks = load_classifiers(model, weights, device, space.classifiers_dir) if train else []
-    found = suggest_places(space, object_name, config, networks=networks, steps=train, write=write, seed=seed)
+    loaded = load_classifiers(*networks, space.classifiers_dir) if train else []
+    found = suggest_places(space, object_name, config, networks=loaded, steps=train, write=write, seed=seed)
     if as_json:
         show_json(found.as_json())
         return
@@ -76,7 +66,7 @@ def wrap(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Cut an object's surface into few flat pieces that lie on it, by what random cameras see; draw and keep them."""
+    """Cut an object's surface into a few flat pieces, those that random cameras see most; draw and keep them."""
     from toolkit.captures.suggest_places import PIECE_TITLES, suggest_wrap
 
     found = suggest_wrap(open_workspace(workspace, is_needed=True), object_name, config, seed)
@@ -89,8 +79,7 @@ def wrap(
 
 
 POSES = (*(name for name in Pattern.model_fields if name != "seed"), "resolution", "fov", "preview")
-"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned, whatever seed
-orders the shots."""
+"""Options about the poses. `--shot-list` without them keeps the planned poses, whatever seed orders the shots."""
 
 
 @from_config(pattern=Pattern, listing=ShotListConfig)
@@ -121,9 +110,9 @@ def plan(
     quiet: Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Plan the camera poses per object and write rig/plan.json.
+    """Plan the camera poses of every object, and write rig/plan.json.
 
-    With --shot-list, and without an option about the poses, those that are planned stay as they are.
+    With --shot-list, and without an option about the poses, planned poses stay as they are.
     """
     from toolkit.captures.render import preview_plan
     from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
@@ -144,8 +133,14 @@ def plan(
         if as_json and not shot_list:
             show_json(planned.model_dump(mode="json"))
         elif not as_json:
-            _report_plan(planned, drawn, quiet)
+            if not quiet:
+                rows = [_as_row(name, poses) for name, poses in planned.objects.items()]
+                show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
+            if drawn:
+                say(f"drew the positions and contact sheets into {drawn}")
+            say(what_pairs_can_show(max(map(len, planned.objects.values()))))
             say(f"wrote {space.plan_file}{'' if shot_list else _what_follows(space, list(planned.objects))}")
+    # sheets that do not fit, and the shot list
     for line in list_misfits(space, names, made):
         remark(line)
     if shot_list:
@@ -155,22 +150,13 @@ def plan(
 def _what_follows(space: Workspace, names: list[str]) -> str:
     from toolkit.objects.find_patch import find_patch_file
 
-    bare = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
-    trained = f"toolkit train-patch --object {bare[0]}, then " if bare else ""
+    unpatched = [name for name in names if find_patch_file(space, read_spec(space.object_spec(name))) is None]
+    trained = f"toolkit train-patch --object {unpatched[0]}, then " if unpatched else ""
     return f"; next: {trained}toolkit capture-sim"
 
 
-def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> None:
-    if not quiet:
-        rows = [_as_row(name, poses) for name, poses in planned.objects.items()]
-        show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
-    if drawn:
-        say(f"drew the positions and contact sheets into {drawn}")
-    say(what_pairs_can_show(max(map(len, planned.objects.values()))))
-
-
 def what_pairs_can_show(count: int) -> str:
-    """What `count` pairs can prove, worked out with the same statistics as the report."""
+    """Return in words what `count` pairs can show, by the same statistics as the report."""
     from toolkit.core.statistics import mcnemar_p, wilson_interval
 
     low, high = wilson_interval(count // 2, count)
@@ -179,7 +165,7 @@ def what_pairs_can_show(count: int) -> str:
     if enough is not None:
         flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
     return (
-        f"with {count_of(count, 'pair')}, {count // 2} right means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson "
+        f"with {count_of(count, 'pair')}, {count // 2} correct means {low * 100:.0f}–{high * 100:.0f} % (95 % Wilson "
         f"interval); {flips} in an exact McNemar test"
     )
 
@@ -210,11 +196,11 @@ def capture_sim(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig.
+    """Shoot every object at every pose of the plan, without and with its patch, in the virtual rig.
 
-    With --like, every photograph of a folder from its own measured camera instead. With --corrupt, besides the images,
-    a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
-    expected of the printed patch before it is printed.
+    With --like, shoot from the measured camera of every photograph of a folder instead. With --corrupt, also write a
+    corrupted copy of the images (224² px, as networks see them) to captures/SOURCE-fog-3. With --rehearse, simulate the
+    printed patch before you print it.
     """
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
@@ -225,7 +211,7 @@ def capture_sim(
 
 def write_boxes(
     captures: Annotated[
-        Path | None, typer.Argument(help="Capture folder, or one of its sources; default: captures/.")
+        Path | None, typer.Argument(help="Capture folder, or one source of it; default: captures/.")
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="File to write; default: instances.json in the folder.")
@@ -233,10 +219,9 @@ def write_boxes(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Write box and mask of the object in every image as COCO's instances.json, by its mesh and the camera.
+    """Write box and mask of the object in every image as COCO's instances.json, from mesh and camera.
 
-    The categories are COCO's where an object is of a kind that COCO has (airplane, car, bottle, cup), else the class of
-    its spec.
+    The category is COCO's for an object of a COCO class (airplane, car, bottle, cup), else the class of its spec.
     """
     from toolkit.captures.read import read_captures
     from toolkit.captures.truth import write_coco
@@ -246,6 +231,7 @@ def write_boxes(
     space = open_workspace(workspace)
     folder = read_captures(captures or space.captures_dir)
     specs = space.object_specs()
+    # categories are those of COCO, or the class of the spec
     names = {name: coco_names(str(read_spec(specs[name]).class_name))[-1] for name in folder.objects if name in specs}
     file = out or folder.root / "instances.json"
     count, left_out = write_coco(file, folder.captures, space, names)
@@ -275,7 +261,7 @@ def view(
 ) -> None:
     """Show an object with planned cameras, pictures and the pieces of its wrap in a browser; stop with Ctrl-C.
 
-    The viewer can be reached from this machine alone. It shows, and changes nothing.
+    Only this machine can open the viewer. It changes no file.
     """
     from toolkit.captures.view_3d import gather_view, open_viewer, show_view
     from toolkit.evaluation.tables import list_lines

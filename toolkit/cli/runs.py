@@ -1,40 +1,34 @@
-"""`toolkit runs`, `compare`, `report` and `export`: what all the runs of a workspace found; objects for others."""
+"""`toolkit runs`, `verify`, `compare`, `report` and `export`: results of runs, and files for other programs."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_result, warn
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import open_workspace
 
 MESHES = "An object's mesh"
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt")
+WHERE = "Only these rows: object=racer, weather=fog, run=resnet*, p<0.05, top1>=0.5; may be repeated."
+CLUSTER = "For CSV files: the column that groups images, such as a scene."
 RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
 Captures = Annotated[
-    Path | None,
-    typer.Option(metavar="FOLDER", help="Where the images lie; default: captures/, a sweep's in its own folder."),
+    Path | None, typer.Option(metavar="FOLDER", help="Folder of the images; default: captures/, or the sweep's folder.")
 ]
 
 
 def list_runs(
-    where: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FIELD=VALUE",
-            help="Only these rows: object=racer, weather=fog, run=resnet*, p<0.05, top1>=0.5; may be repeated.",
-        ),
-    ] = None,
-    everything: Annotated[
-        bool, typer.Option("--all", help="Also every object, place and corruption by itself.")
-    ] = False,
+    where: Annotated[list[str] | None, typer.Option(metavar="FIELD=VALUE", help=WHERE)] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Also each object, place and corruption.")] = False,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
+    """List the results of every run as a table: evaluations, worlds, sweeps, corruption benchmarks and landings."""
     from toolkit.core.console import console, list_skipped
     from toolkit.evaluation.summaries import build_runs_table, find_runs, parse_where, pick_rows
 
@@ -52,23 +46,25 @@ def list_runs(
         raise typer.Exit(1)
 
 
+@from_config()
 def verify(
     run: Annotated[str, typer.Argument(help="Name of a run below eval/, or its folder.")],
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    device: options.Device = "auto",
+    *,
+    network: options.NamedNetwork,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make a result of 'toolkit eval' again from its images and weights, and report whether it is the same."""
+    """Compute a result of 'toolkit eval' again from its images and weights, and report whether it is the same."""
     from toolkit.evaluation.tables import list_lines
     from toolkit.evaluation.verify import read_asked, verify_run
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
     name = read_asked(space, run)[1]["model"]["name"]
-    named = model if model is not None or weights is not None else str(name)
-    done = verify_run(space, run, load_classifier(named, weights, device, folder=space.classifiers_dir))
+    # by default the network of the run
+    if network.model is None and network.weights is None:
+        network = network._replace(model=str(name))
+    done = verify_run(space, run, load_classifier(*network, space.classifiers_dir))
     if as_json:
         show_json(done.as_json())
     else:
@@ -86,16 +82,11 @@ def compare(
         Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/comparisons/FIRST-vs-SECOND.html.")
     ] = None,
     captures: Captures = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN", help="For CSV files: the column that says which images belong together, such as a scene."
-        ),
-    ] = None,
+    cluster: Annotated[str | None, typer.Option(metavar="COLUMN", help=CLUSTER)] = None,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
+    """Compare two runs, or two tables of predictions, image by image: exact test, changed images, and a page."""
     from toolkit.core.console import console
     from toolkit.evaluation.compare import build_comparison_table, compare_runs, write_comparison
     from toolkit.evaluation.compare_tables import compare_tables
@@ -113,15 +104,16 @@ def compare(
     if as_json:
         show_json(found.as_json() | {"page": str(page)})
         return
-    # first what may make the rest meaningless
+    # notes first: they may make the rest meaningless
     for note in found.notes:
         warn(note)
     console.print(build_comparison_table(found))
     say(f"{found.verdict}. {found.sentence}")
     say(found.cluster_sentence)
+    # images of one run alone have no pair
     for words, count in zip(("first", "second"), found.unshared, strict=True):
         if count:
-            warn(f"{count} images that only the {words} run read are left out")
+            warn(f"left out: {count} images that only the {words} run read")
     say(f"page: {page}")
 
 
@@ -132,19 +124,20 @@ def report(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
+    """Write a page of many runs, which opens without an internet connection: filters, sorting, changed images."""
     from toolkit.core.console import list_skipped
     from toolkit.evaluation.compare import write_index
     from toolkit.evaluation.summaries import Run, find_runs, open_run
 
     if bool(names) == everything:
-        raise FieldError("name runs, or say {everything}", {})
+        raise FieldError("name runs, or give {everything}", {})
     space = open_workspace(workspace)
     refused: Sequence[tuple[str, str]] = ()
     runs: list[Run] = [open_run(space, name) for name in names or ()]
     if everything:
         runs, refused = find_runs(space)
     page = out or space.eval_dir / "index.html"
+    # the page must be a file
     if not page.name or page.is_dir():
         raise FieldError("expected a file", {"out": page})
     skipped = [*refused, *write_index(page, space, runs)]
@@ -158,57 +151,36 @@ def report(
         raise typer.Exit(1)
 
 
+TO = (
+    "A table, or a folder: FiftyOne's, COCO's (of detectors), or images with labels as the Hugging Face Hub shows "
+    "them. Default: parquet. With --object: glb, obj, 3mf or usdz."
+)
+PATH = "Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco, eval/imagefolder; a mesh's folder: print/."
+
+
+def _mesh_option(flag: str, words: str, **given: Any) -> Any:
+    return typer.Option(flag, help=words, rich_help_panel=MESHES, **given)
+
+
 def export(
     names: RunNames = None,
-    to: Annotated[
-        str | None,
-        typer.Option(
-            metavar="parquet|csv|fiftyone|coco|imagefolder",
-            help="One table, or a folder: FiftyOne's, of detectors COCO's, or the images with their labels as the "
-            "Hugging Face Hub shows them. Default: parquet. With --object: glb, obj, 3mf or usdz.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco, eval/imagefolder; a mesh's "
-            "folder: print/.",
-        ),
-    ] = None,
+    to: Annotated[str | None, typer.Option(metavar="parquet|csv|fiftyone|coco|imagefolder", help=TO)] = None,
+    out: Annotated[Path | None, typer.Option(metavar="PATH", help=PATH)] = None,
     captures: Captures = None,
     objects: Annotated[
         list[str] | None,
-        typer.Option(
-            "--object",
-            metavar="NAME",
-            help="Write this object's mesh, not predictions; repeat for more.",
-            rich_help_panel=MESHES,
-        ),
+        _mesh_option("--object", "Write this object's mesh, not predictions; repeat for more.", metavar="NAME"),
     ] = None,
-    as_3mf: Annotated[
-        bool, typer.Option("--3mf", help="Write 3MF, for colour 3D printers, in millimetres.", rich_help_panel=MESHES)
-    ] = False,
-    as_obj: Annotated[bool, typer.Option("--obj", help="In millimetres.", rich_help_panel=MESHES)] = False,
-    as_glb: Annotated[
-        bool, typer.Option("--glb", help="In metres. Default without another format.", rich_help_panel=MESHES)
-    ] = False,
-    as_usdz: Annotated[
-        bool, typer.Option("--usdz", help="For phones and Omniverse, in metres, y up.", rich_help_panel=MESHES)
-    ] = False,
+    as_3mf: Annotated[bool, _mesh_option("--3mf", "Write 3MF, for colour 3D printers, in millimetres.")] = False,
+    as_obj: Annotated[bool, _mesh_option("--obj", "Write OBJ, in millimetres.")] = False,
+    as_glb: Annotated[bool, _mesh_option("--glb", "Write GLB, in metres. Default without another format.")] = False,
+    as_usdz: Annotated[bool, _mesh_option("--usdz", "Write USDZ, for phones and Omniverse, in metres, y up.")] = False,
     card: Annotated[
-        bool,
-        typer.Option(
-            "--card",
-            help="Write a folder for each object, with the booster's files and a card, README.md.",
-            rich_help_panel=MESHES,
-        ),
+        bool, _mesh_option("--card", "Write a folder for each object, with the booster's files and a card, README.md.")
     ] = False,
     variant: Annotated[
         str,
-        typer.Option(
-            metavar="NAME", help="What is on the object: unpatched, patched, wrapped, textured.", rich_help_panel=MESHES
-        ),
+        _mesh_option("--variant", "What is on the object: unpatched, patched, wrapped, textured.", metavar="NAME"),
     ] = "unpatched",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
@@ -218,25 +190,20 @@ def export(
     if objects:
         if names:
             raise FieldError("cannot be exported together with runs: use two commands", {"objects": objects[0]})
+        if to is not None and to not in formats:
+            raise one_of("format of a mesh", to, list(formats))
         from toolkit.rig.variants import export_objects
 
-        chosen = _choose_formats(formats, to)
+        chosen = [name for name, is_asked in formats.items() if is_asked or to == name] or ["glb"]
         show_result(export_objects(open_workspace(workspace), objects, chosen, variant, out, card), as_json)
         return
-    if card:
-        raise FieldError("goes with {objects}: add that, or leave it out", {"card": True})
-    for format_name, is_asked in formats.items():
+    # options that only meshes have
+    asked = {"card": card, **{f"as_{name}": is_asked for name, is_asked in formats.items()}}
+    for name, is_asked in asked.items():
         if is_asked:
-            raise FieldError("goes with {objects}: add that, or leave it out", {f"as_{format_name}": True})
+            raise FieldError("goes with {objects}: add that, or leave it out", {name: True})
     if to in formats:
         raise FieldError("goes with {objects}: add that, or name a format of predictions", {"to": to})
     from toolkit.evaluation.export import export_predictions
 
     show_result(export_predictions(open_workspace(workspace), names or (), to or "parquet", out, captures), as_json)
-
-
-def _choose_formats(formats: dict[str, bool], to: str | None) -> list[str]:
-    """Return the mesh formats that were asked for, each by its own option or by --to; GLB by default."""
-    if to is not None and to not in formats:
-        raise one_of("format of a mesh", to, list(formats))
-    return [name for name, is_asked in formats.items() if is_asked or to == name] or ["glb"]

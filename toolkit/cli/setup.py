@@ -1,4 +1,4 @@
-"""A place to work in, its objects and networks, and the whole road as an example."""
+"""Commands that make a workspace, list its objects and networks, check the machine and run a demo."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,9 +18,13 @@ from toolkit.objects.spec import ObjectRequest, is_lost, read_spec
 if TYPE_CHECKING:
     from toolkit.evaluation.survey import SurveyedModel
 BUNDLED_FILL = 0.22
-"""Share of the frame that objects fill in views for rig18. From close up it is never wrong without a patch."""
+"""Share of the frame that objects fill in views for rig18, which is always correct in close-ups without a patch."""
 BUNDLED_CONTROL = "grey-patch"
-"""Far away a sheet of paper may change much by itself."""
+"""A control: far away, a plain sheet of paper may change a prediction."""
+CHECK = (
+    "Show detectors these photographs: write eval/check/NAME.png with their boxes, and report if another preprocessing "
+    "finds more."
+)
 
 
 def init(
@@ -29,7 +33,7 @@ def init(
 ) -> None:
     """Make a workspace: toolkit.toml, which marks it, and rig/, print/, captures/ and eval/.
 
-    What is there already stays as it is, so that a workspace of an older version can be marked.
+    Existing files stay as they are, so you can mark the workspace of an older version.
     """
     space = make_workspace(folder)
     if as_json:
@@ -40,7 +44,7 @@ def init(
 
 
 def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
-    """Check what the kit needs from this machine; each thing missing comes with the line that fixes it."""
+    """Check this machine for everything that toolkit needs, and print the command that installs what is missing."""
     from toolkit.core.console import console
     from toolkit.training.machine import check_machine
 
@@ -55,22 +59,21 @@ def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -
             console.print(f"{mark} {check.name}: {check.found}", style=colour, markup=False, soft_wrap=True)
             if check.fix:
                 say(f"    {check.fix}")
-        say("ready; next: toolkit demo" if not missing else f"{len(missing)} to fix, as the lines above say")
+        say("ready; next: toolkit demo" if not missing else f"{len(missing)} to fix: see the lines above")
     raise typer.Exit(1 if missing else 0)
 
 
 @from_config(request=ObjectRequest)
 def add(
-    mesh: Annotated[Path, typer.Argument(help="glb, gltf, obj, ply, stl or off; the files that it names come along.")],
+    mesh: Annotated[Path, typer.Argument(help="glb, gltf, obj, ply, stl or off; files that it names are copied too.")],
     *,
     request: ObjectRequest,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make an object of a mesh: copy it into the workspace, write its spec, draw a preview.
+    """Add an object from its mesh: copy the mesh into the workspace, write its spec, draw a preview.
 
-    Up and front are y and z for glTF, by its specification; by convention y and z for obj, z and -y for ply,
-    stl and off.
+    Up and front are y and z for glTF (by its specification) and obj, z and -y for ply, stl and off.
     """
     from toolkit.captures.suggest_places import add_and_place
 
@@ -84,49 +87,40 @@ def list_objects(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """List the objects that can be photographed, built in and your own; --export writes them as GLB."""
+    """List the objects, built in and your own; --export writes them as GLB."""
     from toolkit.objects.load import load_object
 
     space = open_workspace(workspace)
-    rows: list[dict[str, Any]] = []
+    rows = []
     for name, file in space.object_specs().items():
-        # an object without a mesh can be photographed, and not rendered
         spec = read_spec(file)
+        row: dict[str, Any] = {
+            "name": name, "class": spec.class_name, "mesh": spec.mesh, "size_mm": [], "triangles": 0, "patch_at": "",
+        }  # fmt: skip
+        rows.append(row)
+        # an object without a mesh can be photographed, and not rendered
         if not spec.mesh or is_lost(spec.mesh):
-            rows.append(
-                {
-                    "name": name,
-                    "class": spec.class_name,
-                    "mesh": spec.mesh,
-                    "size_mm": [],
-                    "triangles": 0,
-                    "patch_at": "",
-                }
-            )
             continue
-        item = load_object(file)
-        sides = [mount.at for mount in spec.mounts]
-        rows.append(
-            {
-                "name": name, "class": item.spec.class_name, "mesh": item.spec.mesh,
-                "size_mm": [round(float(side), 1) for side in item.mesh.size_mm],
-                "triangles": len(item.mesh.faces), "patch_at": sides[0] if len(sides) == 1 else sides,
-            }
-        )  # fmt: skip
+        mesh, sides = load_object(file).mesh, [mount.at for mount in spec.mounts]
+        row |= {
+            "size_mm": [round(float(side), 1) for side in mesh.size_mm], "triangles": len(mesh.faces),
+            "patch_at": sides[0] if len(sides) == 1 else sides,
+        }  # fmt: skip
         if export is not None:
             from toolkit.objects.export_mesh import to_glb
 
-            write_bytes(export / f"{name}.glb", to_glb(item.mesh, name))
+            write_bytes(export / f"{name}.glb", to_glb(mesh, name))
     if as_json:
         show_json(rows)
         return
+    # the table for people
     cells = []
     for row in rows:
         size = " × ".join(f"{side:g}" for side in row["size_mm"])
         at = row["patch_at"] if isinstance(row["patch_at"], str) else ", ".join(row["patch_at"])
-        lost = f"{row['mesh']}: its room is not installed" if row["mesh"] else "none: photographs alone"
-        mesh = row["mesh"] if row["size_mm"] else lost
-        cells.append((row["name"], row["class"], mesh, size, f"{row['triangles']:,}", at))
+        lost = f"{row['mesh']}: its room is not installed" if row["mesh"] else "none: photographs only"
+        shown = row["mesh"] if row["size_mm"] else lost
+        cells.append((row["name"], row["class"], shown, size, f"{row['triangles']:,}", at))
     show_table(("object", "class", "mesh", "size, mm (x × y × z)", "triangles", "patch"), cells)
     if export is not None:
         say(f"wrote {len(rows)} GLB files to {export}")
@@ -134,7 +128,7 @@ def list_objects(
 
 
 def demo(
-    folder: Annotated[Path, typer.Argument(help="Workspace to make, or to go on with.")] = Path("demo"),
+    folder: Annotated[Path, typer.Argument(help="Workspace to make, or to resume.")] = Path("demo"),
     seed: options.Seed = 0,
     device: options.Device = "auto",
 ) -> None:
@@ -155,11 +149,12 @@ def demo(
     from toolkit.rig.plan import open_plan
 
     space = make_workspace(folder)
+    # the best network on this machine decides views and patches
     classifier, why = load_best(device)
     is_bundled = classifier.name == BUNDLED
     space = space.with_patches(BUNDLED if is_bundled else None)
     say(f"network: {classifier.describe()}: {why}")
-    say(f"1/4  plan: where the camera stands ({space.plan_file})")
+    say(f"1/4  plan: camera poses ({space.plan_file})")
     plan = open_plan(space, pattern=Pattern(fill=BUNDLED_FILL) if is_bundled else None)
     if is_bundled:
         say(f"     from far away: from close up {BUNDLED} recognises these objects without a patch")
@@ -167,10 +162,11 @@ def demo(
     say(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})")
     print_all(space)
     say("3/4  shoot: every object at every pose, without and with its patch" + is_bundled * ", and with grey paper")
+    # rig18 needs the control: a plain sheet may change a prediction
     variants = (*PAIR, BUNDLED_CONTROL) if is_bundled else PAIR
     shot = shoot_plan(space, plan, list(plan.objects), variants, ShootSettings(seed=seed))
     say(f"     {count_of(shot.shot, 'image')} shot, {shot.kept} kept from before ({shot.source_dir})")
-    say(f"4/4  evaluate: what {classifier.name} says about each image")
+    say(f"4/4  evaluate: predictions of {classifier.name} for each image")
     result = evaluate_captures(space.captures_dir, space, classifier)
     print_tables(console, result)
     say(f"report: {result.report_file}")
@@ -178,33 +174,20 @@ def demo(
 
 def list_models(
     model: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Only this one, or one that is not in the list; repeat for more."),
+        list[str] | None, typer.Option(metavar="NAME", help="Only this network, listed or not; repeat for more.")
     ] = None,
     data: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Also count what each gets right: a folder with one folder per class, or cifar10:FOLDER.",
-        ),
+        str | None, typer.Option(metavar="FOLDER", help=f"Also measure the accuracy on these images. {options.DATA}")
     ] = None,
-    check: Annotated[
-        Path | None,
-        typer.Option(
-            "--check-on",
-            metavar="FOLDER",
-            help="Show detectors these photographs: write eval/check/NAME.png with their boxes, and report if another "
-            "preprocessing finds more.",
-        ),
-    ] = None,
+    check: Annotated[Path | None, typer.Option("--check-on", metavar="FOLDER", help=CHECK)] = None,
     speed: Annotated[
-        bool, typer.Option("--speed", help="Also time each: images per second, and with the gradient for training.")
+        bool, typer.Option("--speed", help="Also measure images per second, in evaluation and in training.")
     ] = False,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """List the networks whose weights are on this machine: classes, licence, whether they can train boosters."""
+    """List the networks with weights on this machine: classes, licence, whether they can train boosters."""
     if check is not None:
         _check_detectors(model or [], check, device, open_workspace(workspace), as_json)
         return
@@ -221,27 +204,29 @@ def list_models(
 
 
 def _check_detectors(models: list[str], photos: Path, device: str, space: Workspace, as_json: bool) -> None:
-    """Show each detector the photographs, and report what to change."""
+    """Run each detector on the photographs, and print which preprocessing finds more."""
     from toolkit.evaluation.check_detector import check_detector
     from toolkit.evaluation.evaluate import name_run
     from toolkit.models.load_detector import load_detector
 
     if not models:
         raise FieldError("name the detectors to check with {model}, such as onnx:yolo11n.onnx", {"check": photos})
+    # a picture for each detector
     done = []
     for model in models:
         detector = load_detector(model, None, device)
         done.append(check_detector(model, detector, photos, space.eval_dir / "check" / f"{name_run(detector, ())}.png"))
     if as_json:
-        show_json([asdict(one) for one in done])
+        show_json([asdict(checked) for checked in done])
     else:
-        for one in done:
-            say(one.describe())
-    if any(one.better for one in done):
+        for checked in done:
+            say(checked.describe())
+    if any(checked.better for checked in done):
         raise typer.Exit(1)
 
 
 def _show_models(rows: "list[SurveyedModel]", with_data: bool, with_speed: bool) -> None:
+    # columns that were asked for
     asked = [*["correct"] * with_data, *["per s"] * with_speed]
     cells = []
     for model in rows:

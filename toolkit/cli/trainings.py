@@ -34,20 +34,14 @@ if TYPE_CHECKING:
 
 
 class AskedData(DataConfig):
-    """The same where `--data` may be left out, because an object is named."""
+    """Training data that may be left out, because an object is named."""
 
     sources: Annotated[tuple[str, ...], Flag("--data", metavar="FOLDER|rig")] = Field(
         (), description=DataConfig.model_fields["sources"].description
     )
 
 
-Found = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="PATCH",
-        help="The patch that is printed in the photographs of --data, by name or PNG: the new one takes its place.",
-    ),
-]
+FOUND = "Printed patch in the photographs of --data, by name or PNG; the new patch takes its place."
 
 
 @from_config(data=AskedData, overrides=PATCH_RECIPES)
@@ -58,66 +52,54 @@ def train_patch(
         typer.Option(
             "--object",
             metavar="NAME",
-            help="For this object: its class, its size and renders of it, from its spec. Default: --class and --data.",
+            help="Object with its class, patch size and renders, from its spec. Default: --class and --data.",
         ),
     ] = None,
     class_name: Annotated[
         str | None,
-        typer.Option("--class", metavar="NAME", help="What it should be recognised as: a label, index or WordNet id."),
+        typer.Option("--class", metavar="NAME", help="Class to be predicted: a label, index or WordNet id."),
     ] = None,
     data: AskedData,
-    found: Found = None,
+    found: Annotated[list[str] | None, typer.Option(metavar="PATCH", help=FOUND)] = None,
     overrides: Overrides,
     recipe: str,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
+    networks: options.NamedNetworks,
     print_profile: options.PrintProfile = None,
     name: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="File name of the patch, without suffix. Default: the object's, else its class."
-        ),
+        str | None, typer.Option(metavar="NAME", help="File name, without suffix. Default: the object's, or its class.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for the patch. Default: print/patches.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Default: print/patches.")] = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train a patch with which a classifier sees a class, or a detector finds its object; a stopped run goes on."""
+    """Train a patch that makes a classifier predict a class, or a detector find an object. Interrupted runs resume."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.patch import train_patch as run
     from toolkit.boosters.train import prepare_patch
 
     space = open_workspace(workspace)
-    overrides = _mount(overrides) if found else overrides
+    # photographs show the patch in place, as renders of an object do
+    if found and overrides.get("mounted_share") is None:
+        overrides = {**overrides, "mounted_share": PATCH_RECIPES["default"].mounted_share}
     asked = prepare_patch(
         space, recipe, overrides, data, object_name=object_name, class_name=class_name, print_profile=print_profile,
         seed=seed,
     )  # fmt: skip
     if asked.misfit:
         warn(asked.misfit)
-    networks = load_networks(model, weights, device, space.classifiers_dir)
+    # networks load last: bad settings fail at once
+    loaded = load_networks(*networks, space.classifiers_dir)
     trained = run(
-        asked.config, asked.class_name, networks, asked.data, space, name=name or object_name, out=out,
-        restart=restart, views=_view_photos(space, asked, found, networks[0]) if found else None,
+        asked.config, asked.class_name, loaded, asked.data, space, name=name or object_name, out=out,
+        restart=restart, views=_view_photos(space, asked, found, loaded[0]) if found else None,
     )  # fmt: skip
     show_result(trained, as_json, trained.lines(object_name))
 
 
-def _mount(overrides: Overrides) -> Overrides:
-    """As in renders of an object, unless it is said."""
-    share = overrides.get("mounted_share")
-    return {**overrides, "mounted_share": PATCH_RECIPES["default"].mounted_share if share is None else share}
-
-
-def _view_photos(
-    space: Workspace, asked: "PreparedPatch", found: list[str], network: "Network"
-) -> "MountedViews":  # fmt: skip
-    """Where the patch goes in the photographs of `--data`; what shows none of the printed ones is listed."""
+def _view_photos(space: Workspace, asked: "PreparedPatch", found: list[str], network: "Network") -> "MountedViews":
+    """Find the printed patch in the photographs of `--data`; list photographs without it as skipped."""
     from toolkit.core.console import list_skipped
     from toolkit.objects.records import printed_size_mm
 
@@ -136,64 +118,47 @@ def _view_photos(
 
 @from_config(overrides=TEXTURE_RECIPES)
 def train_texture(
+    *,
     overrides: Overrides,
     recipe: str,
-    class_name: Annotated[
-        str | None,
-        typer.Option(
-            "--class", metavar="NAME", help="What it should be recognised as. Default: the objects' own class."
-        ),
-    ] = None,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
+    class_name: options.TrueClass = None,
+    networks: options.NamedNetworks,
     name: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="File name, without suffix. Default: the object's, or for several the class's."
-        ),
+        str | None, typer.Option(metavar="NAME", help="File name, without suffix. Default: the object's, or its class.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for the texture. Default: rig/textures.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Default: rig/textures.")] = None,
     workers: options.RenderThreads = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train a texture that makes a network see an object's class; an interrupted run goes on where it stopped."""
+    """Train a texture that makes a network predict an object's class. Interrupted runs resume."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.texture import train_texture as run
 
     config = make_texture_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
-    networks = load_networks(model, weights, device, place.classifiers_dir)
-    trained = run(config, networks, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
+    loaded = load_networks(*networks, place.classifiers_dir)
+    trained = run(config, loaded, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
     show_result(trained, as_json)
 
 
 @from_config(overrides=WRAP_RECIPES)
 def train_wrap(
+    *,
     overrides: Overrides,
     recipe: str,
-    class_name: Annotated[
-        str | None,
-        typer.Option(
-            "--class", metavar="NAME", help="What it should be recognised as. Default: the object's own class."
-        ),
-    ] = None,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
+    class_name: options.TrueClass = None,
+    networks: options.NamedNetworks,
     print_profile: options.PrintProfile = None,
     workers: options.RenderThreads = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train what is on the pieces of a wrap, planning them first where there are none; goes on where it stopped."""
+    """Train the pictures on the pieces of a wrap, and plan the pieces if there are none. Interrupted runs resume."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.wrap_task import train_wrap as run
 
@@ -201,8 +166,8 @@ def train_wrap(
         overrides = use_printer(overrides, print_profile)
     config = make_wrap_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
-    networks = load_networks(model, weights, device, place.classifiers_dir)
-    trained = run(config, networks, place, class_name=class_name, restart=restart, workers=workers)
+    loaded = load_networks(*networks, place.classifiers_dir)
+    trained = run(config, loaded, place, class_name=class_name, restart=restart, workers=workers)
     show_result(trained, as_json)
 
 
@@ -210,14 +175,10 @@ def train_wrap(
 def train_classifier(
     config: ClassifierConfig,
     patches: Annotated[
-        str | None,
-        typer.Option(metavar="SET", help="Every image has the patch of its class from this set, as in corrupt-eval."),
+        str | None, typer.Option(metavar="SET", help="Put the patch of its class from this set on every image.")
     ] = None,
-    download: Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 where it is not there.")] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
-    ] = None,
+    download: options.Download = False,
+    workers: options.RenderProcesses = None,
     out: options.ClassifierFolder = None,
     keep_data: Annotated[
         bool, typer.Option("--keep-data", help="Keep the rendered images, for another training under this name.")
@@ -228,7 +189,7 @@ def train_classifier(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
+    """Train a classifier of your own classes, from renders or images. Interrupted runs resume."""
     from toolkit.training.classifier import train_classifier as run
 
     space = open_workspace(workspace)
@@ -241,32 +202,33 @@ def train_classifier(
 
 
 def describe_classifier(trained: "TrainedClassifier", out: Path | None) -> Iterator[str]:
-    """What was made, how good it is, and what to do with it."""
+    """Yield what was made, its accuracy, and the next commands."""
     record = trained.record
     yield from trained.lines()
     yield from describe_held_out(record.held_out)
     model = f"--model {record.name if out is None else quote(trained.file)}"
     yield (
-        f"next: toolkit eval captures/ {model}, and for patches of its own "
+        f"next: toolkit eval captures/ {model}, and to train its patches "
         f"toolkit train-patch {model} --class CLASS --data rig --out print/patches/{record.name}"
     )
 
 
 def describe_held_out(held_out: "HeldOut") -> list[str]:
-    """Accuracy with its interval, the weakest classes and the commonest mistakes."""
+    """Return lines: accuracy with its interval, the weakest classes and the commonest mistakes."""
     if not held_out.n:
-        return ["held-out images: none, so its accuracy is not known"]
+        return ["held-out images: none, so the accuracy is not known"]
     low, high = held_out.ci95
     lines = [
-        f"held-out images: {held_out.correct} of {held_out.n} right ({held_out.correct / held_out.n:.1%}, 95 % "
+        f"held-out images: {held_out.correct} of {held_out.n} correct ({held_out.correct / held_out.n:.1%}, 95 % "
         f"interval {low:.1%} to {high:.1%}); {held_out.what}"
     ]
     if (hit := held_out.under_attack) is not None:
         low, high = hit.ci95
         lines.append(
-            f"under attack ({hit.norm} {hit.eps:.4g}, {hit.steps} steps): {hit.correct} of {hit.n} right "
+            f"under attack ({hit.norm} {hit.eps:.4g}, {hit.steps} steps): {hit.correct} of {hit.n} correct "
             f"({hit.accuracy:.1%}, {low:.1%} to {high:.1%})"
         )
+    # classes with the lowest accuracy first
     shares = sorted((tally.correct / tally.n, label) for label, tally in held_out.per_class.items() if tally.n)
     if shares[0][0] < 1:
         lines.append("weakest classes: " + ", ".join(f"{label} {share:.0%}" for share, label in shares[:5]))
@@ -279,23 +241,20 @@ def describe_held_out(held_out: "HeldOut") -> list[str]:
 
 @from_config(config=RefineConfig)
 def refine_network(
+    *,
     config: RefineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for the networks. Default: rig/classifiers.")
-    ] = None,
+    network: options.NamedNetwork,
+    out: options.ClassifierFolder = None,
     restart: options.Restart = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Refine a network by its own answers, so that what is trained on it carries over; goes on where it stopped."""
+    """Refine a network by its own predictions, so that boosters for it transfer better. Interrupted runs resume."""
     from toolkit.models.load import load_classifier
     from toolkit.training.refine import refine_network as run
 
     space = open_workspace(workspace)
-    teacher = load_classifier(model, weights, device, space.classifiers_dir)
+    teacher = load_classifier(*network, space.classifiers_dir)
     made = run(config.with_overrides(seed=seed), space, teacher, out=out, restart=restart)
     show_result(made, as_json)

@@ -33,10 +33,8 @@ def sweep(
     *,
     config: SweepConfig,
     engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
+    network: options.NamedNetwork,
     patches: options.Patches = None,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
@@ -45,7 +43,7 @@ def sweep(
     from toolkit.rooms.benchmarks.sweeps.sweep import run_sweep
 
     space = open_workspace(workspace).with_patches(patches)
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    classifier = load_classifier(*network, space.classifiers_dir)
     if config.cross:
         _sweep_crossed(space, config, classifier, engine, as_json)
         return
@@ -97,19 +95,11 @@ def show_sweep(result: "SweepResult") -> None:
 @from_config(config=CorruptEvalConfig, engine=EngineConfig)
 def corrupt_eval(
     *,
-    data: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder with one folder per class (its val/ or test/, where there is one), or cifar10:FOLDER.",
-        ),
-    ],
+    data: options.Data,
     config: CorruptEvalConfig,
     engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
+    network: options.NamedNetwork,
     download: options.Download = False,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
@@ -125,9 +115,9 @@ def corrupt_eval(
     space = open_workspace(workspace)
 
     def load(name: str) -> Classifier:
-        return load_classifier(name, None, device, folder=space.classifiers_dir)
+        return load_classifier(name, None, network.device, space.classifiers_dir)
 
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    classifier = load_classifier(*network, space.classifiers_dir)
     images = open_images(data, classifier, "test", download)
     done = evaluate_benchmark(space, images, classifier, config, load, engine)
     if as_json:
@@ -165,9 +155,7 @@ def show_benchmark(done: "BenchmarkRun") -> None:
 def transfer(
     *,
     config: TransferConfig,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
-    device: options.Device = "auto",
+    networks: options.NamedNetworks,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
@@ -176,10 +164,10 @@ def transfer(
     from toolkit.rooms.benchmarks.transfer.leave_one_out import HEADS, leave_one_out, tabulate
 
     space = open_workspace(workspace)
-    networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
-    typed = dict(zip(model or (), (network.name for network in networks), strict=False))
+    loaded = load_networks(*networks, space.classifiers_dir, may_mix=True)
+    typed = dict(zip(networks.model or (), (network.name for network in loaded), strict=False))
     config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
-    result = leave_one_out(space, config, networks)
+    result = leave_one_out(space, config, loaded)
     if as_json:
         show_json([row.model_dump() for row in result.rows])
         return
@@ -194,13 +182,7 @@ def transfer(
 )
 def train_patches(
     *,
-    data: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER.",
-        ),
-    ],
+    data: options.Data,
     config: ClassPatchesConfig,
     placement: Placement,
     engine: EngineConfig,
@@ -208,14 +190,12 @@ def train_patches(
         list[str] | None,
         typer.Option("--class", metavar="NAME", help="Label, index or WordNet id; default: all that have images."),
     ] = None,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
+    network: options.NamedNetwork,
     overrides: Overrides,
     recipe: str,
     download: options.Download = False,
     restart: options.Restart = False,
     seed: options.Seed = 0,
-    device: options.Device = "auto",
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
@@ -226,14 +206,14 @@ def train_patches(
     from toolkit.training.images import choose_classes, open_images
 
     space = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, space.classifiers_dir)
+    classifier = load_classifier(*network, space.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
     config = config.with_overrides(seed=seed)
     patch = make_flat_config(recipe, overrides, placement, config)
     with quietly(as_json):
         made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
-    flags = {"--model": model, "--weights": weights}
+    flags = {"--model": network.model, "--weights": network.weights}
     typed = [f"{flag} {quote(value)}" for flag, value in flags.items() if value is not None]
     words = " ".join(["toolkit corrupt-eval --data", quote(data), *typed, *(f"--patches {name}" for name in made.sets)])
     show_result(made, as_json, [*made.lines(), f"next: {words}"])

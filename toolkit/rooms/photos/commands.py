@@ -163,6 +163,7 @@ def _report_check(report: "CheckReport", folder: Path) -> None:
 
 @from_config(config=RetextureConfig)
 def retexture(
+    *,
     photos: Annotated[
         list[Path], typer.Argument(metavar="PHOTOS...", help="Photographs of the printed patch, or folders of them.")
     ],
@@ -173,9 +174,7 @@ def retexture(
             "--check", help="Predict true photographs of several known patches from one another, and compare."
         ),
     ] = False,
-    model: options.Models = None,
-    weights: options.WeightFiles = None,
-    device: options.Device = "auto",
+    networks: options.NamedNetworks,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
@@ -190,7 +189,7 @@ def retexture(
 
     space = open_workspace(workspace).with_patches(patches)
     if check:
-        _check_retexture(space, photos, config, (model, weights, device), as_json)
+        _check_retexture(space, photos, config, networks, as_json)
         return
     run = run_retexture(space, photos, config)
     list_skipped(run.skipped)
@@ -217,19 +216,14 @@ def retexture(
 
 
 def _check_retexture(
-    space: Workspace,
-    photos: list[Path],
-    config: RetextureConfig,
-    networks: tuple[list[str] | None, list[Path] | None, str],
-    as_json: bool,
+    space: Workspace, photos: list[Path], config: RetextureConfig, networks: options.NamedNetworks, as_json: bool
 ) -> None:
     """Run and show `retexture --check`."""
     from toolkit.core.console import list_skipped
     from toolkit.models.load import load_classifiers
     from toolkit.rooms.photos.retexture import check_retexture, summarise
 
-    model, weights, device = networks
-    classifiers = load_classifiers(model, weights, device, space.classifiers_dir)
+    classifiers = load_classifiers(*networks, space.classifiers_dir)
     found = check_retexture(space, photos, config.found, classifiers, config.seed)
     list_skipped(found.skipped)
     if as_json:
@@ -254,7 +248,9 @@ def _check_retexture(
         say("no two photographs' names differ only in the patch's: name them as PATCH_PLACE.jpg to compare patches")
 
 
+@from_config()
 def studio(
+    *,
     lan: Annotated[
         bool, typer.Option("--lan", help="For a phone in the same network: a URL with a token, and its QR code.")
     ] = False,
@@ -270,10 +266,8 @@ def studio(
             help="With --lan: this machine's address there. Default: the kit finds it.",
         ),
     ] = None,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
+    network: options.NamedNetwork,
     source: options.RealSource = "real",
-    device: options.Device = "auto",
     board: options.Board = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
@@ -303,7 +297,7 @@ def studio(
         from toolkit.models.load import load_classifier
 
         with quietly():
-            return load_classifier(model, weights, device, space.classifiers_dir)
+            return load_classifier(*network, space.classifiers_dir)
 
     door = listen(lan, port, address)
     # the network loads in the background: photographs may come before it is ready

@@ -170,9 +170,7 @@ def world_eval(
     *,
     config: WorldEvalConfig,
     engine: EngineConfig,
-    model: options.Model = None,
-    weights: options.WeightsFile = None,
-    device: options.Device = "auto",
+    network: options.NamedNetwork,
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
@@ -185,7 +183,7 @@ def world_eval(
     from toolkit.rooms.worlds.evaluation.world_run import evaluate_world
 
     space = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    classifier = load_classifier(*network, space.classifiers_dir)
     done = evaluate_world(space, classifier, config, engine)
     list_skipped(done.failed)
     if as_json:
