@@ -25,13 +25,17 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-@lru_cache(maxsize=256)
-def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
-    """One of `FACES`, from matplotlib's data; matplotlib itself is not loaded."""
+def font_file(face: str) -> Path:
+    """Return the file of a font of `FACES` in matplotlib's data; matplotlib itself is not loaded."""
     spec = find_spec("matplotlib")
     assert spec is not None and spec.origin is not None
-    fonts = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return ImageFont.truetype(str(fonts / FACES[face]), size_px)
+    return Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / FACES[face]
+
+
+@lru_cache(maxsize=256)
+def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
+    """Return a font of `FACES`."""
+    return ImageFont.truetype(str(font_file(face)), size_px)
 
 
 def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:

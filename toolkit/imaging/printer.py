@@ -1,4 +1,4 @@
-"""What a printer makes of colours: its inks, a profile measured on photographs, and how well a patch will print."""
+"""Colours on paper: a printer's inks, a profile measured on photographs, and how well a patch will print."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,8 +18,7 @@ SOLIDS = np.array(
         [[[0.840, 0.296, 0.304], [0.859, 0.309, 0.554]], [[0.982, 0.870, 0.202], [0.950, 0.950, 0.969]]],
     ]
 )
-"""[r, g, b] -> what is printed where the file's red, green and blue are 0 or 1, in this order: black ink, blue (cyan on
-magenta), green (cyan on yellow), cyan, red (magenta on yellow), magenta, yellow, bare paper."""
+"""[r, g, b] of the file, each 0 or 1 -> sRGB colour on paper. [0, 0, 0] is black ink, [1, 1, 1] is paper."""
 PAPER = SOLIDS[1, 1, 1]
 
 
@@ -91,10 +90,8 @@ class PrintScores:
     Attributes:
         total_variation: mean absolute difference of neighbouring texels, right and below, over the channels (Rudin,
             Osher and Fatemi 1992, the anisotropic form): 0 is a flat colour, 0.33 noise.
-        non_printability: mean distance, root mean square over the channels, of a texel to the nearest colour that the
-            inks can make: 0 where every colour can be printed. The non-printability score of Sharif
-            et al. (2016), with all printable colours for their list of some, and the distance to the nearest
-            (Thys et al. 2019) for the product of all distances, which has the same zeros.
+        non_printability: mean distance, root mean square over the channels, of a texel to the nearest printable colour
+            (Sharif et al. 2016, and Thys et al. 2019).
     """
 
     total_variation: float
@@ -102,7 +99,7 @@ class PrintScores:
 
     def describe(self, name: str) -> str:
         """One line: the numbers, and what they mean on paper."""
-        grain = "as grainy as noise: texels blur from afar" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
+        grain = "as noise: texels blur at a distance" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
         inks = (
             "its strongest colours come out duller than on the screen"
             if self.non_printability > DULL

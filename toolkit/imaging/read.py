@@ -53,15 +53,14 @@ def is_image_name(name: str) -> bool:
 def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
     """Decode a photograph to (h, w, 3) uint8, sRGB-encoded.
 
-    EXIF orientation is applied; an embedded ICC profile, or Adobe RGB by the EXIF alone, is converted to sRGB. 16-bit
-    and grey and CMYK and palette images are brought to 8-bit RGB, transparency is laid over mid grey. Of several frames
-    the first is taken.
+    EXIF orientation is applied; an embedded ICC profile, or Adobe RGB by the EXIF alone, is converted to sRGB. Images
+    of 16 bits, grey, CMYK or with a palette become 8-bit RGB, transparency is laid over mid grey. The first of several
+    frames is taken.
 
     Args:
         path: JPEG, PNG, WebP, TIFF, HEIC, AVIF, BMP or GIF.
-        short_side_px: what the image will be shrunk to. A JPEG may then be decoded at a half, quarter or eighth of its
-            size, as long as the short side keeps twice this length, so that the shrunk image is the same but for
-            rounding. None decodes in full.
+        short_side_px: length to which the image will be shrunk; a JPEG may then be decoded at a fraction of its size,
+            not under twice this length. None decodes in full.
 
     Raises:
         UnreadableImage: the file is empty, no image, truncated, of a kind that cannot be shown, or far too large.
@@ -190,7 +189,7 @@ def read_linear(path: Path) -> np.ndarray:
 def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
     with open_image(path, content) as image:
         if short_side_px is not None:
-            # JPEG decodes at 1/2, 1/4 or 1/8 for little; twice the wanted side leaves the resampling its quality
+            # JPEG decodes fractions cheaply; twice the wanted side keeps the quality of the resampling
             image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
         image.load()
         return np.asarray(_to_rgb(_turn_upright(image)))
@@ -377,7 +376,7 @@ BY_DESIGN = frozenset((
 
 @dataclass(frozen=True)
 class FoundFiles:
-    """What a folder holds.
+    """Files of a folder.
 
     Attributes:
         images: files that are images by name, as parts relative to the folder, sorted.
@@ -414,7 +413,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
         for name in folders:
             if not _is_passed_over(name) and (here / name).is_symlink():
                 refused.append((show_path((*parts, name)), "a linked folder: copy its images here instead"))
-        # in place: the walk goes on with what is left in the list
+        # in place: the walk follows the folders that are left in the list
         folders[:] = [name for name in folders if not _is_passed_over(name)]
         for name in names:
             if _is_passed_over(name) or name in BY_DESIGN:
