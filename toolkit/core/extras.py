@@ -1,0 +1,25 @@
+"""Packages of optional extras, loaded when they are needed."""
+
+from importlib import import_module
+from types import ModuleType
+
+from toolkit.core.errors import ToolkitError
+
+
+def import_package(name: str, extra: str, what: str) -> ModuleType:
+    """Import a package of an optional extra.
+
+    Args:
+        name: name of the package.
+        extra: extra of the kit that installs it.
+        what: what needs it, for the message.
+
+    Raises:
+        ToolkitError: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ToolkitError(
+            f"{what} needs {name}, which is not installed ({error}): pip install '.[{extra}]' in the kit's folder"
+        ) from None
