@@ -54,7 +54,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     Raises:
         ToolkitError: no images, a folder of that name that holds something else, or it cannot be written.
     """
-    from toolkit.corruptions.folder import corrupt_folder
+    from toolkit.corruptions.folder import corrupt_images
 
     made, skip = [], find_faults(source_dir)
     for corruption in corruptions:
@@ -62,7 +62,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
         # two runs at once would both append to the manifest
         with hold_folder(out):
             _check_own(out, corruption)
-            done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
+            done = corrupt_images(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
             _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made
