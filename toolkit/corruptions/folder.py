@@ -251,24 +251,14 @@ def corrupt_images(
     for name, severity in plan:
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
-    single = len(plan) == 1
-    if source.is_file():
-        sources, refused = [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
-    else:
-        sources, refused = find_sources(source, out, image_format)
-    if not sources:
-        why = f" but links ({refused[0][0]}: {refused[0][1]})" if refused else ""
-        raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
-    skipped = skip or {}
-    refused = [*refused, *((source.path, skipped[source.path]) for source in sources if source.path in skipped)]
-    sources = [source for source in sources if source.path not in skipped]
-    # the settings of the folder, checked against those of an earlier run
-    alone = plan[0] if single else (None, None)
+    sources, failed = _list_sources(source, out, image_format, skip or {})
+    result = CorruptResult(failed=failed)
+    # the settings of the folder are checked against those of an earlier run
+    alone = plan[0] if len(plan) == 1 else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
     )
-    result = CorruptResult(failed=refused)
-    places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
+    places = {item: "" if len(plan) == 1 else f"{item[0]}/{item[1]}/" for item in plan}
     log = RecordLog(out / LOG_FILE, CorruptedFile)
     with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
         claim_folder(out, settings)
@@ -289,6 +279,21 @@ def corrupt_images(
                     result.made += len(lines)
                     ticker.advance(len(batch))
     return result
+
+
+def _list_sources(
+    source: Path, out: Path, image_format: str, skip: Mapping[str, str]
+) -> tuple[list[SourceImage], list[tuple[str, str]]]:
+    """Return the images to corrupt, and (path, reason) of links that leave the folder and of those to skip."""
+    if source.is_file():
+        sources, refused = [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
+    else:
+        sources, refused = find_sources(source, out, image_format)
+    if not sources:
+        why = f" but links ({refused[0][0]}: {refused[0][1]})" if refused else ""
+        raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
+    refused = [*refused, *((image.path, skip[image.path]) for image in sources if image.path in skip)]
+    return [image for image in sources if image.path not in skip], refused
 
 
 def _check_settings(source: Path, out: Path, size_px: int | None, image_format: str) -> None:

@@ -56,15 +56,14 @@ class Document:
         """(n,) uint8 bytes of a buffer view, decompressed."""
         view = self.row("bufferViews", index)
         if index not in self._views:
-            packed = next((found for name in MESHOPT if (found := extension(view, name))), None)
-            try:
-                self._views[index] = (
-                    self._cut(view, index)
-                    if packed is None
-                    else decode_view(self._cut(packed, index).tobytes(), packed)
-                )
-            except (ValueError, IndexError, KeyError) as error:
-                raise DamagedGltf(f"{MESHOPT[0]}: the data of buffer view {index} are damaged ({error})") from None
+            name, packed = next(((name, found) for name in MESHOPT if (found := extension(view, name))), ("", None))
+            if packed is None:
+                self._views[index] = self._cut(view, index)
+            else:
+                try:
+                    self._views[index] = decode_view(self._cut(packed, index).tobytes(), packed)
+                except (ValueError, IndexError, KeyError) as error:
+                    raise DamagedGltf(f"{name}: the data of buffer view {index} are damaged ({error})") from None
         return self._views[index]
 
     def _cut(self, view: dict[str, Any], index: int) -> np.ndarray:
