@@ -195,7 +195,7 @@ def test_names_stand_for_families():
         (["nowhere", "OUT", "--corrupt", "fog"], "does not exist"),
         (["IN", "IN", "--corrupt", "fog"], "another folder"),
         (["IN", "IN/notes.txt", "--corrupt", "fog"], "another folder"),
-        (["IN", "OUT", "--corrupt", "fog", "--image-px", "8"], "16 px or more"),
+        (["IN", "OUT", "--corrupt", "fog", "--image-px", "8"], "16 to 4096 px"),
         (["IN", "OUT", "--corrupt", "fog", "--format", "gif"], "png or jpg"),
         (["EMPTY", "OUT", "--corrupt", "fog"], "holds no images"),
         (["IN/notes.txt", "OUT.png", "--corrupt", "fog", "--severity", "1"], "not an image"),

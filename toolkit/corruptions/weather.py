@@ -94,8 +94,8 @@ def draw_panes(scale: float = 1.0) -> np.ndarray:
     """(5, side, side, 3) float32 sRGB-encoded panes, which repeat without a seam; `scale` shrinks them."""
     if scale != 1:
         # linear without a prefilter, as the published code shrinks its photographs
-        size = (round(SIDE_PX * scale),) * 2
-        return np.stack([cv2.resize(pane, size, interpolation=cv2.INTER_LINEAR) for pane in draw_panes()])
+        panes, how = draw_panes(), cv2.INTER_LINEAR
+        return np.stack([cv2.resize(pane, (0, 0), fx=scale, fy=scale, interpolation=how) for pane in panes])
     return np.stack([draw_pane(pane, np.random.default_rng([20190327, index])) for index, pane in enumerate(PANES)])
 
 
