@@ -23,13 +23,9 @@ PAPER = SOLIDS[1, 1, 1]
 
 
 def nearest_printable(colours: np.ndarray) -> np.ndarray:
-    """The nearest colours that the inks can mix: halftones mix solids, so these fill the convex hull of `SOLIDS`.
+    """(k, 3) printable colours nearest to (k, 3) colours, sRGB-encoded.
 
-    Args:
-        colours: (k, 3) sRGB-encoded.
-
-    Returns:
-        (k, 3); a colour that can be printed comes back itself.
+    Halftones mix solids, so printable colours fill the convex hull of `SOLIDS`.
     """
     nearest = np.array(colours, float)
     triangles, normals = _hull()
@@ -47,7 +43,7 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _hull() -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3): those with all points below."""
+    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3)."""
     solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
     # eight points: every triangle is tried, those with all points on the same side are the hull's
     for a, b, c in combinations(range(8), 3):
@@ -60,7 +56,7 @@ def _hull() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """(k, 3) the place on a triangle that is nearest to each of (k, 3) points."""
+    """(k, 3) places on a triangle nearest to (k, 3) points."""
     edges = triangle[1:] - triangle[0]
     # barycentric coordinates of the nearest place in the triangle's plane; outside, an edge is nearer
     weights = np.linalg.lstsq(edges.T, (points - triangle[0]).T, rcond=None)[0].T
@@ -98,7 +94,7 @@ class PrintScores:
     non_printability: float
 
     def describe(self, name: str) -> str:
-        """One line: the numbers, and what they mean on paper."""
+        """Describe the numbers and their meaning on paper in a line."""
         grain = "as noise: texels blur at a distance" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
         inks = (
             "its strongest colours come out duller than on the screen"
@@ -116,7 +112,7 @@ def score_print(pixels: np.ndarray) -> PrintScores:
     colours = pixels.astype(float) / 255
     steps = [np.abs(np.diff(colours, axis=axis)).ravel() for axis in (0, 1)]
     flat = colours.reshape(-1, 3)
-    # each colour is looked up once, however many pixels have it
+    # each colour is looked up once
     kinds, count = np.unique(flat, axis=0, return_counts=True)
     distance = np.sqrt(((kinds - nearest_printable(kinds)) ** 2).mean(axis=1))
     return PrintScores(float(np.concatenate(steps).mean()), float((distance * count).sum() / len(flat)))
@@ -197,7 +193,7 @@ class PrintProfile(BaseModel):
 
 
 def white_paper() -> Triple:
-    """Linear light of `PAPER`: a photo cannot tell how white a paper is, only what is darker than it."""
+    """Linear light of `PAPER`: a photo shows colours only relative to its white."""
     red, green, blue = (float(value) for value in srgb_to_linear(PAPER))
     return red, green, blue
 

@@ -274,13 +274,17 @@ def print_patches(
     return printed, failed
 
 
-def print_for_objects(
-    workspace: Workspace, objects: Sequence[str], out: Path, settings: PrintSettings | None = None
-) -> list[PrintedPatch]:
-    """Print the patch of each object in the size that its spec states, into `OBJECT.pdf`.
+def print_chosen(
+    workspace: Workspace, out: Path, settings: PrintSettings | None = None, *, objects: Sequence[str] = (),
+    classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = (),
+) -> tuple[list[PrintedPatch], list[dict[str, str]], list[str]]:  # fmt: skip
+    """Print the patches of objects in the sizes of their specs, and the patches that `select_patches` finds.
+
+    Returns:
+        As `print_patches`, and notes on sizes that differ from the rig's.
 
     Raises:
-        ToolkitError: an object is unknown, has no patch, or its patch cannot be printed.
+        ToolkitError: nothing is chosen, an object is unknown or has no patch, or as `print_patches`.
     """
     worn = []
     for name in dict.fromkeys(objects):
@@ -288,27 +292,12 @@ def print_for_objects(
         png_file = find_patch_file(workspace, spec)
         if png_file is None:
             raise ToolkitError(
-                f"no patch for object '{name}': train one with 'toolkit train-patch --object {name}', or name a patch"
+                f"no patch for object '{name}': train it with 'toolkit train-patch --object {name}', or name a patch"
             )
         worn.append((png_file, as_wearer(spec, png_file)))
-    return [
+    printed = [
         print_patch(png_file, pdf_file, settings, wearer) for png_file, wearer, pdf_file in _name_targets(worn, out)
     ]
-
-
-def print_chosen(
-    workspace: Workspace, out: Path, settings: PrintSettings | None = None, *, objects: Sequence[str] = (),
-    classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = (),
-) -> tuple[list[PrintedPatch], list[dict[str, str]], list[str]]:  # fmt: skip
-    """Print the patches of objects and those that `select_patches` finds.
-
-    Returns:
-        As `print_patches`, and notes on sizes that differ from the rig's.
-
-    Raises:
-        ToolkitError: nothing is chosen, or see `print_for_objects` and `print_patches`.
-    """
-    printed = print_for_objects(workspace, objects, out, settings)
     failed: list[dict[str, str]] = []
     if classes or everything or files or not objects:
         chosen = select_patches(workspace, classes, everything, files)
