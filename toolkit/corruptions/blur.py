@@ -212,7 +212,7 @@ def blur_by_motion(images: torch.Tensor, shape: tuple[float, float], draws: Rand
 
 
 def zoom_in(planes: torch.Tensor, factor: float) -> torch.Tensor:
-    """The middle of (b, c, h, w), enlarged `factor` times, linearly, corner pixel onto corner pixel."""
+    """Enlarge the middle of (b, c, h, w) `factor` times, linearly, corner pixel onto corner pixel."""
     height, width = planes.shape[-2:]
     # only what is seen after the enlargement is enlarged
     cut_height, cut_width = math.ceil(height / factor), math.ceil(width / factor)
@@ -230,7 +230,7 @@ def fill_by_zoom(cut: torch.Tensor, factor: float, height: int, width: int) -> t
 
 
 def blur_by_zoom(images: torch.Tensor, zooms: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
-    """The mean of the image and its enlargements; `zooms` is the end and the step of `numpy.arange(1, end, step)`."""
+    """Average the image and its enlargements; `zooms` is the end and the step of `numpy.arange(1, end, step)`."""
     factors = np.arange(1, *zooms).tolist()
     total = images.clone()
     for factor in factors:

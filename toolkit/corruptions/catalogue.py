@@ -127,7 +127,7 @@ ALL = (
 )  # fmt: skip
 CORRUPTIONS: dict[str, Corruption] = {corruption.name: corruption for corruption in ALL}
 COMMON = tuple(name for name, corruption in CORRUPTIONS.items() if corruption.family != "extra")
-"""The fifteen that the benchmark's mean is taken over."""
+"""The fifteen in the benchmark's mean."""
 
 
 def find_corruption(name: str, severity: int) -> Corruption:

@@ -1,4 +1,4 @@
-"""Between sRGB-encoded values and linear light (IEC 61966-2-1), and how different two colours look."""
+"""Convert between sRGB-encoded values and linear light (IEC 61966-2-1), and measure colour differences."""
 
 import numpy as np
 

@@ -57,7 +57,7 @@ def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def make_figure(width_in: float, height_in: float, layout: str | None = "constrained") -> "Figure":
-    """An empty figure; the caller is a function `with_default_style`."""
+    """Make an empty figure; the caller is a function `with_default_style`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -67,7 +67,7 @@ def make_figure(width_in: float, height_in: float, layout: str | None = "constra
 
 
 def encode_figure(figure: "Figure", dpi: int = DPI) -> bytes:
-    """The figure as PNG."""
+    """Return the figure as PNG."""
     buffer = BytesIO()
     # matplotlib writes its version into the file: without it the bytes follow from the picture alone
     figure.savefig(buffer, dpi=dpi, format="png", metadata={"Software": None})

@@ -1,4 +1,4 @@
-"""From a photograph to what a network sees: resize the short side, cut the middle, normalise."""
+"""Preprocess a photograph for a network: resize the short side, cut the middle, normalise."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ class Preprocessing:
     Attributes:
         resize_px: length of the short side after resizing; of both sides with `squash`.
         crop_px: side of the central square that is kept.
-        mean, std: of sRGB-encoded values in [0, 1], per channel, in the order of `channels`.
+        mean, std: mean and standard deviation of sRGB-encoded values in [0, 1], in the order of `channels`.
         filter_name: Pillow's name of the resampling filter, always antialiased.
         channels: order in which the network wants the colours, `RGB` or `BGR`.
         squash: whether the whole image is resized to a square, whatever its aspect ratio.
@@ -32,7 +32,7 @@ class Preprocessing:
     squash: bool = False
 
     def describe(self) -> str:
-        """One line for a report."""
+        """Describe it in a line."""
         order = "" if self.channels == "RGB" else f", channels {self.channels}"
         sides = "both sides" if self.squash else "short side"
         return (

@@ -205,7 +205,7 @@ def raise_terms(encoded: np.ndarray, power: float, exponents: tuple[Exponents, .
 
 
 def print_colours(profile: PrintProfile, encoded: np.ndarray) -> np.ndarray:
-    """sRGB-encoded (..., 3) in [0, 1]: what comes out of the printer for a file's colours, in neutral light."""
+    """(..., 3) sRGB-encoded colours in [0, 1] of the print of a file's colours, in neutral light."""
     terms = raise_terms(encoded, profile.power, profile.exponents)
     return linear_to_srgb(terms @ np.array(profile.coefficients) * np.array(profile.paper_linear))
 

@@ -33,7 +33,7 @@ class CifarWeights:
 
 
 def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
-    """One of `CIFAR_NETWORKS` with random weights."""
+    """Build a network of `CIFAR_NETWORKS` with random weights."""
     from torch import nn
 
     from toolkit.models.vision import torchvision

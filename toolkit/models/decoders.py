@@ -21,7 +21,7 @@ def decode_yolox(outputs: torch.Tensor, size: int, strides: Sequence[int] = (8, 
     Args:
         outputs: (b, n, 5 + classes): x, y, log w, log h, objectness and class scores after the sigmoid.
         size: side of the network's images.
-        strides: of its grids, in the outputs' order.
+        strides: strides of its grids, in the outputs' order.
     """
     corners, steps = [], []
     for stride in strides:
@@ -73,7 +73,7 @@ def decode_end2end(outputs: torch.Tensor, size: int, classes: int) -> Dense:
     Args:
         outputs: (b, n, 6): x1, y1, x2, y2 in pixels, score, class.
         size: side of the network's images; the boxes are in its pixels already.
-        classes: how many the labels name.
+        classes: number of labels.
 
     Raises:
         ToolkitError: an output has a class that the labels do not name.
@@ -162,7 +162,7 @@ def count_places(size: int) -> list[int]:
 
 
 def guess_decoder(shapes: Sequence[Shape], size: int | None) -> str | None:
-    """The family whose outputs have these shapes; None: none of them."""
+    """Return the family with outputs of these shapes, if there is any."""
     places = [] if size is None else count_places(size)
     if [len(shape) for shape in shapes] == [3, 3]:
         is_pair = shapes[0][1] == shapes[1][1] and shapes[0][1] not in places
@@ -183,7 +183,7 @@ def guess_decoder(shapes: Sequence[Shape], size: int | None) -> str | None:
 
 
 def count_classes(family: str, shapes: Sequence[Shape]) -> int | None:
-    """How many classes the outputs have; None: they do not show it."""
+    """Return the number of classes of the outputs, if their shapes show it."""
     if family == "end2end":
         return None
     if family == "detr":
@@ -193,7 +193,7 @@ def count_classes(family: str, shapes: Sequence[Shape]) -> int | None:
 
 
 def choose_decoder(family: str, classes: int) -> Decoder:
-    """The family's, for so many classes."""
+    """Return the family's decoder for a number of classes."""
     decoder = DECODERS[family]
     if family == "end2end":
         return replace(decoder, decode=partial(decode_end2end, classes=classes))

@@ -94,7 +94,7 @@ class Detector(AnyNetwork, Protocol):
         Args:
             batch: (b, 3, h, w) sRGB-encoded in [0, 1], square, of `image_px`.
             boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the batch.
-            class_index: of the object.
+            class_index: class of the object.
         """
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from toolkit.models.onnx_networks import OnnxNetwork
 
 Tokens = Literal["first", "mean"]
-"""Which of the tokens of a transformer stand for the image: the first (the class token), or the mean of all."""
+"""Tokens of a transformer that represent the image: the first (the class token), or the mean of all."""
 LEAST_LENGTH = 1e-12
 """Features are divided by their length, or by this if it is smaller."""
 SOURCE_NOTES = ("stack_trace", "nn_module_stack", "source_fn_stack", "torch_fn", "from_node")

@@ -192,7 +192,7 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
 
 BESIDE_FILE = "list them as 'labels' in a TOML or JSON file beside it"
 FROM_FUNCTION = "return {'size': …, 'labels': ['…', …]} as the preprocessing of its function"
-"""How the classes of a network get names."""
+"""Remedy for a network whose classes have no names."""
 CODE = ".py"
 MOST_TEXT_BYTES = 16 << 20
 UNREAD = (".yaml", ".yml", ".csv", ".names", ".labels")

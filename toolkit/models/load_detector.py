@@ -102,7 +102,7 @@ class DenseDetector:
             ]
 
     def _fit(self, image: np.ndarray) -> tuple[np.ndarray, Place]:
-        """The image in the network's square, and where it lies there."""
+        """Place the image in the network's square; return it with its place."""
         side, (height, width), how = self.image_px, image.shape[:2], self.decoder
         if how.letterbox == "stretch":
             return cv2.resize(image, (side, side)), (side / width, side / height, 0, 0)

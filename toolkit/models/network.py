@@ -46,7 +46,7 @@ class AnyNetwork(Protocol):
 
     @property
     def weights(self) -> WeightsFile:
-        """The file that its weights came from."""
+        """File of its weights."""
 
     @property
     def device(self) -> str:

@@ -113,7 +113,7 @@ def choose_precision(arch: str, image_px: int, device: str) -> str:
 
 
 def autocast(precision: str, device: str) -> AbstractContextManager[object]:
-    """The context of a forward pass in `choose_precision`'s precision."""
+    """Return the context of a forward pass in `choose_precision`'s precision."""
     return mixed_precision(device) if precision == "bfloat16" else nullcontext()
 
 

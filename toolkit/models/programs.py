@@ -271,7 +271,7 @@ class LogProbabilities(nn.Module):
         self.network = network
 
     def forward(self, batch: torch.Tensor) -> torch.Tensor:
-        """The logarithms of its probabilities."""
+        """Return the logarithms of its probabilities."""
         # softmax(log p) = p; a probability of 0 has no logarithm
         return self.network(batch).clamp_min(torch.finfo(torch.float32).tiny).log()
 

@@ -33,12 +33,12 @@ DOWNLOAD_TIMEOUT_S, HUB_TIMEOUT_S = 15.0, 10.0
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """The file that a network's weights came from.
+    """The file of a network's weights.
 
     Attributes:
         path: the file.
         sha256: of the file, 64 hex digits.
-        name: what to call it in a report: the file's name.
+        name: its name in reports: the file's name.
     """
 
     path: Path
@@ -47,7 +47,7 @@ class WeightsFile:
 
 
 def find_weights(arch: str, weights: Path | None = None) -> WeightsFile:
-    """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
+    """Find the weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
 
     Raises:
         ToolkitError: the named file is missing or of another kind, or none of the four ways has weights for `arch`.
@@ -241,7 +241,7 @@ def _modern_name(name: str) -> str | None:
 
 
 WRAPPED_PARTS = ("_orig_mod.", "_fsdp_wrapped_module.", "_checkpoint_wrapped_module.", "_forward_module.")
-"""What torch.compile, FSDP, activation checkpointing and Lightning put before the names of a network or its parts."""
+"""Prefixes by torch.compile, FSDP, activation checkpointing and Lightning on the names of a network or its parts."""
 
 
 def unwrap_names(

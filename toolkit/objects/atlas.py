@@ -258,7 +258,7 @@ def make_atlas(
 
 
 def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
-    """The mesh with a texture on its trained faces.
+    """Return the mesh with a texture on its trained faces.
 
     Args:
         atlas: the object.
@@ -280,7 +280,7 @@ def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
 
 
 def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mesh:
-    """The mesh with a picture in its own texture coordinates, in place of its paint.
+    """Return the mesh with a picture in its own texture coordinates, in place of its paint.
 
     Args:
         mesh: the object.
@@ -405,7 +405,7 @@ def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
 
 def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
-    """The mesh with other texture coordinates; vertices are doubled where those of their faces differ."""
+    """Return the mesh with other texture coordinates; vertices whose faces differ in them are doubled."""
     index = mesh.faces.reshape(-1).astype(np.int64)
     bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
     first, inverse = group_rows([index, *bits.T])

@@ -1,4 +1,4 @@
-"""Which patch of a workspace is an object's."""
+"""Find an object's patch in a workspace."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
 
 
 def next_patch(workspace: Workspace, own: Patch) -> Patch:
-    """The next patch by name that was trained for another class.
+    """Return the next patch by name that was trained for another class.
 
     Raises:
         ToolkitError: there is none.

@@ -47,7 +47,7 @@ def weld_surface(mesh: Mesh) -> Surface:
 
 
 def make_surface(places: np.ndarray, faces: np.ndarray) -> Surface:
-    """The surface of triangles (m, 3) between places (n, 3)."""
+    """Make the surface of triangles (m, 3) between places (n, 3)."""
     faces = faces.astype(np.int64)
     corners = places.astype(np.float64)[faces]
     weighted = cross_products(corners)
@@ -87,7 +87,7 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
         corners: (k, 3, 3) of triangles in space.
         points_of: (k, 3) their points on the plane, each used.
         flat: (n, 2) where those begin.
-        steps: how many.
+        steps: number of steps.
 
     Returns:
         (n, 2).

@@ -156,7 +156,7 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
     """Find at most `count` pieces with the most value, best first.
 
     Args:
-        mesh: in mm.
+        mesh: mesh in mm.
         value: (m,) value of each face.
         allowed: (m,) faces that pieces may have.
         limits: limits of each piece.

@@ -55,7 +55,7 @@ class TableObject:
 
     @property
     def name(self) -> str:
-        """The object's name."""
+        """Name of the object."""
         return self.spec.name
 
     @cached_property
@@ -97,7 +97,7 @@ def load_object(spec_file: Path) -> TableObject:
 
 
 def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
-    """The object of a spec whose mesh is read already."""
+    """Return the object of a spec with its mesh."""
     return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 

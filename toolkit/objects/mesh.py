@@ -238,7 +238,7 @@ def _compare_cells(unit: np.ndarray, weighted: np.ndarray, cosine: float) -> np.
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface reflects light (glTF's metallic-roughness model).
+    """Reflection of a surface (glTF's metallic-roughness model).
 
     Attributes:
         name: name for people, and for masking parts of an object.
@@ -265,7 +265,7 @@ class Mesh:
         uv: (n, 2) float32; u right, v up, (0, 0) the lower left corner of the texture.
         faces: (m, 3) int32, counter-clockwise seen from outside.
         face_material: (m,) int32, index into `materials`.
-        materials: at least one.
+        materials: materials of the faces.
     """
 
     vertices: np.ndarray
@@ -300,7 +300,7 @@ def place_on_table(mesh: Mesh, length_mm: float | None = None) -> Mesh:
 
 
 def merge_meshes(meshes: list[Mesh]) -> Mesh:
-    """One mesh with the triangles and materials of all, in order."""
+    """Merge meshes into a single mesh, in order."""
     vertex_starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     material_starts = np.cumsum([0, *(len(mesh.materials) for mesh in meshes)])
     return Mesh(
@@ -429,7 +429,7 @@ def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
 
 
 def unpack_mesh(arrays: Mapping[str, np.ndarray]) -> Mesh:
-    """The mesh that `pack_mesh` packed."""
+    """Undo `pack_mesh`."""
     materials = [
         Material(name, arrays[f"picture {texture}"], roughness, metallic,
                  None if emission is None else arrays[f"picture {emission}"])

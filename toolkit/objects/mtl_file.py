@@ -167,7 +167,7 @@ def _split_options(rest: str) -> tuple[dict[str, list[str]], str]:
 
 
 def _numbers(words: list[str]) -> list[float]:
-    """The leading words that are finite numbers."""
+    """Return the leading words that are finite numbers."""
     found: list[float] = []
     for word in words:
         try:

@@ -43,7 +43,7 @@ def unfold(surface: Surface, sheet_mm: tuple[float, float]) -> list[FlatPiece]:
     """Unfold all faces into nets without stretch, largest first; faces larger than the sheet are left out.
 
     Args:
-        surface: in mm.
+        surface: surface in mm.
         sheet_mm: sides of the sheet, which also holds the tabs.
 
     Raises:

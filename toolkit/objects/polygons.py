@@ -4,7 +4,7 @@ import numpy as np
 
 
 def triangulate(vertices: np.ndarray, corner_vertex: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The triangles of a mesh's polygons: triangles first, then quadrilaterals, then all others.
+    """Triangulate a mesh's polygons: triangles first, then quadrilaterals, then all others.
 
     Args:
         vertices: (n, 3).

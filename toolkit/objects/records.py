@@ -1,4 +1,4 @@
-"""The files of what is put on an object: a patch or a texture, each a picture with a record beside it."""
+"""Files of patches and textures: a picture, and a record beside it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -52,7 +52,7 @@ class NetworkRecord(BaseModel):
 
 
 class BoosterRecord(BaseModel):
-    """How a trained picture came to be.
+    """The training of a picture.
 
     Attributes:
         name: file name without suffix.
@@ -101,7 +101,7 @@ def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
 
 
 def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
-    """The bytes of a file whose hash is in a record.
+    """Read a file whose hash is in a record.
 
     Raises:
         ToolkitError: it cannot be read, or its hash differs.
@@ -247,7 +247,7 @@ class TexturedObjectRecord(BaseModel):
 
 
 class TextureRecord(BoosterRecord):
-    """How a texture came to be, and on which objects it goes."""
+    """The training of a texture, and its objects."""
 
     name: FileName
     objects: list[TexturedObjectRecord] = Field(min_length=1)
@@ -270,7 +270,7 @@ class Texture:
 
     Attributes:
         pixels: (n, n, 3) uint8, sRGB-encoded; row 0 is v = 1.
-        record: how it came to be.
+        record: its training.
         corner_uv: by object, (m, 3, 2) float32 texture coordinates of each triangle's corners, where they are stored.
         keep_images: by object, (h, w) bool in the mesh's own texture coordinates, true where its paint is kept.
     """
@@ -377,7 +377,7 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack_arrays(content: bytes, file: Path, names: Sequence[str], what: str) -> list[np.ndarray]:
-    """The arrays of these names out of an .npz file.
+    """Read the arrays of these names from an .npz file.
 
     Raises:
         ToolkitError: it is no such file, or unpacks to more than is meant; names `file` and `what` it should be.

@@ -139,11 +139,11 @@ class ObjectSpec(BaseModel):
         return tuple(mount.size_mm or default_mm for mount in self.mounts)
 
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
-        """The same object with its patch printed at another size on every sheet, millimetres."""
+        """Return the object with its patch printed at another size on every sheet, mm."""
         return self.with_mounts([mount.model_copy(update={"size_mm": size_mm}) for mount in self.mounts])
 
     def with_mounts(self, mounts: Sequence[PatchMount]) -> "ObjectSpec":
-        """The same object with its sheets in other places."""
+        """Return the object with its sheets in other places."""
         return self.model_copy(update={"mounts": tuple(mounts)})
 
 

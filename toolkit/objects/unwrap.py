@@ -22,7 +22,7 @@ TOLERATED = 0.02
 
 
 def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Which pieces cover themselves.
+    """Find the pieces that cover themselves.
 
     Args:
         flat: (m, 3, 2) the corners' places as seen along the piece's direction.

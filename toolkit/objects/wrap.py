@@ -402,7 +402,7 @@ def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
 
     Args:
         folder: `print/wraps/NAME` of a workspace.
-        wrap: with pixels; its hashes are replaced. The map of a wrap that had more pieces stays.
+        wrap: a wrap with pixels; its hashes are replaced. The map of a wrap that had more pieces stays.
 
     Returns:
         The wrap, as from `read_wrap`.

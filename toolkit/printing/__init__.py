@@ -40,7 +40,7 @@ def _read_squares(value: Any) -> Any:
 
 
 class PrintSettings(Config):
-    """How a patch is printed.
+    """Settings of a printed patch.
 
     Example:
         >>> settings = tk.PrintSettings(size_mm=60.0, paper="letter")
@@ -95,7 +95,7 @@ CutFormat = Literal["svg", "dxf"]
 
 
 class WrapSettings(Config):
-    """How the pieces of a wrap are printed and cut."""
+    """Settings of the printed and cut pieces of a wrap."""
 
     roll_mm: Annotated[float | None, Field(ge=SMALLEST_MM, le=LARGEST_MM), Flag("--roll", metavar="MM", group=WRAP)] = (
         Field(None, description="Width of a roll that replaces the sheets; the first page stays on {paper}.")
@@ -131,7 +131,7 @@ class OwnSettings(Config):
 
 
 class SheetSettings(Config):
-    """Which sheet is printed, if any, and its measures; None is chosen to suit.
+    """The sheet to print, if any, and its measures; None is chosen to fit.
 
     Raises:
         FieldError: two sheets are named, or a measure does not belong to the sheet.

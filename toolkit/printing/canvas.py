@@ -162,7 +162,7 @@ class Pdf(ReportLabCanvas):
         self.setLineWidth(line_mm)
 
     def finish(self) -> bytes:
-        """The whole file."""
+        """Return the bytes of the file."""
         self.save()
         return self.buffer.getvalue()
 

@@ -24,7 +24,7 @@ class Nested:
 
     Attributes:
         index: which of the shapes.
-        x_mm, y_mm: where on the page the shape's own origin lies.
+        x_mm, y_mm: place of the shape's origin on the page.
         quarters: turns by 90 degrees about it, counter-clockwise.
     """
 
@@ -74,7 +74,7 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
 
 
 def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
-    """The shape in each quarter turn."""
+    """Turn the shape by each quarter."""
     import shapely
 
     # fattened, so that every cell that the shape touches counts as taken
@@ -135,10 +135,10 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class CutSheet:
-    """What is cut from a sheet.
+    """The outlines of a sheet.
 
     Attributes:
-        width_mm, height_mm: of the sheet.
+        width_mm, height_mm: size of the sheet.
         rings_mm: by number of a piece, its closed rings (k, 2), the outer ring first, from the sheet's lower left.
     """
 

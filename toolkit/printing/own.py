@@ -1,4 +1,4 @@
-"""What people have already, printed at true size: a picture without a record, and tags that a camera reads."""
+"""Print your own pictures, and tags that a camera reads, at true size."""
 
 import math
 import re

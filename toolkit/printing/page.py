@@ -113,25 +113,25 @@ class Rect:
 
 @dataclass(frozen=True)
 class PageFrame:
-    """Where things go on a page; the origin is the paper's lower left corner."""
+    """Areas of a page; the origin is the paper's lower left corner."""
 
     paper: Paper
 
     @property
     def printable(self) -> Rect:
-        """The page without the margins that a printer does not reach."""
+        """Page without the margins that a printer does not reach."""
         sides = 2 * UNPRINTABLE_MM
         return Rect(UNPRINTABLE_MM, UNPRINTABLE_MM, self.paper.width_mm - sides, self.paper.height_mm - sides)
 
     @property
     def header(self) -> Rect:
-        """The label, clear of the upright check bar, which on a low page reaches as high."""
+        """Label, clear of the upright check bar, which on a low page reaches as high."""
         area = self.printable
         return Rect(area.x + INSET_MM, area.top - HEADER_MM, area.width - INSET_MM, HEADER_MM)
 
     @property
     def content(self) -> Rect:
-        """What is left for patches, their marks and captions."""
+        """Area for patches, their marks and captions."""
         area = self.printable
         return Rect(area.x + INSET_MM, area.y + INSET_MM, area.width - INSET_MM, area.height - INSET_MM - HEADER_MM)
 
@@ -145,8 +145,8 @@ class SheetTile:
 
     Attributes:
         row, column: from the top left, zero-based.
-        area: in the sheet's own millimetres: origin at its lower left corner, y upwards.
-        rows, columns: of the whole grid.
+        area: place on the sheet in mm, from its lower left corner, y upwards.
+        rows, columns: size of the grid.
     """
 
     row: int
@@ -222,7 +222,7 @@ class TilePage:
 
 @dataclass(frozen=True)
 class MapPage:
-    """The first page of a tiled sheet: how its tiles go together."""
+    """The first page of a tiled sheet, a map of its tiles."""
 
     tiles: tuple[SheetTile, ...]
 

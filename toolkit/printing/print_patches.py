@@ -23,10 +23,10 @@ from toolkit.rig.fit import describe_misfits
 def select_patches(
     workspace: Workspace, classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = ()
 ) -> list[Path]:
-    """PNG files of the patches that are named, each once, in the order they are named.
+    """List the PNG files of the named patches, each once, in the order of their names.
 
     Args:
-        workspace: where patches are looked for; the package's own count too.
+        workspace: searched for patches, with those of the package.
         classes: file names without suffix, or else the classes that patches were trained for (all patches of it).
         everything: take every known patch.
         files: PNG files anywhere, each with its record beside it.
@@ -52,7 +52,7 @@ def select_patches(
 
 
 def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
-    """A patch by its file's name, else every patch trained for that class, capitals ignored."""
+    """Find a patch by its file's name, else every patch trained for that class, in any case."""
     if wanted in known:
         return [known[wanted]]
     trained_for, broken = {}, []
@@ -85,13 +85,13 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
 
 
 def as_wearer(spec: ObjectSpec, png_file: Path) -> Wearer:
-    """An object with a patch; raises as `read_patch`."""
+    """Return an object with a patch; raises as `read_patch`."""
     sides = tuple(mount.at for mount in spec.mounts)
     return Wearer(spec.name, sides, spec.sizes_mm(read_patch(png_file).size_mm))
 
 
 def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
-    """An object whose page shows the patch, where none is named; None where none wears it.
+    """Return the object for the page of a patch, if none is named; None if none has it.
 
     Raises:
         FieldError: several objects wear it in different sizes.
@@ -243,7 +243,7 @@ def print_patches(
     Args:
         files: PNG files, each with its record beside it.
         out: folder for the PDFs; for a single page it may be a PDF.
-        settings: of every page, by default A4; a size in them counts before the specs'.
+        settings: settings of every page, by default A4; a size in them replaces the specs'.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
         workspace: its objects have them; None: the default size is 250 % of 72 dpi.
 
@@ -309,7 +309,7 @@ def print_chosen(
 
 
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
-    """Each patch, who wears it, and its PDF; no two may share one."""
+    """Return each patch, its object, and its PDF; no two may share it."""
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
         pages = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
         raise FieldError(f"one file for {len(worn)} pages ({pages}): name a folder, or one object", {"out": out})

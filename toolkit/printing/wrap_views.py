@@ -31,7 +31,7 @@ class SideView:
     Attributes:
         side: its name.
         pixels: (h, w, 3) uint8 sRGB, white round the object.
-        size_mm: what the picture spans.
+        size_mm: size of the picture on the object.
         marks_mm: by number of a piece, the point deepest inside the part of it that is seen, from the lower left.
     """
 
@@ -46,7 +46,7 @@ def draw_sides(mesh: Mesh, wrap: Wrap) -> list[SideView]:
 
     Args:
         mesh: the object's.
-        wrap: of that mesh, with its picture.
+        wrap: wrap of that mesh, with its picture.
     """
     px_per_mm = LONG_SIDE_PX / float(mesh.size_mm.max())
     seen = [_look(mesh, wrap, side, px_per_mm) for side in SIX]

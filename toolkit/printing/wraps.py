@@ -1,4 +1,4 @@
-"""The pieces of a wrap on pages at true size, how they are stuck on, and their outlines for a cutting machine."""
+"""Print the pieces of a wrap at true size, with a page of instructions and outlines for a cutting machine."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -71,10 +71,10 @@ ASSEMBLE = "Cut out and stick on a piece at a time, in this order, each to the l
 
 @dataclass(frozen=True)
 class PlacedPiece:
-    """Where a piece lies.
+    """The place of a piece.
 
     Attributes:
-        number: of the piece.
+        number: number of the piece.
         page: page of the PDF, from 1; for a tiled piece, that with the map of its tiles.
         x_mm, y_mm: place of its box's lower left corner on the page; 0 for a tiled piece.
         quarters: turns by 90 degrees about that corner, counter-clockwise.
@@ -102,16 +102,16 @@ class PrintedWrap:
 
     Attributes:
         file: the PDF.
-        name, object: of the wrap.
+        name, object: names of the wrap and of its object.
         pages: number of pages; the first shows how the pieces are stuck on.
-        paper, orientation: of the pages with pieces.
+        paper, orientation: paper of the pages with pieces.
         sizes_mm: width and height of each page.
-        placed: where each piece is.
+        placed: place of each piece.
         order: the pieces' numbers as they are stuck on.
         roll_mm: width of the roll that pieces are on, None for sheets.
         cut_files: outlines for a machine.
         is_trained: whether the pieces show a trained picture.
-        shows: what they show otherwise: a picture's name, or the object's own paint.
+        shows: picture of an untrained wrap: its name, or the object's own paint.
     """
 
     file: str
@@ -142,7 +142,7 @@ class PrintedWrap:
 
 @dataclass(frozen=True)
 class _Label:
-    """Words outside a piece: where they stand in its own millimetres, and which of its points they are about."""
+    """Words outside a piece: their place in its own millimetres, and the point that they label."""
 
     text: str
     at: Point
@@ -154,10 +154,10 @@ class _Sheet:
     """A piece as pages show it.
 
     Attributes:
-        record: of the wrap.
-        outline: what is cut out, with glue tabs.
+        record: its record in the wrap.
+        outline: line of the cut, with glue tabs.
         room_mm: paper beside and above its box.
-        letters: at its seams.
+        letters: letters at its seams.
         way, way_deg: the word at its arrow, and the arrow's angle on the piece.
         solid: the piece with its bleed and its letters, on which nothing else may lie.
         footprint: `solid`, and room for its number.
@@ -231,11 +231,11 @@ def print_wrap(
 def build_wrap_pdf(
     wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None = None, by_machine: bool = False
 ) -> tuple[PrintedWrap, bytes, "dict[int, Polygon]"]:
-    """The pages of a wrap.
+    """Draw the pages of a wrap.
 
     Args:
-        wrap: with its picture.
-        item: the object that it is for.
+        wrap: a wrap with its picture.
+        item: its object.
         settings: paper and orientation.
         roll_mm: width of a roll for the pieces; the first page stays on `settings.paper`.
         by_machine: whether a machine cuts them, along the exact outline.
@@ -288,7 +288,7 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
 
 
 def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
-    """The pages with several pieces each."""
+    """Draw the pages with several pieces each."""
     import shapely
 
     paper = layout.frame.paper
@@ -327,11 +327,11 @@ _Pages = list[tuple[list[Nested], StripPlace | None]]
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where everything goes.
+    """Places of all pieces.
 
     Attributes:
-        frame: of the pages with pieces.
-        pages: what is nested on each of them, and where its colour strip is.
+        frame: frame of the pages with pieces.
+        pages: pieces nested on each of them, and place of its colour strip.
         tiled: index of each piece that is larger than a page, and its pages.
         sheets: all pieces with their words.
         by_machine: whether a machine cuts them.
@@ -350,7 +350,7 @@ class _Layout:
 
     @property
     def advice(self) -> str:
-        """What stands on pages with pieces."""
+        """Advice on pages with pieces."""
         cut = CUT_BY_MACHINE if self.by_machine else CUT_BY_HAND
         return f"{cut} {FOLD_IT}" if any(sheet.record.tabs for sheet in self.sheets) else cut
 
@@ -446,7 +446,7 @@ def _as_box(area: Rect) -> "Polygon":
 
 
 def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
-    """What is cut out: the piece with its glue tabs."""
+    """Return the outline of a piece with its glue tabs."""
     import shapely
 
     outline, tabs = wrap.pieces[index].outline(), wrap.record.pieces[index].tabs
@@ -491,7 +491,7 @@ def _draw_piece(
 
 
 def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool) -> None:
-    """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
+    """Draw the picture with its bleed, ticks at the ends of seams, folds and the cut line, at the piece's corner."""
     record, texel_mm = sheet.record, wrap.record.texel_mm
     # the picture with its bleed, clipped to it
     picture, edge_px = _picture_to_bleed(wrap, index)
@@ -640,7 +640,7 @@ LINE_MM = 4.4
 def _draw_assembly(
     pdf: Pdf, area: Rect, views: Sequence[SideView], order: Sequence[int], pieces: Sequence[PieceRecord]
 ) -> None:
-    """The object from six sides, its pieces numbered, over the list of what is stuck on when and where."""
+    """Draw the object from six sides, its pieces numbered, over the list of pieces in order."""
     columns = 2 if len(order) > 6 else 1
     rows = -(-len(order) // columns)
     words = Rect(area.x, area.y, area.width, 8.0 + LINE_MM * rows)
