@@ -75,7 +75,7 @@ def test_a_keep_image_needs_coordinates_of_the_mesh_itself(type_command):
         (["--object", "crate", "--keep", "glass"], "glass"),
         (["--object", "crate", "--keep-image", "nowhere.png"], "no such file"),
         (["--object", "crate", "--lr", "0"], "--lr 0"),
-        (["--object", "crate", "--own-uv"], "no texture coordinates of its own"),
+        (["--object", "crate", "--own-uv"], "no texture coordinates"),
         (["--object", "crate", "--name", "../up"], "letters, digits"),
     ],
 )

@@ -174,7 +174,7 @@ def test_a_training_goes_on_from_a_wrap_that_exists(space):
     own = run(space, **still, max_change=0.1, restart=True).wrap
     assert np.abs(own.pixels[covered].astype(int) - plan.pixels[covered]).max() <= 26
     assert not run(space, steps=1, lr=1e-6).was_finished
-    with pytest.raises(ToolkitError, match="do not carry one picture"):
+    with pytest.raises(ToolkitError, match="belong to several pictures"):
         from PIL import Image
 
         Image.new("RGB", (8, 8)).save(space.root / "camouflage.png")

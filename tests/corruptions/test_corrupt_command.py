@@ -13,7 +13,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_names
 from toolkit.corruptions.digital import from_bytes, to_bytes
-from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
+from toolkit.corruptions.folder import LOG_FILE, corrupt_images
 
 
 def run(*arguments) -> tuple[int, str, str]:
@@ -175,9 +175,9 @@ def test_out_within_in_is_no_source(photos):
 
 
 def test_result_does_not_depend_on_what_else_is_there(photos, tmp_path):
-    corrupt_folder(photos, tmp_path / "all", [("glass_blur", 2)])
+    corrupt_images(photos, tmp_path / "all", [("glass_blur", 2)])
     (photos / "a/1.png").unlink()
-    corrupt_folder(photos, tmp_path / "fewer", [("glass_blur", 2)])
+    corrupt_images(photos, tmp_path / "fewer", [("glass_blur", 2)])
     fewer = {path: content for path, content in read_all(tmp_path / "fewer").items() if path.endswith("png")}
     assert len(fewer) == 3 and fewer.items() <= read_all(tmp_path / "all").items()
 
@@ -195,7 +195,7 @@ def test_names_stand_for_families():
         (["nowhere", "OUT", "--corrupt", "fog"], "does not exist"),
         (["IN", "IN", "--corrupt", "fog"], "another folder"),
         (["IN", "IN/notes.txt", "--corrupt", "fog"], "another folder"),
-        (["IN", "OUT", "--corrupt", "fog", "--image-px", "8"], "16 px or more"),
+        (["IN", "OUT", "--corrupt", "fog", "--image-px", "8"], "16 to 4096 px"),
         (["IN", "OUT", "--corrupt", "fog", "--format", "gif"], "png or jpg"),
         (["EMPTY", "OUT", "--corrupt", "fog"], "holds no images"),
         (["IN/notes.txt", "OUT.png", "--corrupt", "fog", "--severity", "1"], "not an image"),
@@ -226,4 +226,4 @@ def test_other_settings_need_another_folder(photos, tmp_path):
 @pytest.mark.parametrize("size_px", [-5, 0, 15, 4097, 1_000_000])
 def test_a_size_that_no_network_takes_is_one_line_before_anything_is_read(tmp_path, size_px):
     with pytest.raises(ToolkitError, match=rf"size {size_px} px is too (small|large): choose"):
-        corrupt_folder(tmp_path, tmp_path / "out", [("fog", 1)], size_px=size_px)
+        corrupt_images(tmp_path, tmp_path / "out", [("fog", 1)], size_px=size_px)

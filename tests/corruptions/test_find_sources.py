@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions.folder import corrupt_folder, find_sources
+from toolkit.corruptions.folder import corrupt_images, find_sources
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def test_links_that_leave_the_folder_are_refused_and_listed(photos, tmp_path):
     (photos / "linked").symlink_to(tmp_path / "elsewhere")
     (photos / "a/within.png").symlink_to(photos / "b/2.png")
     (photos / "a/dangling.png").symlink_to(photos / "gone.png")
-    result = corrupt_folder(photos, tmp_path / "out", [("contrast", 1)])
+    result = corrupt_images(photos, tmp_path / "out", [("contrast", 1)])
     assert result.made == 3
     assert sorted(path for path, _ in result.failed) == ["a/out.png", "linked"]
     assert (tmp_path / "out/a/within.png").read_bytes() == (tmp_path / "out/b/2.png").read_bytes()
@@ -41,4 +41,4 @@ def test_nothing_but_links_is_one_line(tmp_path, photos):
     (tmp_path / "links").mkdir()
     (tmp_path / "links/1.png").symlink_to(photos / "a/1.png")
     with pytest.raises(ToolkitError, match=r"holds no images but links \(1.png: a link that leaves"):
-        corrupt_folder(tmp_path / "links", tmp_path / "out", [("contrast", 1)])
+        corrupt_images(tmp_path / "links", tmp_path / "out", [("contrast", 1)])

@@ -65,7 +65,7 @@ def furnish(space: Workspace) -> None:
     from toolkit.captures.manifest import CaptureRecord, append_record
     from toolkit.captures.shoot import shoot_plan
     from toolkit.core.files import sha256_bytes
-    from toolkit.corruptions.folder import corrupt_folder
+    from toolkit.corruptions.folder import corrupt_images
     from toolkit.rig.board import DEFAULT_BOARD
     from toolkit.rig.board_file import BoardSpec, boards_dir, write_board, write_spec
     from toolkit.rig.plan import read_plan
@@ -117,7 +117,7 @@ def furnish(space: Workspace) -> None:
         ("GIF", "gif"),
     ):
         (photos / f"pose_{len(suffix):02d}.{suffix}").write_bytes(encode(kind))
-    corrupt_folder(photos, space.root / "corrupted", [("fog", 1)])
+    corrupt_images(photos, space.root / "corrupted", [("fog", 1)])
     own = space.classifiers_dir
     own.mkdir(parents=True, exist_ok=True)
     save_file(

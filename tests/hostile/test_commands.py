@@ -190,7 +190,7 @@ def test_folders_in_folders_in_folders_are_walked(sandbox, words):
 SAID = {
     ("plan", "--object", "crate", "--resolution", "0", "0"): "a resolution of 0×0 px",
     ("plan", "--object", "crate", "--resolution", "0", "480"): "a resolution of 0×480 px",
-    ("corrupt", "photos", "out", "--corrupt", "contrast:1", "--image-px", "1000000"): "choose 4096 px or less",
+    ("corrupt", "photos", "out", "--corrupt", "contrast:1", "--image-px", "1000000"): "choose 16 to 4096 px",
     ("corrupt", "loop", "out", "--corrupt", "fog:1"): "loop",
     ("import", "loop", "--object", "crate"): "loop",
     ("add", "loop", "--class", "crate"): "loop",

@@ -13,7 +13,7 @@ from PIL import EpsImagePlugin, Image
 
 import toolkit
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions.folder import corrupt_file
+from toolkit.corruptions.folder import corrupt_images
 from toolkit.imaging.read import decode_frame, decode_image, read_image
 from toolkit.objects.load import read_mesh
 from toolkit.objects.records import decode_png
@@ -89,7 +89,7 @@ READERS = {
     "frame": lambda file: decode_frame(file.read_bytes(), file),
     "upload": read_photo,
     "sky": load_sky,
-    "corrupt": lambda file: corrupt_file(file, file.with_name("out.png"), [("fog", 1)]),
+    "corrupt": lambda file: corrupt_images(file, file.with_name("out.png"), [("fog", 1)]),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 from forked import TOOLKIT, Forked
 from PIL import Image
 
-from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
+from toolkit.corruptions.folder import LOG_FILE, corrupt_images
 
 
 @pytest.fixture
@@ -49,13 +49,13 @@ def test_two_runs_of_the_rig_share_the_work(make_crate_space, tmp_path):
 @pytest.mark.parametrize("damage", [lambda content: content[:-20], lambda content: b"", lambda content: content + b"x"])
 def test_an_output_that_was_cut_is_not_taken_for_finished(photos, tmp_path, damage):
     out = tmp_path / "out"
-    assert corrupt_folder(photos, out, [("fog", 1)]).made == 6
+    assert corrupt_images(photos, out, [("fog", 1)]).made == 6
     whole = (out / "3.png").read_bytes()
     (out / "3.png").write_bytes(damage(whole))
-    again = corrupt_folder(photos, out, [("fog", 1)])
+    again = corrupt_images(photos, out, [("fog", 1)])
     assert (again.made, again.kept) == (0, 5)
     ((path, reason),) = again.failed
     assert path == "3.png" and "was changed since it was made" in reason and "delete it" in reason
     (out / "3.png").unlink()
-    assert corrupt_folder(photos, out, [("fog", 1)]).made == 1
+    assert corrupt_images(photos, out, [("fog", 1)]).made == 1
     assert (out / "3.png").read_bytes() == whole

@@ -56,7 +56,7 @@ def test_they_are_loaded_like_every_other(tmp_path):
 
 def test_nobody_publishes_their_weights(monkeypatch):
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
-    with pytest.raises(ToolkitError, match="train one with 'toolkit train-classifier --arch cifar_resnet50'"):
+    with pytest.raises(ToolkitError, match="train it with 'toolkit train-classifier --arch cifar_resnet50'"):
         load_classifier("cifar_resnet50")
 
 

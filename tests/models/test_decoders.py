@@ -173,9 +173,9 @@ def test_a_class_without_a_name_in_one_line(tmp_path):
     assert "gives class 2, and its labels name 2" in error_of(lambda: decode_end2end(rows, SIDE, 2))
     file = write_detector(tmp_path / "net.onnx", "yolov8")
     file.with_suffix(".toml").write_text('labels = ["cup"]')
-    assert "expected 3 names" in error_of(lambda: load_detector(f"onnx:{file}", device="cpu"))
+    assert "each of the 3 outputs" in error_of(lambda: load_detector(f"onnx:{file}", device="cpu"))
     file.with_suffix(".toml").write_text('decoder = "detr"')
-    assert "gives 2×7×21 for 2 images of 32 px, which is not a detr: expected images×21×(5 + classes) of YOLOX" in (
+    assert "gives 2×7×21 for 2 images of 32 px, which is not a detr: expected b×21×(5 + classes) of YOLOX" in (
         error_of(lambda: load_detector(f"onnx:{file}", device="cpu"))
     )
 

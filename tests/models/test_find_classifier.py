@@ -63,9 +63,7 @@ def test_one_of_the_workspace_by_its_name(tmp_path):
     assert (own.name, own.arch, own.labels, own.is_imagenet) == ("mine", "squeezenet1_1", LABELS, False)
     assert (own.preprocessing.resize_px, own.preprocessing.crop_px) == (146, 128)
     assert own.preprocessing.mean == (0.4, 0.5, 0.6) and own.preprocessing.filter_name == "BICUBIC"
-    assert own.describe() == (
-        "mine (squeezenet1_1 trained on renders of 3 kinds of things; 3 classes of its own, not ImageNet's)"
-    )
+    assert own.describe() == ("mine (squeezenet1_1 trained on renders of 3 kinds of things; 3 classes, not ImageNet's)")
     half = load_file(file)["features.0.weight"]
     assert half.dtype == torch.float16
     assert torch.equal(own.module.features[0].weight, half.float())
@@ -86,7 +84,7 @@ def test_a_plain_state_dict_with_a_labels_file_is_a_resnet_as_before(tmp_path):
     file.with_suffix(".json").write_text('{"labels": ["mug", "bowl"]}')
     classifier = load_classifier(None, file, "cpu")
     assert (classifier.arch, classifier.name, classifier.labels) == ("resnet18", "resnet18", ["mug", "bowl"])
-    assert classifier.describe() == "resnet18 (resnet18, mine.pth; 2 classes of its own, not ImageNet's)"
+    assert classifier.describe() == "resnet18 (resnet18, mine.pth; 2 classes, not ImageNet's)"
 
 
 def test_names_and_files_that_do_not_go_together(tmp_path, nothing_bundled):

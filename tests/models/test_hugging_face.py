@@ -136,7 +136,7 @@ def test_a_file_of_code_or_of_pickles_is_not_read(library, copied, monkeypatch):
         json.dumps({**config, "auto_map": {"AutoModelForImageClassification": "evil.Evil"}})
     )
     (copied / "evil.py").write_text("raise SystemExit('ran')")
-    assert "needs code of its own, which is not run" in error_of(lambda: load_classifier(f"hf:{copied}"))
+    assert "needs its own code, which is not run" in error_of(lambda: load_classifier(f"hf:{copied}"))
     (copied / "config.json").write_text(json.dumps(config))
     torch.save({}, copied / "pytorch_model.bin")
     (copied / "model.safetensors").unlink()

@@ -82,7 +82,7 @@ def test_names_that_begin_with_a_number_stay(tmp_path, text):
         ("mine.json", '{"classes": {"a": "x"}}', "field 'classes' is no list of names"),
         ("mine.json", '{"meta": {"categories": [1, 2]}}', "field 'categories' is no list of names"),
         ("mine.txt", "\n", "mine.txt is empty: expected the name of a class on each line"),
-        ("mine.yaml", "names: [a, b]", r"mine\.yaml is not read: put the names.*into mine\.txt"),
+        ("mine.yaml", "names: [a, b]", r"mine\.yaml is not read: put the names.*lines of mine\.txt"),
         ("mine.csv", "0,a", r"mine\.csv is not read"),
     ],
 )
@@ -124,7 +124,7 @@ def test_inside_a_checkpoint(tmp_path, state, wrap):
     (tmp_path / "mine.json").write_text('["a", "b", "c"]')
     assert load(tmp_path / "mine.pth").labels == ["a", "b", "c"]  # the file beside it counts first
     (tmp_path / "mine.json").write_text('["a", "b"]')
-    with pytest.raises(ToolkitError, match=r"mine\.json: field 'labels': expected 3 names"):
+    with pytest.raises(ToolkitError, match=r"mine\.json: field 'labels': expected a name for each of the 3 outputs"):
         load(tmp_path / "mine.pth")
 
 

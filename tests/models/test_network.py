@@ -153,7 +153,7 @@ def test_users_own_classifier(files, tmp_path):
     bare.write_bytes((files / "mine.pth").read_bytes())
     assert load_classifier("resnet18", bare, "cpu").labels == ["class 0", "class 1", "class 2"]
     bare.with_suffix(".json").write_text('{"labels": ["one", "two"]}')
-    with pytest.raises(ToolkitError, match="'labels': expected 3 names"):
+    with pytest.raises(ToolkitError, match="'labels': expected a name for each of the 3 outputs"):
         load_classifier("resnet18", bare, "cpu")
     bare.with_suffix(".json").write_text('{"labels": 3}')
     with pytest.raises(ToolkitError, match="field 'labels'"):

@@ -123,7 +123,7 @@ def test_a_graph_of_our_own_answers_and_trains(tmp_path):
 def test_a_fixed_batch_is_made_free(tmp_path):
     file = write(tmp_path, make_graph((1, 3, PX, PX), shuffle=True))
     classifier = load(file)
-    assert not classifier.module.one_by_one and not classifier.untrainable
+    assert not classifier.module.is_single and not classifier.untrainable
     batch = torch.rand(5, 3, PX, PX, generator=torch.Generator().manual_seed(2))
     expected = ask_runtime(file, batch)
     with torch.no_grad():
@@ -163,7 +163,7 @@ def test_labels_and_imagenets_background(tmp_path):
     assert wide.labels[:2] == ["background", "tench"] and not wide.is_imagenet
     assert load(write(tmp_path, make_graph(classes=1000), None, "thousand")).is_imagenet
     wrong = write(tmp_path, make_graph(), 'size = 32\nlabels = ["a", "b"]', "wrong")
-    assert "expected 5 names, one for each output of wrong.onnx, found 2" in error_of(lambda: load(wrong))
+    assert "expected a name for each of the 5 outputs of wrong.onnx, found 2" in error_of(lambda: load(wrong))
 
 
 def quantised():
@@ -287,7 +287,7 @@ def test_a_side_that_cannot_be_is_one_line(tmp_path, side):
 
 
 BAD = {
-    "two inputs": (lambda: edited(two_inputs), None, "has 2 inputs (image, mask): expected one"),
+    "two inputs": (lambda: edited(two_inputs), None, "has 2 inputs (image, mask): expected a batch"),
     "any size": (lambda: make_graph(("b", 3, "h", "w")), None, "images of any size: say which in net.toml"),
     "unknown operator": (unknown_operator, None, "its operator org.example.MadeUp is none of ONNX's"),
     "grey images": (lambda: make_graph(("b", 1, PX, PX)), None, "expected colour images, of 3 channels"),
@@ -327,7 +327,7 @@ def test_no_file_damaged_file_and_two_descriptions(tmp_path):
     assert "not an ONNX graph, or damaged" in error_of(lambda: load(tmp_path / "noise.onnx"))
     file = write(tmp_path, make_graph())
     file.with_suffix(".json").write_text("{}")
-    assert "delete one of them" in error_of(lambda: load(file))
+    assert "delete either" in error_of(lambda: load(file))
     assert "has its own weights" in error_of(lambda: load_classifier(f"onnx:{file}", tmp_path / "x.pth", "cpu"))
 
 

@@ -50,7 +50,7 @@ def test_a_module_in_memory_becomes_a_classifier_and_stays_as_it_is(network):
 
 
 @pytest.mark.parametrize(
-    ("labels", "size", "words"), [(["a", "b"], PX, "expected 3 names"), (["a", "b", "c"], 0, "size")]
+    ("labels", "size", "words"), [(["a", "b"], PX, "each of the 3 outputs"), (["a", "b", "c"], 0, "size")]
 )
 def test_a_module_that_does_not_fit_what_is_said_of_it_is_one_line(network, labels, size, words):
     assert words in error_of(lambda: wrap_module(network, labels, size, device="cpu"))
@@ -383,12 +383,12 @@ def test_its_hash_is_of_weights_and_code(code, tmp_path):
         ("exits", "exits of my_networks ended with an error: SystemExit: 3"),
         ("missing", "'my_networks' has no function 'missing'"),
         ("nan", "not a number"),
-        ("listed", "gives a list of 2: expected one tensor, images × classes"),
-        ("mapped", "gives a dict: expected one tensor"),
+        ("listed", "gives a list of 2 for 2 images: expected 2×classes in a single tensor"),
+        ("mapped", "gives a dict for 2 images: expected 2×classes"),
         ("detector", "a detector?"),
         ("flat", "gives 8 for 2 images: expected 2×classes"),
         ("dense", "gives 2×4×5×5 for 2 images: expected 2×classes"),
-        ("few", "expected 3 names"),
+        ("few", "each of the 3 outputs"),
         ("stuck", "it fails at two images of 32 px: RuntimeError"),
     ],
 )
@@ -421,7 +421,7 @@ def captured(tmp_path):
     ("function", "expected", "where"),
     [
         ("later_nan", "the network's output is not a number", "a/1.png"),
-        ("later_list", "gives a list of 2 for 4 images: expected 4×4", "a/0.png or one of the 2 images after it"),
+        ("later_list", "gives a list of 2 for 4 images: expected 4×4", "a/0.png or the 2 images after it"),
         ("later_shape", "gives 4×3 for 4 images: expected 4×4", "a/0.png or"),
         ("later_fewer", "gives 1×4 for 4 images: expected 4×4", "a/0.png or"),
         ("later_labels", "gives 4 for 4 images: expected 4×4", "a/0.png or"),
@@ -441,4 +441,7 @@ def test_classes_without_names_are_named_by_the_function(code):
     line = error_of(lambda: load("unnamed").class_index("bolt"))
     assert "the 4 classes of this network have no names: return {'size': …, 'labels': ['…', …]} as the" in line
     assert "beside" not in line
-    assert "my_networks.py: the 'labels' that its function returns: expected 3 names" in error_of(lambda: load("few"))
+    assert (
+        "my_networks.py: the 'labels' that its function returns: expected a name for each of the 3 outputs"
+        in error_of(lambda: load("few"))
+    )

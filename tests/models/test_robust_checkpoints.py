@@ -254,7 +254,7 @@ def test_a_normaliser_that_cannot_be_is_one_line(tmp_path, name, value):
     checkpoint = make_checkpoint(AttackerModel(make_network()))
     checkpoint["model"][f"module.normalizer.{name}"] = torch.nn.Parameter(value)
     torch.save(checkpoint, tmp_path / "net.ckpt")
-    assert f"'normalizer.{name}': expected three numbers" in error_of(tmp_path / "net.ckpt")
+    assert f"'normalizer.{name}': expected a number for each of three colours" in error_of(tmp_path / "net.ckpt")
 
 
 def test_a_normaliser_without_a_network_is_one_line(tmp_path):

@@ -249,10 +249,10 @@ def test_one_axis_is_not_two(space, elsewhere):
         (
             "glb",
             (92, 184, 90),
-            "the mesh is 184 m long, as it says (1840 mm, if centimetres or 184 mm, if millimetres?); 200",
+            "the mesh is 184 m long in the file (1840 mm, if centimetres or 184 mm, if millimetres?); 200",
         ),
-        ("stl", (0.1, 0.23, 0.1), "the mesh is 0.23 long and states no unit (230 mm, if metres?); 200 mm are taken"),
-        ("stl", (92, 184, 90), "(1840 mm, if centimetres or 184 mm, if millimetres?); 200 mm are taken"),
+        ("stl", (0.1, 0.23, 0.1), "the mesh is 0.23 long and states no unit (230 mm, if metres?); 200 mm are assumed"),
+        ("stl", (92, 184, 90), "(1840 mm, if centimetres or 184 mm, if millimetres?); 200 mm are assumed"),
     ],
 )
 def test_an_unusual_or_unknown_length_is_asked_after(space, elsewhere, suffix, sides, words):

@@ -329,7 +329,7 @@ def test_what_does_not_fit_is_said_in_one_line(arguments, said):
 def test_a_mesh_without_coordinates_cannot_be_masked_by_an_image_nor_keep_its_own(bare):
     with pytest.raises(ToolkitError, match="no texture coordinates; name materials"):
         make_atlas(bare("cube"), 16, keep_image=np.zeros((4, 4), bool))
-    with pytest.raises(ToolkitError, match="no texture coordinates of its own"):
+    with pytest.raises(ToolkitError, match="no texture coordinates: let new coordinates be made"):
         make_atlas(bare("cube"), 16, unwrap=False)
     with pytest.raises(ToolkitError, match="repeat the texture too often"):
         make_atlas(a_square(np.array(UNIT_SQUARE) * 50), 16, unwrap=False)

@@ -119,7 +119,7 @@ def test_another_mesh_is_told(item: TableObject, wrap: Wrap, tmp_path: Path) -> 
         (lambda arrays: arrays | {"faces": arrays["faces"] * 0}, "on two pieces"),
         (lambda arrays: arrays | {"faces": -1 - arrays["faces"]}, "negative"),
         (lambda arrays: arrays | {"flat_mm": arrays["flat_mm"] * np.nan}, "NaN"),
-        (lambda arrays: arrays | {"flat_mm": arrays["flat_mm"] * 2}, "its record says"),
+        (lambda arrays: arrays | {"flat_mm": arrays["flat_mm"] * 2}, "in its record"),
         (lambda arrays: arrays | {"flat_mm": arrays["flat_mm"][:1]}, "of shape"),
     ],
 )

@@ -253,7 +253,7 @@ def test_command_prints_the_board_and_writes_its_spec(space):
 
     again = json.loads(call("--ring", "--ring-mm", 130, "--out", "x.pdf", "--json").stdout)
     assert again["printed"][0]["pages"] == 1
-    assert "the one before was a ChArUco board" in again["notes"][0]
+    assert "before, it was a ChArUco board" in again["notes"][0]
     assert (space / "x.pdf").is_file()
     assert read_board(Workspace(space)) == replace(choose_ring(130), ink_percent=10)
 
@@ -275,7 +275,7 @@ def test_command_prints_the_strip_alone(space):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--board", "--ring"], "--board --ring: expected one of them"),
+        (["--board", "--ring"], "--board --ring: cannot be combined"),
         (
             ["--board", "--class", "racer"],
             "--board: cannot be printed together with others: print it in a call of its own",

@@ -113,7 +113,7 @@ def test_spans_cover_the_length_with_the_stated_overlap(length):
 
 
 def test_tiles_are_named_like_a_map():
-    tiles = tile_sheet(2600, 210, 100)
+    tiles = tile_sheet(2600, 2600, 210, 100)
     names = [tile.name for tile in tiles]
     assert names[0] == "A1"
     assert len(set(names)) == len(names)

@@ -303,7 +303,7 @@ def test_the_pages_say_where_the_order_stands_and_that_nothing_was_trained(by_ha
     first, second = (pypdf.PdfReader(by_hand.file).pages[page].extract_text() for page in (0, 1))
     assert "NOT TRAINED" in first and "NOT TRAINED" in second
     assert "Page 1 lists the order" in second and "black line" in second
-    assert "not trained" in by_hand.describe() and by_hand.as_json()["is_trained"] is False
+    assert "not trained" in by_hand.describe() and not by_hand.is_trained
     assert "CutContour" in pypdf.PdfReader(printed.file).pages[1].extract_text()
 
 

@@ -161,7 +161,7 @@ def test_pictures_that_cannot_be_on_pieces_in_one_line(space: Workspace):
     plan_wrap(item, WrapConfig(picture=Path("opaque.png"), **COARSE))
     assert "no wrap" in plan("print")
     bare = replace(item, mesh=replace(item.mesh, uv=np.zeros_like(item.mesh.uv)))
-    assert "do not carry one picture" in plan("livery.png", bare)
+    assert "belong to several pictures" in plan("livery.png", bare)
     own = replace(item.mesh.materials[0], texture=np.eye(64, dtype=np.uint8)[..., None].repeat(3, 2))
     square = replace(item, mesh=replace(item.mesh, materials=(own,)))
     assert "120 × 80 px: expected the form of the texture of 'carton', 64 × 64 px" in plan("livery.png", square)

@@ -46,7 +46,7 @@ def test_imagenet_classes_by_wordnet_id_and_label_and_never_by_a_name_of_two(tmp
     }  # fmt: skip
     with pytest.raises(ToolkitError, match=r"2 classes are called 'CARDIGAN' \(264, 474\).*WordNet id"):
         match_classes(["CARDIGAN"], Imagenet(), tmp_path)
-    with pytest.raises(ToolkitError, match="n04552348 and warplane are one class"):
+    with pytest.raises(ToolkitError, match="n04552348 and warplane are the same class"):
         match_classes(["n04552348", "warplane"], Imagenet(), tmp_path)
     assert name_class(Imagenet.labels, 474) == "cardigan_474"
     assert name_class(Imagenet.labels, 895) == "warplane"

@@ -71,8 +71,7 @@ def test_its_accuracy_is_that_of_the_loaded_file(trained, space, colours, tmp_pa
     classifier = load_classifier("own", device="cpu", folder=space.classifiers_dir)
     assert classifier.name == "own" and classifier.labels == trained.record.labels
     assert classifier.describe() == (
-        "own (resnet18 trained on photographs of 3 classes from the folder colours; 3 classes of its own, "
-        "not ImageNet's)"
+        "own (resnet18 trained on photographs of 3 classes from the folder colours; 3 classes, not ImageNet's)"
     )
     assert next(classifier.module.parameters()).dtype == torch.float32
     right = total = 0

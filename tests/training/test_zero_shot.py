@@ -170,7 +170,7 @@ def test_towers_that_do_not_fit_are_one_line(tmp_path, towers):
     assert "prompts of 'red'" in error_of(lambda: make_zero_shot("hues", image, empty, prompts, tmp_path))
     assert not (tmp_path / "hues.pt2").exists()
     assert "expected token ids" in error_of(lambda: load_text_tower(str(files[0])))
-    assert "expected one batch of colour images" in error_of(
+    assert "expected a batch of colour images" in error_of(
         lambda: load_encoder(str(files[1]), device="cpu", how=AsEncoder())
     )
     assert "no such file" in error_of(lambda: load_text_tower("nothing.onnx"))

@@ -49,7 +49,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     Raises:
         ToolkitError: there are no images, the folder holds something else, or it cannot be written.
     """
-    from toolkit.corruptions.folder import corrupt_folder
+    from toolkit.corruptions.folder import corrupt_images
 
     made, skip = [], find_faults(source_dir)
     for corruption in corruptions:
@@ -60,7 +60,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
                 if (record.made.get("corruption"), record.made.get("severity")) != corruption:
                     why = f"{out} holds images that were not made by corrupting shots ({path}): name another {{source}}"
                     raise FieldError(why, {})
-            done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
+            done = corrupt_images(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX, skip=skip)
             _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made

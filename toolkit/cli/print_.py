@@ -135,7 +135,7 @@ def _report_wrap(printed: "PrintedWrap", as_json: bool) -> None:
     from toolkit.printing.print_patches import shorten
 
     if as_json:
-        show_json({"printed": [printed.as_json()], "failed": [], "notes": []})
+        show_json({"printed": [asdict(printed)], "failed": [], "notes": []})
         return
     say(printed.describe())
     if printed.cut_files:

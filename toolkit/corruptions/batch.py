@@ -13,7 +13,7 @@ from toolkit.corruptions.catalogue import choose_parameters, find_corruption
 
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2
-"""What is computed at once on a thread: more would not stay in its cache."""
+"""Most pixels at once on a thread: more would not stay in its cache."""
 
 
 @torch.no_grad()
@@ -22,25 +22,22 @@ def corrupt(
 ) -> torch.Tensor:
     """Corrupt a batch as ImageNet-C and CIFAR-10-C do.
 
-    An image's result depends on its pixels, its seed, `name` and `severity` alone: not on the rest of the batch, nor on
-    its place there. CPU and GPU draw the same numbers and differ by float rounding only. The result is not rounded to
-    8 bits, except by pixelate and jpeg_compression, which compute with whole levels; the published images are truncated
-    to 8 bits, and ImageNet-C's saved as JPEG of quality 85 on top.
+    An image's result depends on its pixels, its seed, `name` and `severity` alone. CPU and GPU draw the same numbers
+    and differ by float rounding only. Only pixelate and jpeg_compression round to 8 bits, while the published images
+    are truncated to 8 bits, ImageNet-C's then saved as JPEG.
 
     Args:
         images: (b, 3, h, w) float, sRGB-encoded in [0, 1], on any device; not changed.
-        name: one of `CORRUPTIONS`.
+        name: key of `CORRUPTIONS`.
         severity: 1 (slight) to 5 (severe).
-        seeds: one per image, such as from `image_seed`.
-        parameters: `imagenet` (made for 224²) or `cifar` (for 32²); by default those that suit the size. Lengths in
-            them are pixels and are not scaled with the image.
+        seeds: a seed for each image, such as from `image_seed`.
+        parameters: `imagenet` (for 224²) or `cifar` (for 32²); by default by size. Lengths are not scaled.
 
     Returns:
         (b, 3, h, w) float32, sRGB-encoded in [0, 1], on the same device, without gradient.
 
     Raises:
-        ToolkitError: unknown name, severity or parameters, images of another shape or smaller than 16 px, or not one
-            seed per image.
+        ToolkitError: unknown name, severity or parameters, images of another shape or under 16 px, or missing seeds.
     """
     # check name, severity, shape and parameters before any work
     corruption = find_corruption(name, severity)
@@ -74,7 +71,7 @@ def corrupt(
 
 
 def split_evenly(count: int, pixels: int) -> list[slice]:
-    """Parts of a batch of `count` images of `pixels` each: one per thread or more, none too large for the cache."""
+    """Split a batch of `count` images of `pixels` each: a part or more per thread, none too large for the cache."""
     number = max(torch.get_num_threads(), math.ceil(count * pixels / PART_PIXELS))
     length = math.ceil(count / number)
     return [slice(start, start + length) for start in range(0, count, length)]
@@ -88,18 +85,18 @@ def _check_batch(images: torch.Tensor, seeds: Sequence[int]) -> None:
         size = f"{images.shape[-1]}×{images.shape[-2]} px"
         raise ToolkitError(f"images to corrupt must be at least {MIN_SIDE_PX} px each way, got {size}: enlarge them")
     if len(seeds) != len(images):
-        raise ToolkitError(f"{len(seeds)} seeds for {len(images)} images: give each image one")
+        raise ToolkitError(f"{len(seeds)} seeds for {len(images)} images: give a seed for each image")
 
 
 def draw_corrupted(
     rng: np.random.Generator, count: int, corruptions: Sequence[tuple[str, int]], share: float
 ) -> Iterator[tuple[np.ndarray, str, int, list[int]]]:
-    """For each image whether it is corrupted, by which, and the seed of that.
+    """Draw the images of a batch that are corrupted, each by a corruption of a list.
 
     Args:
         rng: draws.
-        count: images in the batch.
-        corruptions: (name, severity), at least one; each is as likely.
+        count: number of images in the batch.
+        corruptions: (name, severity), equally likely.
         share: probability that an image is corrupted.
 
     Yields:

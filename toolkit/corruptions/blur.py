@@ -1,7 +1,7 @@
 """Linear filters on batches of planes; and blur: defocus, glass, motion, zoom and Gaussian.
 
-On the CPU OpenCV blurs, ten and more times as fast as torch's depthwise convolution; on a GPU, and where a gradient is
-wanted, matrix products, to the same values. Large kernels go through the Fourier transform.
+OpenCV blurs on the CPU, ten times as fast as torch's depthwise convolution. Matrix products give the same values on a
+GPU, and with a gradient. Large kernels use the Fourier transform.
 """
 
 import math
@@ -20,7 +20,7 @@ TRUNCATE = 4.0
 
 
 def gaussian_weights(sigma_px: float, truncate: float = TRUNCATE) -> np.ndarray:
-    """(2r + 1,) float64 samples of a Gaussian that sum to 1, r = `truncate` × `sigma_px` rounded, as in SciPy."""
+    """(2r + 1,) samples of a Gaussian that sum to 1, r = `truncate` × `sigma_px` rounded, as in SciPy."""
     radius = int(truncate * sigma_px + 0.5)
     offsets = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 * (offsets / sigma_px) ** 2)
@@ -29,17 +29,13 @@ def gaussian_weights(sigma_px: float, truncate: float = TRUNCATE) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def gaussian_matrix(length: int, sigma_px: float, border: str, truncate: float = TRUNCATE) -> torch.Tensor:
-    """(length, length) float32 that blurs a row of `length` values, what lies beyond the ends included.
+    """(length, length) float32 matrix that blurs a row of `length` values.
 
-    Args:
-        length: of the row, px.
-        sigma_px: standard deviation; may be larger than the row.
-        border: NumPy's name of the continuation: `edge`, or `symmetric` (SciPy calls that reflect).
-        truncate: standard deviations at which the Gaussian is cut off.
+    `border` is NumPy's name of the continuation, `edge` or `symmetric`; `sigma_px` may be larger than the row.
     """
     weights = gaussian_weights(sigma_px, truncate)
     radius = len(weights) // 2
-    # which pixel stands where, beyond the ends too: the border's rule applied to numbers of pixels
+    # the border's rule applied to the numbers of pixels
     source = np.pad(np.arange(length), radius, mode=border)  # type: ignore[call-overload]
     matrix = np.zeros((length, length))
     rows = np.arange(length)
@@ -73,7 +69,7 @@ def blur_gaussian(planes: torch.Tensor, sigma_px: float) -> torch.Tensor:
 def filter_by_kernel(planes: torch.Tensor, kernel: np.ndarray) -> torch.Tensor:
     """Correlate (b, c, h, w) float32 with an odd, square `kernel`, mirrored about the edge pixels' centres.
 
-    By the Fourier transform, where any kernel costs the same: less than in OpenCV from about 8×8 px upwards.
+    The Fourier transform takes the same time for any kernel: less than OpenCV from about 8×8 px upwards.
     """
     height, width = planes.shape[-2:]
     radius = len(kernel) // 2
@@ -81,21 +77,16 @@ def filter_by_kernel(planes: torch.Tensor, kernel: np.ndarray) -> torch.Tensor:
     # the transform is fast where lengths have small prime factors only
     size = tuple(next_fast_len(length, real=True) for length in padded.shape[-2:])
     weights = torch.fft.rfft2(torch.tensor(kernel).to(planes), s=size)
-    # the conjugate correlates; what wraps around stays outside of the image, on the padding
+    # the conjugate correlates; values that wrap around stay on the padding
     product = torch.fft.rfft2(padded, s=size).mul_(weights.conj())
     return torch.fft.irfft2(product, s=size)[..., :height, :width]
 
 
 def motion_taps(radius_px: float, sigma_px: float, angle_deg: float) -> list[tuple[int, int, float]]:
-    """(dx, dy, weight) of every pixel that a pixel is averaged from; weights sum to 1.
+    """Return (dx, dy, weight) of every pixel that a pixel is averaged from; weights sum to 1.
 
-    The line starts at the pixel itself and runs `angle_deg` clockwise from the image's right (y points down); each
-    step along it is rounded to a whole pixel, halves downwards. The weights are one half of a Gaussian.
-
-    Args:
-        radius_px: the line has 2 × ⌈radius⌉ + 1 pixels.
-        sigma_px: standard deviation of the Gaussian.
-        angle_deg: direction of the line.
+    The line of 2 × ⌈radius⌉ + 1 pixels starts at the pixel and runs `angle_deg` clockwise from the right. Its steps are
+    rounded to whole pixels, halves downwards. The weights are half a Gaussian.
     """
     count = 2 * math.ceil(radius_px) + 1
     weights = [math.exp(-0.5 * (step / sigma_px) ** 2) for step in range(count)]
@@ -106,14 +97,7 @@ def motion_taps(radius_px: float, sigma_px: float, angle_deg: float) -> list[tup
 
 
 def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_deg: torch.Tensor) -> torch.Tensor:
-    """Blur (b, c, h, w) float32, each image along its own angle, edge pixels repeated outwards.
-
-    Args:
-        planes: the images.
-        radius_px: the line has 2 × ⌈radius⌉ + 1 pixels.
-        sigma_px: standard deviation of the Gaussian along it.
-        angles_deg: (b,) directions.
-    """
+    """Blur (b, c, h, w) float32, each image along its own angle (b,), see `motion_taps`; edge pixels are repeated."""
     height, width = planes.shape[-2:]
     blurred = []
     for image, angle in zip(planes, angles_deg.tolist(), strict=True):
@@ -132,10 +116,9 @@ def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_d
 def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: RandomStreams) -> torch.Tensor:
     """Take every pixel of (b, c, h, w) from a random place nearby, row by row from the bottom right.
 
-    The published images come from a loop that goes from the bottom right to the top left and means to swap each pixel
-    with a neighbour at an offset drawn from -reach … reach - 1 in both axes. Both sides of its swap are views of one
-    array, so that only the first half happens: the pixel becomes a copy of the neighbour as it is at that moment. That
-    is what is done here, for all pixels at once, by following each copy back to the pixel that it came from.
+    The published loop, from the bottom right to the top left, means to swap each pixel with a neighbour at most `reach`
+    away. Its swap is of two views, so each pixel becomes a copy of the neighbour at that moment. Here all pixels are
+    traced back at once to the pixel that they came from.
     """
     height, width = images.shape[-2:]
     flat = images.flatten(2)
@@ -156,10 +139,10 @@ def draw_neighbours(height: int, width: int, reach_px: int, draws: RandomStreams
 
 
 def trace_copies(neighbours: torch.Tensor, height: int, width: int, reach_px: int) -> torch.Tensor:
-    """(b, h × w) int64: where each pixel's value was before the round, given which pixel it copies.
+    """(b, h × w) int64: place of each pixel's value before the round, given the pixel that it copies.
 
-    A pixel that copies a changed pixel, which the loop has passed, holds what that pixel has copied, and so on. Every
-    step of this search goes twice as far as the step before.
+    A copy of a changed pixel, which the loop has passed, holds that pixel's copy, and so on. Every step of this search
+    reaches twice as far.
     """
     own = torch.arange(height * width, device=neighbours.device)
     # `neighbours > own`: the loop goes from the bottom right, and has changed those by then
@@ -191,11 +174,10 @@ def blur_by_gaussian(images: torch.Tensor, sigma_px: float, draws: RandomStreams
 
 @lru_cache(maxsize=16)
 def disk_kernel(radius_px: float, softness_px: float) -> np.ndarray:
-    """A disk of whole pixels, its rim softened by a Gaussian of 3×3 px, above 8 px of radius of 5×5.
+    """Return a disk of whole pixels, its rim softened by a Gaussian of 3×3 px, or 5×5 for radii above 8 px.
 
-    The published frame is 17×17 px, above 8 px of radius as narrow as the disk; empty rows around are cut off here.
-    Where the disk fills its frame, at radii 8 and 10, the softening counts its rim twice: as published, the sum is
-    1.013 and 1.011 there, so that the image grows a little brighter.
+    As published, the softening counts the rim twice at radii 8 and 10: the sum is over 1, and the image a little
+    brighter. Empty rows around the disk are cut off.
     """
     # as in the published `disk`
     reach, taps = (SMALL_DISK_PX, 3) if radius_px <= SMALL_DISK_PX else (math.ceil(radius_px), 5)
@@ -230,7 +212,7 @@ def blur_by_motion(images: torch.Tensor, shape: tuple[float, float], draws: Rand
 
 
 def zoom_in(planes: torch.Tensor, factor: float) -> torch.Tensor:
-    """The middle of (b, c, h, w), enlarged `factor` times, linearly, corner pixel onto corner pixel."""
+    """Enlarge the middle of (b, c, h, w) `factor` times, linearly, corner pixel onto corner pixel."""
     height, width = planes.shape[-2:]
     # only what is seen after the enlargement is enlarged
     cut_height, cut_width = math.ceil(height / factor), math.ceil(width / factor)
@@ -248,10 +230,10 @@ def fill_by_zoom(cut: torch.Tensor, factor: float, height: int, width: int) -> t
 
 
 def blur_by_zoom(images: torch.Tensor, zooms: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
-    """The mean of the image and its enlargements; `zooms` is the end and the step of `numpy.arange(1, end, step)`."""
+    """Average the image and its enlargements; `zooms` is the end and the step of `numpy.arange(1, end, step)`."""
     factors = np.arange(1, *zooms).tolist()
     total = images.clone()
     for factor in factors:
         total += zoom_in(images, factor)
-    # the factors begin at 1 and the image itself is added too: it counts twice, as published
+    # the factors begin at 1, so the image counts twice, as published
     return total.div_(len(factors) + 1)

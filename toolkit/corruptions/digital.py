@@ -15,18 +15,14 @@ FIELD_TRUNCATE = 3.0
 
 
 def bend(images: torch.Tensor, shape: tuple[float, float, float], draws: RandomStreams) -> torch.Tensor:
-    """Change the image affinely, then displace its pixels; both are interpolated linearly.
+    """Move the image affinely, then displace its pixels by smooth noise; both are interpolated linearly.
 
-    Args:
-        images: (b, 3, h, w).
-        shape: what the smoothed noise is multiplied by, px; the sigma that it is smoothed with, px; and how far each of
-            three points moves at most in x and in y under the affine change, px.
-        draws: one stream per image.
+    `shape` is the noise's amplitude, its sigma, and the most that three points move in x and y, all in px.
     """
     strength_px, sigma_px, shift_px = shape
     moved = _sample(images, *move_affinely(images, shift_px, draws), mirror_at_centres=True)
     noise = draws.uniform(2, *images.shape[-2:]).mul_(2).sub_(1)
-    # a sigma of nought belongs to a strength of nought
+    # a sigma of 0 belongs to a strength of 0
     shift = strength_px * blur_by_matrix(noise, sigma_px, "symmetric", FIELD_TRUNCATE) if strength_px else 0 * noise
     x, y = _pixels(images)
     return _sample(moved, x + shift[:, 0], y + shift[:, 1], mirror_at_centres=False)
@@ -59,7 +55,7 @@ def move_affinely(images: torch.Tensor, shift_px: float, draws: RandomStreams) -
 
 
 def _sample(images: torch.Tensor, x: torch.Tensor, y: torch.Tensor, mirror_at_centres: bool) -> torch.Tensor:
-    """Values at x, y (b, h, w) px; beyond the border mirrored about the edge pixels' centres or about their rims."""
+    """Sample at x, y (b, h, w) px, mirrored about the edge pixels' centres or about their rims."""
     height, width = images.shape[-2:]
     if mirror_at_centres:
         # grid_sample counts from -1 to 1: between the centres of the edge pixels, or between their rims
@@ -84,7 +80,7 @@ def saturate(images: torch.Tensor, change: tuple[float, float], draws: RandomStr
     A grey pixel has no hue; as in scikit-image it counts as red, which shows where something is added to its S.
     """
     factor, summand = change
-    # a grey has no hue, which HSV writes as 0: red, which lacks green and blue
+    # a grey has no hue; HSV's 0 is red, which lacks green and blue
     red = torch.tensor([0.0, 1.0, 1.0], device=images.device)[:, None, None]
     value = images.amax(1, keepdim=True)
     depth = value - images  # what each channel lacks
@@ -95,22 +91,19 @@ def saturate(images: torch.Tensor, change: tuple[float, float], draws: RandomStr
 
 
 def to_bytes(images: torch.Tensor) -> np.ndarray:
-    """(b, 3, h, w) in [0, 1] to (b, h, w, 3) uint8 on the CPU, rounded to the nearest level."""
+    """Round (b, 3, h, w) in [0, 1] to (b, h, w, 3) uint8 on the CPU."""
     levels = images.clamp(0, 1).mul_(255).add_(0.5).to(torch.uint8)
     return levels.permute(0, 2, 3, 1).contiguous().cpu().numpy()
 
 
 def from_bytes(pixels: np.ndarray, device: torch.device | str = "cpu") -> torch.Tensor:
-    """(b, h, w, 3) uint8 to (b, 3, h, w) float32 in [0, 1] on `device`."""
+    """Convert (b, h, w, 3) uint8 to (b, 3, h, w) float32 in [0, 1] on `device`."""
     levels = torch.from_numpy(pixels).to(device).permute(0, 3, 1, 2)
     return levels.to(torch.float32, memory_format=torch.contiguous_format).div_(255)
 
 
 def compress_jpeg(images: torch.Tensor, quality: int, draws: RandomStreams) -> torch.Tensor:
-    """Encode and decode as JPEG: 4:2:0, the standard's tables scaled to `quality`, 8 bits in and out.
-
-    libjpeg-turbo does both: through OpenCV, to the same bytes and pixels as through the published Pillow in less time.
-    """
+    """Encode and decode as JPEG, 4:2:0, by OpenCV: the same bytes as the published Pillow, in less time."""
 
     def compress(levels: np.ndarray) -> np.ndarray:
         # OpenCV reads and writes blue first
@@ -124,8 +117,8 @@ def compress_jpeg(images: torch.Tensor, quality: int, draws: RandomStreams) -> t
 def pixelate(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.Tensor:
     """Shrink to `share` of the size and enlarge again, with the box filter of Pillow and its rounding to 8 bits.
 
-    Pillow's box takes the plain mean of the pixels whose centres it covers, first along the rows, and rounds to 8 bits,
-    then down the columns, and rounds again. The values are Pillow's own, without its interleaved channels.
+    Pillow's box takes the mean of the pixels whose centres it covers, along the rows, then down the columns, and rounds
+    to 8 bits after each.
     """
     height, width = images.shape[-2:]
     low_height, low_width = int(height * share), int(width * share)
@@ -141,7 +134,7 @@ def pixelate(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.
 
 
 def pixelate_unrounded(images: torch.Tensor, share: float) -> torch.Tensor:
-    """What `pixelate` makes but for its rounding, as products of matrices, which have a gradient."""
+    """Pixelate without rounding, by products of matrices, which have a gradient."""
     height, width = images.shape[-2:]
     low_height, low_width = int(height * share), int(width * share)
     rows, columns = (torch.from_numpy(box_windows(*pair)[0]) for pair in ((low_height, height), (low_width, width)))
@@ -171,17 +164,17 @@ def _change_levels(images: torch.Tensor, change: Callable[[np.ndarray], np.ndarr
 
 @lru_cache(maxsize=64)
 def box_windows(length: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each of `wanted` pixels, the first of the `length` ones that its box covers, and how many; (wanted,) int64.
+    """Return the first of `length` pixels under the box of each of `wanted` pixels, and their number; (wanted,) int64.
 
-    The steps are Pillow's, in double precision, because a centre that falls on a box's rim goes as they round.
+    The steps are Pillow's, in double precision, as their rounding decides about centres on a box's rim.
     """
-    # source pixels for one wanted; a box is never narrower than a pixel
+    # source pixels for each wanted pixel; a box is never narrower than a pixel
     step = length / wanted
     widened = max(step, 1.0)
     centres = (np.arange(wanted) + 0.5) * step
     near = np.maximum((centres - 0.5 * widened + 0.5).astype(np.int64), 0)
     pixels = near[:, None] + np.arange(int(widened) + 2)
-    # Pillow's box filter: 1 from -1/2 (left out) to 1/2, measured from the box's centre in box widths
+    # Pillow's box filter is 1 over half a box width to both sides, without the left end
     offsets = (pixels - centres[:, None] + 0.5) * (1 / widened)
     covered = (offsets > -0.5) & (offsets <= 0.5) & (pixels < length)
     return near + covered.argmax(1), covered.sum(1)

@@ -1,4 +1,4 @@
-"""Corrupt the images of a folder, or one image, into files; the folder holds its settings and a log of what is done."""
+"""Corrupt the images of a folder, or a single image, into files; the folder holds its settings and a log."""
 
 import hashlib
 from collections import Counter
@@ -27,13 +27,13 @@ LOG_FILE = "corrupted.jsonl"
 
 
 class FolderSettings(BaseModel):
-    """What all images of a folder have in common.
+    """Settings of all images of a folder.
 
     Attributes:
-        schema_version: of this file.
-        corruption, severity: of every image, None where they lie in folders NAME/SEVERITY.
-        seed: of the run.
-        size_px: side that the images were resized and cut to, None for their own.
+        schema_version: version of this file.
+        corruption, severity: None if images lie in folders NAME/SEVERITY.
+        seed: seed of the run.
+        size_px: side that the images were resized and cropped to, None for their own.
         image_format: png or jpg.
     """
 
@@ -56,7 +56,7 @@ class CorruptedFile(BaseModel):
 
 
 def claim_folder(folder: Path, settings: FolderSettings) -> None:
-    """Write the settings into `folder`, or see that those in it are the same.
+    """Write the settings into `folder`, or check that those in it are the same.
 
     Raises:
         ToolkitError: it holds images made with other settings, or cannot be written.
@@ -74,18 +74,9 @@ def claim_folder(folder: Path, settings: FolderSettings) -> None:
             )
 
 
-def open_log(folder: Path) -> RecordLog[CorruptedFile]:
-    """The log of a folder's finished files."""
-    return RecordLog(folder / LOG_FILE, CorruptedFile)
-
-
-def read_finished(folder: Path) -> dict[str, CorruptedFile]:
-    """Lines by path; a half-written last line (a kill while appending) is passed over.
-
-    Raises:
-        ToolkitError: a line before the last is broken, or a path leaves the folder.
-    """
-    known = open_log(folder).read_last(lambda line: line.path)
+def _read_finished(folder: Path, log: RecordLog[CorruptedFile]) -> dict[str, CorruptedFile]:
+    """Return lines by path; a `ToolkitError` if a line before the last is broken, or a path leaves the folder."""
+    known = log.read_last(lambda line: line.path)
     for path in known:
         inside(folder, path)
     return known
@@ -93,7 +84,7 @@ def read_finished(folder: Path) -> dict[str, CorruptedFile]:
 
 @dataclass(frozen=True)
 class SourceImage:
-    """An image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
+    """An image: its file, its path below the folder with forward slashes, and the path of the corrupted file."""
 
     file: Path
     path: str
@@ -101,9 +92,7 @@ class SourceImage:
 
 
 def find_sources(folder: Path, out: Path, image_format: str) -> tuple[list[SourceImage], list[tuple[str, str]]]:
-    """Every image below `folder`, sorted, and (path, reason) of those that are links to somewhere else.
-
-    Hidden files, and `out` where it lies within, are passed over.
+    """List images below `folder`, sorted, and (path, reason) of links that leave it, without hidden files and `out`.
 
     Raises:
         ToolkitError: the folder does not exist or may not be read.
@@ -134,15 +123,16 @@ BATCH_PIXELS = 16 * 256**2
 MARGIN = (8, 7)
 """Published: the short side to 256, then the middle 224."""
 FORMATS = ("png", "jpg")
-JPEG_QUALITY = 85
-"""JPEG quality of ImageNet-C's own files."""
+PNG_HOW: dict[str, Any] = {"compress_level": 3}
+JPEG_HOW: dict[str, Any] = {"quality": 85, "optimize": True}
+"""Pillow's settings; the quality is that of ImageNet-C's own files."""
 MOST_SIZE_PX = 4096
-"""What pictures are resized to at most: no network takes larger ones."""
+"""Largest `size_px`: no network takes larger images."""
 
 
 @dataclass(frozen=True)
 class LoadedImage:
-    """A source, its pixels (h, w, 3) uint8, the hash of its file, and where each corruption of it goes."""
+    """A source, its pixels (h, w, 3) uint8, the hash of its file, and the target of each corruption."""
 
     source: SourceImage
     pixels: np.ndarray
@@ -151,7 +141,7 @@ class LoadedImage:
 
 
 def read_picture(file: Path, size_px: int | None) -> np.ndarray:
-    """(h, w, 3) uint8 sRGB, resized so that its short side is 8/7 of `size_px` and cut to `size_px`², None as it is.
+    """Read (h, w, 3) uint8 sRGB; with `size_px`, the short side is resized to 8/7 of it and the middle is cropped.
 
     Raises:
         UnreadableImage: it does not decode, or is smaller than 16 px.
@@ -168,7 +158,7 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
 
 
 def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
-    """Batches of images of the same size, none of more than a million pixels but those of a single image."""
+    """Yield batches of images of the same size, of at most a million pixels or a single image."""
     sizes: dict[tuple[int, ...], list[LoadedImage]] = {}
     for image in loaded:
         sizes.setdefault(image.pixels.shape, []).append(image)
@@ -181,38 +171,32 @@ def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
 def render(
     batch: list[LoadedImage], name: str, severity: int, *, seed: int, image_format: str, device: str
 ) -> list[bytes]:
-    """Corrupt pictures of the same size; the bytes of their files."""
+    """Corrupt pictures of the same size, and return the bytes of their files."""
     images = from_bytes(np.stack([image.pixels for image in batch]), device)
     seeds = [image_seed(seed, image.source.path) for image in batch]
     pixels = to_bytes(corrupt(images, name, severity, seeds))
     files = [b""] * len(batch)
+    kind, how = ("PNG", PNG_HOW) if image_format == "png" else ("JPEG", JPEG_HOW)
 
     def encode(index: int) -> None:
-        files[index] = encode_picture(pixels[index], image_format)
+        files[index] = encode_image(pixels[index], kind, **how)
 
     run_each(encode, len(batch))
     return files
 
 
-def encode_picture(pixels: np.ndarray, image_format: str) -> bytes:
-    """(h, w, 3) uint8 as the bytes of a `png`, or of a `jpg` of the quality of ImageNet-C's files."""
-    if image_format == "png":
-        return encode_image(pixels, "PNG", compress_level=3)
-    return encode_image(pixels, "JPEG", quality=JPEG_QUALITY, optimize=True)
-
-
 CHUNK_FILES = 8
-CHANGED = "was changed since it was made, and so left as it is: delete it to have it made again"
+CHANGED = "was changed since it was made, and is left as it is: delete it to make it again"
 
 
 @dataclass
 class CorruptResult:
-    """What a run has done.
+    """Result of a run.
 
     Attributes:
-        made, kept: files written now, and found finished from before.
-        failed: (path, reason) of what could not be read or written.
-        sizes: how many images were corrupted now, by (parameter set, height, width).
+        made, kept: numbers of files written now, and kept from before.
+        failed: (path, reason) of files that could not be read or written.
+        sizes: numbers of images corrupted now, by (parameter set, height, width).
     """
 
     made: int = 0
@@ -221,12 +205,12 @@ class CorruptResult:
     sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
     def as_json(self) -> dict[str, Any]:
-        """Counts and failures for a script."""
+        """Return counts and failures for a script."""
         failed = [{"path": path, "reason": reason} for path, reason in self.failed]
         return {"made": self.made, "kept": self.kept, "failed": failed}
 
     def describe_scale(self) -> list[str]:
-        """Which parameters the images took, and where these were made for another size: a line for each set."""
+        """Say in a line for each parameter set how many images took it, and how many have another size."""
         lines = []
         for name in sorted({size[0] for size in self.sizes}):
             made_for = 224 if name == IMAGENET else 32
@@ -234,7 +218,7 @@ class CorruptResult:
             other = sum(n for size, n in self.sizes.items() if size[0] == name and min(size[1:]) != made_for)
             line = f"{count} images with the parameters for {made_for}² ({name})"
             if other:
-                line += f"; {other} have another size, and lengths are pixels, not scaled: image_px {made_for} compares"
+                line += f"; {other} have another size, and lengths are not scaled: compare with image_px {made_for}"
             lines.append(line)
         return lines
 
@@ -243,55 +227,42 @@ def corrupt_images(
     source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
     image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
 ) -> CorruptResult:  # fmt: skip
-    """`corrupt_file` for an image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
-    if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        return corrupt_file(source, out, corruptions, seed=seed, size_px=size_px, device=device)
-    return corrupt_folder(
-        source, out, corruptions, seed=seed, size_px=size_px, image_format=image_format, device=device, skip=skip
-    )
+    """Corrupt every image of a folder, or a single image, into a folder of the same layout, or into an image.
 
-
-def corrupt_folder(
-    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
-    image_format: str = "png", device: str = "cpu", skip: Mapping[str, str] | None = None,
-) -> CorruptResult:  # fmt: skip
-    """Corrupt every image of a folder, or one image, into a folder of the same layout.
-
-    One corruption at one severity lies in `out` itself, several in `out`/NAME/SEVERITY. An image's seed is its path
-    below `source`. What a run before has finished is kept; a file that no such run has written is left as it is.
+    A single corruption at a single severity lies in `out` itself, others in `out`/NAME/SEVERITY. An image's seed is its
+    path below `source`. Finished files of an earlier run are kept; other files are left as they are.
 
     Args:
-        source: a folder, or one image.
-        out: folder to write to, beside or within `source`.
+        source: a folder, or an image.
+        out: folder to write to, beside or within `source`; for an image also a .png or .jpg.
         corruptions: name and severity of each, see `parse_corruptions`.
-        seed: of the run.
-        size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
-        image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
+        seed: seed of the run.
+        size_px: resize to 8/7 of it and crop the middle, as published; None keeps the images' sizes.
+        image_format: `png`, or `jpg` of quality 85, as ImageNet-C's files.
         device: cpu or cuda.
-        skip: images by their path below `source` that are not corrupted, and why; they are listed as failed.
+        skip: paths below `source` of images that are left out, and why; they are listed as failed.
 
     Raises:
-        ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
+        ToolkitError: there are no images, `out` holds images of other settings or another image, or a setting is wrong.
     """
+    if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
+        return _corrupt_file(source, out, corruptions, seed, size_px, device)
     plan = list(dict.fromkeys(corruptions))
     for name, severity in plan:
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
-    single = len(plan) == 1
-    sources, refused = _list_sources(source, out, image_format)
-    skipped = skip or {}
-    refused = [*refused, *((source.path, skipped[source.path]) for source in sources if source.path in skipped)]
-    sources = [source for source in sources if source.path not in skipped]
-    # the settings of the folder, checked against those of an earlier run
-    alone = plan[0] if single else (None, None)
+    sources, failed = _list_sources(source, out, image_format, skip or {})
+    result = CorruptResult(failed=failed)
+    # the settings of the folder are checked against those of an earlier run
+    alone = plan[0] if len(plan) == 1 else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
     )
-    result = CorruptResult(failed=refused)
-    places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
+    places = {item: "" if len(plan) == 1 else f"{item[0]}/{item[1]}/" for item in plan}
+    log = RecordLog(out / LOG_FILE, CorruptedFile)
     with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
         claim_folder(out, settings)
-        known = read_finished(out)
+        known = _read_finished(out, log)
         # images are read in chunks; those of the same size are corrupted together
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
@@ -301,9 +272,28 @@ def corrupt_folder(
                 ready = [image for image in loaded if (name, severity) in image.wanted]
                 for batch in split_batches(ready):
                     files = render(batch, name, severity, seed=seed, image_format=image_format, device=device)
-                    _write(out, [(image.wanted[name, severity], image.sha256) for image in batch], files, known, result)
+                    targets = [(image.wanted[name, severity], image.sha256) for image in batch]
+                    lines = _write(out, targets, files, known, result)
+                    log.append(*lines)
+                    known.update({line.path: line for line in lines})
+                    result.made += len(lines)
                     ticker.advance(len(batch))
     return result
+
+
+def _list_sources(
+    source: Path, out: Path, image_format: str, skip: Mapping[str, str]
+) -> tuple[list[SourceImage], list[tuple[str, str]]]:
+    """Return the images to corrupt, and (path, reason) of links that leave the folder and of those to skip."""
+    if source.is_file():
+        sources, refused = [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
+    else:
+        sources, refused = find_sources(source, out, image_format)
+    if not sources:
+        why = f" but links ({refused[0][0]}: {refused[0][1]})" if refused else ""
+        raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
+    refused = [*refused, *((image.path, skip[image.path]) for image in sources if image.path in skip)]
+    return [image for image in sources if image.path not in skip], refused
 
 
 def _check_settings(source: Path, out: Path, size_px: int | None, image_format: str) -> None:
@@ -311,29 +301,18 @@ def _check_settings(source: Path, out: Path, size_px: int | None, image_format: 
         raise ToolkitError(f"{source} does not exist: name a folder of images, or an image")
     if real_path(out) == real_path(source) or out.is_file():
         raise ToolkitError(f"{out} cannot take the images: name another folder to write to")
-    if size_px is not None and size_px < MIN_SIDE_PX:
-        raise ToolkitError(f"size {size_px} px is too small: choose {MIN_SIDE_PX} px or more")
-    if size_px is not None and size_px > MOST_SIZE_PX:
-        raise ToolkitError(f"size {size_px} px is too large: choose {MOST_SIZE_PX} px or less")
+    if size_px is not None and not MIN_SIDE_PX <= size_px <= MOST_SIZE_PX:
+        wrong = "small" if size_px < MIN_SIDE_PX else "large"
+        raise ToolkitError(f"size {size_px} px is too {wrong}: choose {MIN_SIDE_PX} to {MOST_SIZE_PX} px")
     if image_format not in FORMATS:
         raise ToolkitError(f"no format '{image_format}': choose png or jpg")
-
-
-def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[SourceImage], list[tuple[str, str]]]:
-    if source.is_file():
-        return [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
-    sources, refused = find_sources(source, out, image_format)
-    if not sources:
-        why = f" but links ({refused[0][0]}: {refused[0][1]})" if refused else ""
-        raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
-    return sources, refused
 
 
 def _load(
     chunk: Sequence[SourceImage], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
     size_px: int | None, result: CorruptResult,
 ) -> list[LoadedImage]:  # fmt: skip
-    """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
+    """Read images that are not finished; the result lists those that cannot be read or must not be overwritten."""
     slots: list[LoadedImage | None] = [None] * len(chunk)
     trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
     kept = [0] * len(chunk)
@@ -379,7 +358,8 @@ def _look(file: Path, line: CorruptedFile | None, source_sha256: str) -> str:
 def _write(
     out: Path, targets: Sequence[tuple[str, str]], files: list[bytes], known: dict[str, CorruptedFile],
     result: CorruptResult,
-) -> None:  # fmt: skip
+) -> list[CorruptedFile]:  # fmt: skip
+    """Write files and return their lines; the result lists files that are not this command's."""
     lines = []
     for (target, source_sha256), content in zip(targets, files, strict=True):
         line = CorruptedFile(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)
@@ -390,27 +370,20 @@ def _write(
             continue
         write_bytes(file, content, out)
         lines.append(line)
-    open_log(out).append(*lines)
-    known.update({line.path: line for line in lines})
-    result.made += len(lines)
+    return lines
 
 
 def _is_same(file: Path, sha256: str) -> bool:
     return file.is_file() and sha256_file(file) == sha256
 
 
-def corrupt_file(
-    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
-    device: str = "cpu",
-) -> CorruptResult:  # fmt: skip
-    """Corrupt one image into one file, PNG or JPEG by its suffix; its seed is its name.
-
-    Raises:
-        ToolkitError: the image cannot be read, `out` is another file, or more than one corruption is asked for.
-    """
+def _corrupt_file(
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], seed: int, size_px: int | None, device: str
+) -> CorruptResult:
+    """Corrupt an image into a file, PNG or JPEG by its suffix; its seed is its name."""
     if len(corruptions) != 1:
         raise ToolkitError(
-            f"{out} is one file for {len(corruptions)} corruptions: name one at one severity, or a folder"
+            f"{out} is a single file for {len(corruptions)} corruptions: name one at one severity, or a folder"
         )
     ((name, severity),) = corruptions
     image_format = "png" if out.suffix.lower() == ".png" else "jpg"

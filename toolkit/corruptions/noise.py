@@ -28,15 +28,15 @@ def _tables(scale: float, levels: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def draw_poisson(levels: torch.Tensor, scale: float, top: int, draws: RandomStreams) -> torch.Tensor:
-    """A Poisson count for every entry, exact to the 24 bits of the uniform numbers behind it.
+    """Draw a Poisson count for every entry, exact to the 24 bits of its uniform number.
 
-    Each uniform number falls into a bucket, whose smallest possible count is looked up; few have to go on from there.
+    The smallest possible count is looked up by the bucket of the uniform number; few need to search upwards.
 
     Args:
         levels: (b, ...) int32 in 0 … `top`.
         scale: mean at level `top`; the mean at level v is v × `scale` / `top`.
         top: the highest level.
-        draws: one stream per image.
+        draws: a stream for each image.
 
     Returns:
         (b, ...) float32 whole numbers.
@@ -74,7 +74,7 @@ def add_shot_noise(images: torch.Tensor, photons: float, draws: RandomStreams) -
 
 def add_impulse_noise(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.Tensor:
     """Replace a `share` of the values, each channel on its own, with 0 or 1, as many of each."""
-    # beyond the threshold a draw, centred on nought, keeps its sign; far beyond the range it is cut off at 0 or 1
+    # beyond the threshold a draw around 0 keeps its sign; far outside the range it is clipped to 0 or 1
     hits = functional.hardshrink(draws.uniform(*images.shape[1:]).sub_(0.5), 0.5 - share / 2)
     return hits.mul_(FAR).add_(images)
 

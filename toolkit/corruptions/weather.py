@@ -15,16 +15,10 @@ FIRST_WIBBLE = 100.0
 
 
 def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tensor:
-    """(b, side, side) float32 in [0, 1], 0 and 1 both reached.
+    """(b, side, side) float32 clouds that fill [0, 1]; `side_px` is a power of two, a larger `decay` is smoother.
 
-    Points half-way between known ones get their mean and a uniform random shift, whose bound falls with every halving.
-    The published code multiplies its bound by itself, so that the shift falls with the square of `decay`; so it does
-    here.
-
-    Args:
-        side_px: a power of two.
-        decay: larger is smoother.
-        draws: one stream per image.
+    Points halfway between known points get their mean and a uniform random shift, whose bound falls with every halving:
+    by the square of `decay`, as published.
     """
     shifts = draws.uniform(side_px**2 - 1).mul_(2).sub_(1)
     clouds = torch.zeros(len(shifts), side_px, side_px, device=shifts.device)
@@ -64,13 +58,13 @@ LINE_SHIFT = 3
 
 @dataclass(frozen=True)
 class Pane:
-    """What one pane looks like.
+    """Look of a pane of frost.
 
     Attributes:
-        mean: sRGB-encoded mean colour of the photograph that it stands for.
-        contrast: standard deviation of luminance within 224 px of it.
-        feathers: how many crystals grow.
-        length_px: how long their needles are, shortest and longest.
+        mean: sRGB-encoded mean colour of the published photograph.
+        contrast: its standard deviation of luminance within 224 px.
+        feathers: number of crystals.
+        length_px: shortest and longest needle.
         mist: share of smooth clouds against crystals.
     """
 
@@ -88,27 +82,20 @@ PANES = (
     Pane((0.540, 0.599, 0.648), 0.106, 700, (6, 40), 0.15),
     Pane((0.441, 0.484, 0.529), 0.145, 480, (12, 60), 0.5),
 )
-"""Feathers of ice crystals over a misted ground.
+"""Feathers of ice crystals over mist, in place of the five photographs of frost of ImageNet-C, which are not free.
 
-ImageNet-C and CIFAR-10-C add pieces of five photographs of frost. Those are not ours to give away, so these five panes
-take their place, and results with frost are the toolkit's own. The panes are made to have the photographs' mean colour
-and their contrast in a piece of 224 px; the figures in `PANES` are measured on the photographs. The spectrum of
-luminance falls with frequency to the power of -1.7 to -2.0 here and -1.2 to -1.9 there. What does not agree is what
-makes each photograph itself: where its crystals are, their shapes, its gradients of light.
+Mean colours and contrasts are measured on the photographs. The luminance's spectrum falls with frequency to the power
+of about -1.8, there about -1.6. Places and shapes of crystals differ, so results with frost are the toolkit's own.
 """
 
 
+@lru_cache(maxsize=4)
 def draw_panes(scale: float = 1.0) -> np.ndarray:
-    """(5, side, side, 3) float32 sRGB-encoded in [0, 1]; each repeats without a seam. `scale` shrinks them."""
-    panes = _draw_all()
-    if scale == 1:
-        return panes
-    # linear without a prefilter, as the published code shrinks its photographs
-    return np.stack([cv2.resize(pane, (0, 0), fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR) for pane in panes])
-
-
-@lru_cache(maxsize=1)
-def _draw_all() -> np.ndarray:
+    """(5, side, side, 3) float32 sRGB-encoded panes, which repeat without a seam; `scale` shrinks them."""
+    if scale != 1:
+        # linear without a prefilter, as the published code shrinks its photographs
+        panes, how = draw_panes(), cv2.INTER_LINEAR
+        return np.stack([cv2.resize(pane, (0, 0), fx=scale, fy=scale, interpolation=how) for pane in panes])
     return np.stack([draw_pane(pane, np.random.default_rng([20190327, index])) for index, pane in enumerate(PANES)])
 
 
@@ -116,8 +103,7 @@ def draw_pane(pane: Pane, rng: np.random.Generator) -> np.ndarray:
     """(side, side, 3) float32 sRGB-encoded in [0, 1]."""
     feathers = grow_feathers(pane, rng)
     glow = _blur_pane(feathers, 3) + _blur_pane(feathers, 12)
-    # lit from the upper left: the sides of the needles that face it are bright, the others dark
-    # a difference along the diagonal is the slope towards the light
+    # lit from the upper left: a difference along the diagonal is the slope towards the light
     relief = np.roll(feathers, (1, 1), (0, 1)) - np.roll(feathers, (-1, -1), (0, 1))
     grain = _blur_pane(rng.standard_normal((SIDE_PX, SIDE_PX)).astype(np.float32), 0.8)
     ice = 0.9 * _standard(feathers) + 0.45 * _standard(glow) - 1.1 * _standard(relief) + 0.7 * _standard(grain)
@@ -168,7 +154,7 @@ def _draw_lines(canvas: np.ndarray, lines: np.ndarray, brightness: float) -> Non
 
 
 def _fold(canvas: np.ndarray) -> np.ndarray:
-    """What crosses an edge comes in at the opposite edge."""
+    """Wrap the margins to the opposite edges."""
     for _ in range(2):
         middle = canvas[MARGIN_PX:-MARGIN_PX].copy()
         np.maximum(middle[-MARGIN_PX:], canvas[:MARGIN_PX], out=middle[-MARGIN_PX:])
@@ -179,11 +165,11 @@ def _fold(canvas: np.ndarray) -> np.ndarray:
 
 
 def draw_mist(rng: np.random.Generator) -> np.ndarray:
-    """(side, side) float32 clouds of mean 0 and deviation 1: noise whose spectrum falls as that of photographs does."""
+    """(side, side) float32 clouds of mean 0 and deviation 1: noise with the spectrum of photographs."""
     frequency = np.hypot(np.fft.fftfreq(SIDE_PX)[:, None], np.fft.rfftfreq(SIDE_PX))
     # the mean is left out
     frequency[0, 0] = np.inf
-    # amplitude over frequency, cut off below a few periods per pane so that no pane is all dark on one side
+    # amplitude over frequency, cut off below a few periods per pane so that no side of a pane is dark
     shape = 1 / (frequency + 3 / SIDE_PX) ** 1.6
     noise = np.fft.rfft2(rng.standard_normal((SIDE_PX, SIDE_PX)))
     return _standard(np.fft.irfft2(noise * shape, (SIDE_PX, SIDE_PX))).astype(np.float32)
@@ -207,13 +193,9 @@ def _panes_on(device: torch.device, scale: float) -> torch.Tensor:
 
 
 def cut_frost(height: int, width: int, scale: float, draws: RandomStreams) -> list[torch.Tensor]:
-    """One (3, height, width) float32 sRGB-encoded piece per image, not to be written into.
+    """Return a (3, height, width) float32 sRGB-encoded piece for each image, not to be written into.
 
-    Args:
-        height: of the piece, px.
-        width: of the piece, px.
-        scale: of the texture: 1 for photographs, 0.2 for CIFAR's images, as published.
-        draws: one stream per image: which pane, and where on it. A pane smaller than the piece repeats.
+    A pane smaller than the piece repeats. The published `scale` is 1 for photographs, 0.2 for CIFAR's images.
     """
     panes = _panes_on(draws.device, scale)
     pieces = []
@@ -244,11 +226,8 @@ LEAST_MUD = 0.8
 def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStreams) -> torch.Tensor:
     """Splash water, which adds light, or mud, which covers.
 
-    Args:
-        images: (b, 3, h, w).
-        shape: mean and deviation of the noise that becomes drops, the sigma of its blur in px, the threshold of a drop,
-            the strength of water or the sigma of the mud's blur in px, and 0 for water, 1 for mud.
-        draws: one stream per image.
+    `shape` is mean and deviation of the noise, the sigma of its blur in px, and the threshold of a drop. Then follow
+    water's strength, or the sigma of the mud's blur in px, and 0 for water or 1 for mud.
     """
     mean, deviation, sigma_px, threshold, strength, is_mud = shape
     noise = draws.normal(1, *images.shape[-2:]) * deviation + mean
@@ -285,13 +264,10 @@ SNOW_ANGLES_DEG = (-135.0, -45.0)
 
 
 def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStreams) -> torch.Tensor:
-    """Whiten the image and let flakes fall over it, once as they are and once turned by 180°.
+    """Whiten the image and add flakes, once as they are and once turned by 180°.
 
-    Args:
-        images: (b, 3, h, w).
-        shape: mean and deviation of the noise that becomes flakes, its enlargement, the threshold of a flake, radius
-            and sigma of its motion blur in px, and the share of the image that is not whitened.
-        draws: one stream per image. Only the noise that stays in view is drawn.
+    `shape` is mean and deviation of the noise, its enlargement, and the threshold of a flake. Then follow radius and
+    sigma of its motion blur in px, and the share of the image that is not whitened.
     """
     mean, deviation, zoom, threshold, radius_px, sigma_px, kept = shape
     height, width = images.shape[-2:]
@@ -302,13 +278,10 @@ def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStream
     low, high = SNOW_ANGLES_DEG
     flakes = blur_along(flakes, radius_px, sigma_px, draws.uniform() * (high - low) + low)
     # the published 1.5 × grey + 0.5: dark places become as grey as snow in shade
-    whitened = torch.maximum(images, _grey(images).mul_(1.5).add_(0.5))
-    return torch.lerp(whitened, images, kept).add_(flakes + flakes.flip(2, 3))
-
-
-def _grey(images: torch.Tensor) -> torch.Tensor:
     red, green, blue = images.unbind(1)
-    return (red * LUMA[0]).add_(green, alpha=LUMA[1]).add_(blue, alpha=LUMA[2])[:, None]
+    grey = (red * LUMA[0]).add_(green, alpha=LUMA[1]).add_(blue, alpha=LUMA[2])[:, None]
+    whitened = torch.maximum(images, grey.mul_(1.5).add_(0.5))
+    return torch.lerp(whitened, images, kept).add_(flakes + flakes.flip(2, 3))
 
 
 def add_frost(images: torch.Tensor, shares: tuple[float, float, float], draws: RandomStreams) -> torch.Tensor:

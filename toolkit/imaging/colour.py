@@ -1,17 +1,17 @@
-"""Between sRGB-encoded values and linear light (IEC 61966-2-1), and how different two colours look."""
+"""Convert between sRGB-encoded values and linear light (IEC 61966-2-1), and measure colour differences."""
 
 import numpy as np
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """sRGB-encoded [0, 1] to linear [0, 1], any shape, float32."""
+    """Decode sRGB in [0, 1] to linear light, any shape, float32."""
     encoded = np.asarray(encoded, np.float32)
     # the standard's two parts: a straight line near black, a power above it
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** np.float32(2.4))
 
 
 def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear to sRGB-encoded [0, 1], any shape, float32; values outside [0, 1] are clipped."""
+    """Encode linear light as sRGB, any shape, float32; values are clipped to [0, 1]."""
     linear = np.clip(np.asarray(linear, np.float32), 0, 1)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** np.float32(1 / 2.4) - 0.055)
 
@@ -46,7 +46,7 @@ POW25_7 = 25.0**7
 
 
 def lab_of_linear(linear: np.ndarray) -> np.ndarray:
-    """(..., 3) L*a*b* of linear sRGB, 1 is the white that the eye has adapted to (CIE 15:2004, D65)."""
+    """(..., 3) L*a*b* of linear sRGB, relative to the adapted white D65 (CIE 15:2004)."""
     xyz = np.maximum(np.asarray(linear, float), 0) @ XYZ_OF_LINEAR_SRGB.T / WHITE_D65
     # the cube root, and its tangent near black (CIE 15:2004, 8.2.1)
     root = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)

@@ -25,13 +25,17 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-@lru_cache(maxsize=256)
-def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
-    """One of `FACES`, from matplotlib's data; matplotlib itself is not loaded."""
+def font_file(face: str) -> Path:
+    """Return the file of a font of `FACES` in matplotlib's data; matplotlib itself is not loaded."""
     spec = find_spec("matplotlib")
     assert spec is not None and spec.origin is not None
-    fonts = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return ImageFont.truetype(str(fonts / FACES[face]), size_px)
+    return Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / FACES[face]
+
+
+@lru_cache(maxsize=256)
+def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
+    """Return a font of `FACES`."""
+    return ImageFont.truetype(str(font_file(face)), size_px)
 
 
 def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:
@@ -53,7 +57,7 @@ def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def make_figure(width_in: float, height_in: float, layout: str | None = "constrained") -> "Figure":
-    """An empty figure; the caller is a function `with_default_style`."""
+    """Make an empty figure; the caller is a function `with_default_style`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -63,7 +67,7 @@ def make_figure(width_in: float, height_in: float, layout: str | None = "constra
 
 
 def encode_figure(figure: "Figure", dpi: int = DPI) -> bytes:
-    """The figure as PNG."""
+    """Return the figure as PNG."""
     buffer = BytesIO()
     # matplotlib writes its version into the file: without it the bytes follow from the picture alone
     figure.savefig(buffer, dpi=dpi, format="png", metadata={"Software": None})

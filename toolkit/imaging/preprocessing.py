@@ -1,4 +1,4 @@
-"""From a photograph to what a network sees: resize the short side, cut the middle, normalise."""
+"""Preprocess a photograph for a network: resize the short side, cut the middle, normalise."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,12 +12,12 @@ LONGEST_WHOLE = 8
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """How a network wants its images.
+    """Resize, crop and normalisation of a network's images.
 
     Attributes:
         resize_px: length of the short side after resizing; of both sides with `squash`.
         crop_px: side of the central square that is kept.
-        mean, std: of sRGB-encoded values in [0, 1], per channel, in the order of `channels`.
+        mean, std: mean and standard deviation of sRGB-encoded values in [0, 1], in the order of `channels`.
         filter_name: Pillow's name of the resampling filter, always antialiased.
         channels: order in which the network wants the colours, `RGB` or `BGR`.
         squash: whether the whole image is resized to a square, whatever its aspect ratio.
@@ -32,7 +32,7 @@ class Preprocessing:
     squash: bool = False
 
     def describe(self) -> str:
-        """One line for a report."""
+        """Describe it in a line."""
         order = "" if self.channels == "RGB" else f", channels {self.channels}"
         sides = "both sides" if self.squash else "short side"
         return (
@@ -52,8 +52,8 @@ def published_preprocessing(preset: "ImageClassification") -> Preprocessing:
 def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     """(h, w, 3) uint8 sRGB to (crop_px, crop_px, 3) uint8 sRGB, as torchvision's `transforms()` does with a photograph.
 
-    The pixels are torchvision's own, but for images more than eight times as long as wide: of those only the part that
-    is kept is resampled, which bounds the memory, and some values round to the next of the 255 levels.
+    The pixels are torchvision's own. For images over eight times as long as wide, only the kept part is resampled,
+    which bounds the memory; some values then round to the next level.
     """
     import numpy as np
     from PIL import Image
@@ -66,7 +66,7 @@ def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     left, top = round((out_width - how.crop_px) / 2), round((out_height - how.crop_px) / 2)
     kept = (left, top, left + how.crop_px, top + how.crop_px)
     picture, resample = Image.fromarray(image), Image.Resampling[how.filter_name]
-    # a panorama would be resized whole to keep a small part: of those only the part is resized
+    # of a panorama only the kept part is resized
     if long <= LONGEST_WHOLE * short:
         return np.asarray(picture.resize((out_width, out_height), resample).crop(kept))
     x_step, y_step = width / out_width, height / out_height

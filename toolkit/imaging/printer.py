@@ -1,4 +1,4 @@
-"""What a printer makes of colours: its inks, a profile measured on photographs, and how well a patch will print."""
+"""Colours on paper: a printer's inks, a profile measured on photographs, and how well a patch will print."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,19 +18,14 @@ SOLIDS = np.array(
         [[[0.840, 0.296, 0.304], [0.859, 0.309, 0.554]], [[0.982, 0.870, 0.202], [0.950, 0.950, 0.969]]],
     ]
 )
-"""[r, g, b] -> what is printed where the file's red, green and blue are 0 or 1, in this order: black ink, blue (cyan on
-magenta), green (cyan on yellow), cyan, red (magenta on yellow), magenta, yellow, bare paper."""
+"""[r, g, b] of the file, each 0 or 1 -> sRGB colour on paper. [0, 0, 0] is black ink, [1, 1, 1] is paper."""
 PAPER = SOLIDS[1, 1, 1]
 
 
 def nearest_printable(colours: np.ndarray) -> np.ndarray:
-    """The nearest colours that the inks can mix: halftones mix solids, so these fill the convex hull of `SOLIDS`.
+    """(k, 3) printable colours nearest to (k, 3) colours, sRGB-encoded.
 
-    Args:
-        colours: (k, 3) sRGB-encoded.
-
-    Returns:
-        (k, 3); a colour that can be printed comes back itself.
+    Halftones mix solids, so printable colours fill the convex hull of `SOLIDS`.
     """
     nearest = np.array(colours, float)
     triangles, normals = _hull()
@@ -48,7 +43,7 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _hull() -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3): those with all points below."""
+    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3)."""
     solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
     # eight points: every triangle is tried, those with all points on the same side are the hull's
     for a, b, c in combinations(range(8), 3):
@@ -61,7 +56,7 @@ def _hull() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """(k, 3) the place on a triangle that is nearest to each of (k, 3) points."""
+    """(k, 3) places on a triangle nearest to (k, 3) points."""
     edges = triangle[1:] - triangle[0]
     # barycentric coordinates of the nearest place in the triangle's plane; outside, an edge is nearer
     weights = np.linalg.lstsq(edges.T, (points - triangle[0]).T, rcond=None)[0].T
@@ -91,18 +86,16 @@ class PrintScores:
     Attributes:
         total_variation: mean absolute difference of neighbouring texels, right and below, over the channels (Rudin,
             Osher and Fatemi 1992, the anisotropic form): 0 is a flat colour, 0.33 noise.
-        non_printability: mean distance, root mean square over the channels, of a texel to the nearest colour that the
-            inks can make: 0 where every colour can be printed. The non-printability score of Sharif
-            et al. (2016), with all printable colours for their list of some, and the distance to the nearest
-            (Thys et al. 2019) for the product of all distances, which has the same zeros.
+        non_printability: mean distance, root mean square over the channels, of a texel to the nearest printable colour
+            (Sharif et al. 2016, and Thys et al. 2019).
     """
 
     total_variation: float
     non_printability: float
 
     def describe(self, name: str) -> str:
-        """One line: the numbers, and what they mean on paper."""
-        grain = "as grainy as noise: texels blur from afar" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
+        """Describe the numbers and their meaning on paper in a line."""
+        grain = "as noise: texels blur at a distance" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
         inks = (
             "its strongest colours come out duller than on the screen"
             if self.non_printability > DULL
@@ -119,7 +112,7 @@ def score_print(pixels: np.ndarray) -> PrintScores:
     colours = pixels.astype(float) / 255
     steps = [np.abs(np.diff(colours, axis=axis)).ravel() for axis in (0, 1)]
     flat = colours.reshape(-1, 3)
-    # each colour is looked up once, however many pixels have it
+    # each colour is looked up once
     kinds, count = np.unique(flat, axis=0, return_counts=True)
     distance = np.sqrt(((kinds - nearest_printable(kinds)) ** 2).mean(axis=1))
     return PrintScores(float(np.concatenate(steps).mean()), float((distance * count).sum() / len(flat)))
@@ -200,7 +193,7 @@ class PrintProfile(BaseModel):
 
 
 def white_paper() -> Triple:
-    """Linear light of `PAPER`: a photo cannot tell how white a paper is, only what is darker than it."""
+    """Linear light of `PAPER`: a photo shows colours only relative to its white."""
     red, green, blue = (float(value) for value in srgb_to_linear(PAPER))
     return red, green, blue
 
@@ -212,7 +205,7 @@ def raise_terms(encoded: np.ndarray, power: float, exponents: tuple[Exponents, .
 
 
 def print_colours(profile: PrintProfile, encoded: np.ndarray) -> np.ndarray:
-    """sRGB-encoded (..., 3) in [0, 1]: what comes out of the printer for a file's colours, in neutral light."""
+    """(..., 3) sRGB-encoded colours in [0, 1] of the print of a file's colours, in neutral light."""
     terms = raise_terms(encoded, profile.power, profile.exponents)
     return linear_to_srgb(terms @ np.array(profile.coefficients) * np.array(profile.paper_linear))
 

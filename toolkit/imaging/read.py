@@ -1,4 +1,4 @@
-"""People's photographs: found in a folder, decoded to a common form, upright (h, w, 3) uint8, sRGB-encoded."""
+"""Find photographs in a folder, and decode them to a common form: upright (h, w, 3) uint8, sRGB-encoded."""
 
 import contextlib
 import io
@@ -23,16 +23,16 @@ IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
 )
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "HEIF", "AVIF", "BMP", "GIF")
-"""Pillow readers in use, whatever the name of a file; the EPS reader would start Ghostscript."""
+"""Pillow's readers in use for files of any name; the EPS reader would start Ghostscript."""
 TEXTURE_FORMATS = (*FORMATS, "TGA", "DDS", "PPM", "JPEG2000")
-"""Beside them, what modelling programs write."""
+"""With the formats of modelling programs."""
 PNG_START, RADIANCE_START, EXR_START = b"\x89PNG\r\n\x1a\n", b"#?", b"v/1\1"
 MAX_MEGAPIXELS = 175
-"""Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
+"""Most pixels of photographs and textures: they take 0.7 GB, just below Pillow's own limit."""
 MAX_TEXTURE_PX = 8192
 """Longest side of a texture: a larger texture is shrunk, as no picture shows its texels."""
 MAX_SIDE_PX = 65_535
-"""Longest side of a photograph, pixels: JPEG allows no more, and a line of a million pixels is no photograph."""
+"""Longest side of a photograph: JPEG allows no more, and a line of a million pixels is no photograph."""
 MID_GREY = 128
 DRAFT_MARGIN = 2
 
@@ -53,15 +53,14 @@ def is_image_name(name: str) -> bool:
 def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
     """Decode a photograph to (h, w, 3) uint8, sRGB-encoded.
 
-    EXIF orientation is applied; an embedded ICC profile, or Adobe RGB by the EXIF alone, is converted to sRGB. 16-bit
-    and grey and CMYK and palette images are brought to 8-bit RGB, transparency is laid over mid grey. Of several frames
-    the first is taken.
+    EXIF orientation is applied; an embedded ICC profile, or Adobe RGB by the EXIF alone, is converted to sRGB. Images
+    of 16 bits, grey, CMYK or with a palette become 8-bit RGB, transparency is laid over mid grey. The first of several
+    frames is taken.
 
     Args:
         path: JPEG, PNG, WebP, TIFF, HEIC, AVIF, BMP or GIF.
-        short_side_px: what the image will be shrunk to. A JPEG may then be decoded at a half, quarter or eighth of its
-            size, as long as the short side keeps twice this length, so that the shrunk image is the same but for
-            rounding. None decodes in full.
+        short_side_px: length to which the image will be shrunk; a JPEG may then be decoded at a fraction of its size,
+            not under twice this length. None decodes in full.
 
     Raises:
         UnreadableImage: the file is empty, no image, truncated, of a kind that cannot be shown, or far too large.
@@ -70,11 +69,7 @@ def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
 
 
 def read_opaque(path: Path) -> np.ndarray:
-    """`read_image` of a picture that is printed: paper has no place where it is transparent.
-
-    Raises:
-        UnreadableImage: as `read_image`, or a part of it is transparent.
-    """
+    """`read_image` of a picture to print, an `UnreadableImage` also if a part of it is transparent."""
     pixels = read_image(path)
     with open_image(path) as image:
         alpha = np.asarray(image.convert("RGBA").getchannel("A")) if image.has_transparency_data else None
@@ -85,18 +80,16 @@ def read_opaque(path: Path) -> np.ndarray:
 
 
 def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -> np.ndarray:
-    """`read_image` for bytes that lie in memory; `name` is what errors call them."""
+    """`read_image` of bytes in memory; `name` stands for them in errors."""
     return _decode(Path(name), content, short_side_px)
 
 
 @contextlib.contextmanager
 def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image]:
-    """An image before its pixels are decoded: of a plain file, or of `content`, and no larger than a photograph.
-
-    Whatever is decoded is opened here: photographs, uploads, patches, textures.
+    """Open an image of a plain file, or of `content`, without decoding its pixels.
 
     Raises:
-        UnreadableImage: the file is empty, a pipe or a device, far too large, or damaged, whenever that shows within.
+        UnreadableImage: the file is empty, a pipe or a device, far too large, or damaged, also when decoded within.
     """
     with decoding(path), open_plain(path) if content is None else io.BytesIO(content) as stream:
         if not stream.read(1):
@@ -108,12 +101,7 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
 
 
 def decoding(path: Path, what: str = "{}") -> contextlib.AbstractContextManager[None]:
-    """Within, whatever a decoder raises becomes `UnreadableImage`.
-
-    Args:
-        path: what errors call the image.
-        what: the reason, where `{}` stands for the damage in a few words.
-    """
+    """Turn every error of a decoder into `UnreadableImage` of `path`; in the reason `what`, `{}` is the damage."""
     return foreign_code(lambda error: UnreadableImage(path, what.format(explain_damage(error))))
 
 
@@ -129,13 +117,13 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 
 def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[int, int] | None = None) -> np.ndarray:
-    """(h, w, 3) uint8 RGB of a PNG that a program wrote, or (h, w) where `grey`; OpenCV takes half of Pillow's time.
+    """(h, w, 3) uint8 RGB of a program's PNG, or (h, w) if `grey`, by OpenCV, which takes half of Pillow's time.
 
     Args:
         content: the file's bytes.
-        name: what errors call it.
+        name: its name in errors.
         grey: whether it is a mask.
-        size_px: width and height that it must have, looked at before it is decoded; None takes any.
+        size_px: width and height that it must have, checked before it is decoded; None: any.
 
     Raises:
         UnreadableImage: it is no PNG, damaged, far too large, or of another size.
@@ -157,11 +145,7 @@ def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[
 
 
 def read_linear(path: Path) -> np.ndarray:
-    """(h, w, 3) float32 linear light of a Radiance or OpenEXR picture, whichever its bytes are.
-
-    Raises:
-        UnreadableImage: it is neither, damaged, or far too large.
-    """
+    """(h, w, 3) float32 linear light of a Radiance or OpenEXR picture, else an `UnreadableImage`."""
     import cv2
 
     try:
@@ -190,20 +174,20 @@ def read_linear(path: Path) -> np.ndarray:
 def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
     with open_image(path, content) as image:
         if short_side_px is not None:
-            # JPEG decodes at 1/2, 1/4 or 1/8 for little; twice the wanted side leaves the resampling its quality
+            # JPEG decodes fractions cheaply; twice the wanted side keeps the quality of the resampling
             image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
         image.load()
         return np.asarray(_to_rgb(_turn_upright(image)))
 
 
 def decode_texture(image: Image.Image, name: str) -> np.ndarray:
-    """The pixels of an opened picture as they lie, (h, w, 3) uint8, sRGB-encoded; transparency is left out.
+    """Decode an opened picture as it lies to (h, w, 3) uint8, sRGB-encoded, without transparency.
 
-    One with a side over `MAX_TEXTURE_PX` is shrunk by a whole factor, and a notice says so.
+    A picture with a side over `MAX_TEXTURE_PX` is shrunk by a whole factor, with a notice.
 
     Args:
         image: opened, best not decoded yet.
-        name: of what it belongs to, for messages.
+        name: its name in messages.
 
     Raises:
         UnreadableImage: it is damaged, or far too large.
@@ -224,11 +208,7 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
 
 
 def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """`decode_texture` of a file's bytes, and its alpha, (h, w) uint8, where that is asked for.
-
-    Raises:
-        UnreadableImage: it is empty, of no known kind, damaged, or far too large; `name` is what errors call it.
-    """
+    """`decode_texture` of a file's bytes, and its alpha, (h, w) uint8, if it has any and `with_alpha`."""
     if not content:
         raise UnreadableImage(Path(name), "a texture that is empty: save it again as PNG")
     with _any_size():
@@ -242,11 +222,7 @@ def decode_texture_file(content: bytes, name: str, with_alpha: bool) -> tuple[np
 
 
 def read_texture(path: Path) -> np.ndarray:
-    """`decode_texture` of a file that a mesh names.
-
-    Raises:
-        UnreadableImage: it is empty, no picture, damaged, or far too large.
-    """
+    """`decode_texture` of a file that a mesh names; an `UnreadableImage` if it is no picture, or damaged."""
     try:
         with open_plain(path) as file:
             content = file.read()
@@ -260,7 +236,7 @@ _one_at_a_time = threading.RLock()
 
 @contextlib.contextmanager
 def _any_size() -> Iterator[None]:
-    """Within, Pillow opens pictures of any size: who decodes them keeps to `MAX_MEGAPIXELS`."""
+    """Let Pillow open pictures of any size: the decoder within keeps to `MAX_MEGAPIXELS`."""
     with _one_at_a_time:
         limit = Image.MAX_IMAGE_PIXELS
         Image.MAX_IMAGE_PIXELS = None
@@ -271,7 +247,7 @@ def _any_size() -> Iterator[None]:
 
 
 def explain_damage(error: Exception) -> str:
-    """In a few words what is wrong with an image, from what its decoder raised."""
+    """Describe the damage of an image by its decoder's exception."""
     if isinstance(error, Image.UnidentifiedImageError):
         return "not an image, whatever its name says"
     if isinstance(error, Image.DecompressionBombError):
@@ -296,14 +272,14 @@ def register_heif() -> None:
 
 @lru_cache(maxsize=2)
 def _list_readers(formats: tuple[str, ...]) -> tuple[str, ...]:
-    """Those of `formats` that this Pillow has."""
+    """Return the `formats` that this Pillow has."""
     register_heif()
     Image.init()
     return tuple(format_name for format_name in formats if format_name in Image.OPEN)
 
 
 def _turn_upright(image: Image.Image) -> Image.Image:
-    # damaged EXIF says nothing about the pixels: keep the image as it lies
+    # the pixels may be whole though the EXIF is damaged: keep the image as it lies
     with contextlib.suppress(Exception):
         if image.getexif().get(ExifTags.Base.Orientation, 1) != 1:  # else it would be copied
             return ImageOps.exif_transpose(image)
@@ -334,8 +310,8 @@ def _to_rgb(image: Image.Image) -> Image.Image:
 
 
 def _is_adobe_rgb(image: Image.Image) -> bool:
-    """Whether the EXIF says Adobe RGB, as cameras do that embed no profile (DCF 2.0: "uncalibrated", and R03)."""
-    with contextlib.suppress(Exception):  # damaged EXIF says nothing about the pixels
+    """Whether the EXIF declares Adobe RGB, as of cameras that embed no profile (DCF 2.0: "uncalibrated", and R03)."""
+    with contextlib.suppress(Exception):  # the pixels may be whole though the EXIF is damaged
         exif = image.getexif()
         if not exif:
             return False
@@ -353,7 +329,7 @@ def _to_eight_bits(image: Image.Image) -> Image.Image:
     if image.mode == "F":
         full = 1.0 if values.max(initial=0) <= 1.0 else 255.0
     else:
-        # Pillow opens 16-bit PNGs as 32-bit integers: only the values tell them from 8 bits
+        # Pillow opens 16-bit PNGs as 32-bit integers: only the values differ from 8 bits
         full = 65535.0 if image.mode.startswith("I;16") or values.max(initial=0) > 255 else 255.0
     return Image.fromarray(np.round(np.clip(np.nan_to_num(values) / full, 0, 1) * 255).astype(np.uint8))
 
@@ -377,7 +353,7 @@ BY_DESIGN = frozenset((
 
 @dataclass(frozen=True)
 class FoundFiles:
-    """What a folder holds.
+    """Files of a folder.
 
     Attributes:
         images: files that are images by name, as parts relative to the folder, sorted.
@@ -391,11 +367,7 @@ class FoundFiles:
 
 
 def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> FoundFiles:
-    """Walk a folder; hidden and `.partial` files are passed over.
-
-    Args:
-        root: the folder.
-        is_wanted: whether a file of that name counts as an image.
+    """Find the files of a folder, images by `is_wanted` of their names; hidden and `.partial` files are ignored.
 
     Raises:
         ToolkitError: the folder does not exist, is a file, or may not be read.
@@ -404,7 +376,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
     if not root.is_dir():
         what = "is a file, not a folder" if root.exists() else "does not exist"
         raise ToolkitError(f"{root} {what}: expected a folder of images sorted as SOURCE/OBJECT/VARIANT/FILE")
-    # every file is an image, refused with a reason, or other; only hidden files are passed over in silence
+    # every file is an image, refused with a reason, or other; hidden files are ignored
     real_root = real_path(root)
     images: list[tuple[str, ...]] = []
     refused: list[tuple[str, str]] = []
@@ -414,7 +386,7 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
         for name in folders:
             if not _is_passed_over(name) and (here / name).is_symlink():
                 refused.append((show_path((*parts, name)), "a linked folder: copy its images here instead"))
-        # in place: the walk goes on with what is left in the list
+        # in place: the walk follows the folders that are left in the list
         folders[:] = [name for name in folders if not _is_passed_over(name)]
         for name in names:
             if _is_passed_over(name) or name in BY_DESIGN:
@@ -432,14 +404,14 @@ def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> 
 
 
 def encode_image(picture: np.ndarray | Image.Image, kind: str, **how: Any) -> bytes:
-    """A picture, (h, w), (h, w, 3) or (h, w, 4) uint8, as the bytes of a file of that kind; `how` is Pillow's."""
+    """Encode a picture, (h, w), (h, w, 3) or (h, w, 4) uint8, as a file of Pillow's `kind`; `how` is Pillow's too."""
     buffer = io.BytesIO()
     (picture if isinstance(picture, Image.Image) else Image.fromarray(picture)).save(buffer, kind, **how)
     return buffer.getvalue()
 
 
 def show_path(parts: tuple[str, ...]) -> str:
-    """Parts of a path joined by slashes, as text that can be written anywhere, whatever bytes the name holds."""
+    """Join parts of a path by slashes; bytes of a name that are no text are replaced."""
     return os.fsencode("/".join(parts)).decode("utf-8", errors="replace")
 
 

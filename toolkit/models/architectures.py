@@ -1,4 +1,4 @@
-"""The classification networks: which there are, and what comes with each; and networks for images of 32 px."""
+"""Classification networks of torchvision, with published weights and labels; and networks for images of 32 px."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -18,12 +18,7 @@ CIFAR_NETWORKS = ("cifar_resnet18", "cifar_resnet50", "cifar_resnet8")
 
 @dataclass(frozen=True)
 class CifarWeights:
-    """Stands where torchvision's weights entry stands for its networks; nobody publishes weights of these.
-
-    Attributes:
-        url: None: there is nothing to download.
-        meta: the labels, as `categories`.
-    """
+    """In place of torchvision's weights entry, for networks without published weights: no url, and the labels."""
 
     url: None = None
     meta: dict[str, list[str]] = field(default_factory=lambda: {"categories": list(CIFAR10_LABELS)})
@@ -38,7 +33,7 @@ class CifarWeights:
 
 
 def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
-    """One of `CIFAR_NETWORKS` with random weights."""
+    """Build a network of `CIFAR_NETWORKS` with random weights."""
     from torch import nn
 
     from toolkit.models.vision import torchvision
@@ -58,7 +53,7 @@ def _build_resnet8(num_classes: int) -> "nn.Module":
     from torchvision.models.resnet import BasicBlock, conv1x1
 
     def stage(inputs: int, outputs: int, stride: int) -> BasicBlock:
-        # of He et al. (2016), section 4.2, with one block in each stage; a 1×1 convolution where the shape changes
+        # He et al. (2016), section 4.2, a block in each stage; a 1×1 convolution changes the shape
         narrow = None if stride == 1 else nn.Sequential(conv1x1(inputs, outputs, stride), nn.BatchNorm2d(outputs))
         return BasicBlock(inputs, outputs, stride, narrow)
 
@@ -84,9 +79,9 @@ def list_architectures() -> list[str]:
 
 
 def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
-    """The torchvision weights entry (url, labels, preprocessing) of a network: IMAGENET1K_V1 where there is one.
+    """Return torchvision's weights entry (url, labels, preprocessing) of a network: IMAGENET1K_V1, else the default.
 
-    A network for small images has a `CifarWeights` instead, without url.
+    A network for small images has a `CifarWeights` instead.
 
     Raises:
         ToolkitError: there is no classification network of that name.
@@ -102,7 +97,7 @@ def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
 
 
 def imagenet_labels() -> list[str]:
-    """Names of ImageNet's 1000 classes, in the order that the published networks answer in."""
+    """Return the names of ImageNet's 1000 classes, in the order of the published networks' outputs."""
     return published_weights("resnet18").meta["categories"]
 
 

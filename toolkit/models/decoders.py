@@ -1,4 +1,4 @@
-"""What the outputs of detectors mean: boxes and scores by the family, and the family by the shapes."""
+"""Decode the outputs of detectors: boxes and scores by the family, and the family by the shapes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ def decode_yolox(outputs: torch.Tensor, size: int, strides: Sequence[int] = (8, 
     Args:
         outputs: (b, n, 5 + classes): x, y, log w, log h, objectness and class scores after the sigmoid.
         size: side of the network's images.
-        strides: of its grids, in the outputs' order.
+        strides: strides of its grids, in the outputs' order.
     """
     corners, steps = [], []
     for stride in strides:
@@ -73,7 +73,7 @@ def decode_end2end(outputs: torch.Tensor, size: int, classes: int) -> Dense:
     Args:
         outputs: (b, n, 6): x1, y1, x2, y2 in pixels, score, class.
         size: side of the network's images; the boxes are in its pixels already.
-        classes: how many the labels name.
+        classes: number of labels.
 
     Raises:
         ToolkitError: an output has a class that the labels do not name.
@@ -106,20 +106,20 @@ def _corners(boxes: torch.Tensor) -> torch.Tensor:
 
 
 Letterbox = Literal["corner", "centre", "stretch"]
-"""Where a picture lies in the network's square: in its shape, upper left or in the middle, or stretched."""
+"""Place of a picture in the network's square: upper left, in the middle, or stretched to fill it."""
 
 
 @dataclass(frozen=True)
 class Decoder:
-    """How one family of detectors is fed and read.
+    """Preprocessing and output format of a family of detectors.
 
     Attributes:
         family: key of `DECODERS`.
         decode: (outputs, size) -> `Dense`.
-        letterbox: how a picture is fitted into the network's square.
-        fill: grey of 255 beside the picture.
-        mean, std, channels: of the network's input, as in `Preprocessing`.
-        nms_iou: from which overlap on the weaker of two boxes of a class is dropped; None: the network drops them.
+        letterbox: place of a picture in the network's square.
+        fill: grey beside the picture, 0 to 255.
+        mean, std, channels: preprocessing, as in `Preprocessing`.
+        nms_iou: least IoU at which the weaker of two boxes of a class is dropped; None: the network drops them.
     """
 
     family: str
@@ -132,7 +132,7 @@ class Decoder:
     fill: int = 114
 
     def describe(self) -> str:
-        """The preprocessing in words; the letterbox only if it is not the family's own."""
+        """Describe the preprocessing; the letterbox only if it is not the family's own."""
         words, usual = f"mean {self.mean}, deviation {self.std}, {self.channels}", DECODERS[self.family]
         is_usual = (self.letterbox, self.fill) == (usual.letterbox, usual.fill)
         return words if is_usual else f"{words}, letterbox {self.letterbox}, fill {self.fill}"
@@ -140,7 +140,7 @@ class Decoder:
 
 PLAIN, LEVELS = ((0, 0, 0), (1, 1, 1)), ((0, 0, 0), (1 / 255, 1 / 255, 1 / 255))
 IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
-"""Mean and standard deviation of networks for 0 to 1, for 0 to 255 and for ImageNet's colours."""
+"""Means and standard deviations: values in 0 to 1, in 0 to 255, and ImageNet's."""
 DECODERS = {
     "yolox": Decoder("yolox", decode_yolox, "corner", *LEVELS, "BGR", 0.45),
     "fastestdet": Decoder("fastestdet", decode_fastestdet, "stretch", *PLAIN, "BGR", 0.45),
@@ -157,16 +157,16 @@ MOST_SELECTED = 1000
 
 
 def count_places(size: int) -> list[int]:
-    """How many places the grids of a detector have, for each of the usual sets of strides."""
+    """Count the places in the grids of a detector, for each of the usual sets of strides."""
     return [sum((size // stride) ** 2 for stride in strides) for strides in STRIDES]
 
 
 def guess_decoder(shapes: Sequence[Shape], size: int | None) -> str | None:
-    """The family whose outputs have these shapes; None: none of them."""
+    """Return the family with outputs of these shapes, if there is any."""
     places = [] if size is None else count_places(size)
-    if len(shapes) == 2 and [len(one) for one in shapes] == [3, 3]:
+    if [len(shape) for shape in shapes] == [3, 3]:
         is_pair = shapes[0][1] == shapes[1][1] and shapes[0][1] not in places
-        return "detr" if is_pair and [one[2] for one in shapes].count(4) == 1 else None
+        return "detr" if is_pair and [shape[2] for shape in shapes].count(4) == 1 else None
     if len(shapes) != 1:
         return None
     shape = shapes[0]
@@ -183,7 +183,7 @@ def guess_decoder(shapes: Sequence[Shape], size: int | None) -> str | None:
 
 
 def count_classes(family: str, shapes: Sequence[Shape]) -> int | None:
-    """How many classes the outputs have; None: they do not show it."""
+    """Return the number of classes of the outputs, if their shapes show it."""
     if family == "end2end":
         return None
     if family == "detr":
@@ -193,7 +193,7 @@ def count_classes(family: str, shapes: Sequence[Shape]) -> int | None:
 
 
 def choose_decoder(family: str, classes: int) -> Decoder:
-    """The family's, for so many classes."""
+    """Return the family's decoder for a number of classes."""
     decoder = DECODERS[family]
     if family == "end2end":
         return replace(decoder, decode=partial(decode_end2end, classes=classes))
@@ -210,10 +210,7 @@ def published_labels(classes: int | None) -> list[str]:
 
 
 def describe_expected(size: int) -> str:
-    """The shapes that are known, in words."""
-    places = count_places(size)[0]
-    return (
-        f"images×{places}×(5 + classes) of YOLOX, images×(4 + classes)×{places} of YOLOv8 to 12, images×300×6 of "
-        f"YOLO26, images×(5 + classes)×{size // 16}×{size // 16} of FastestDet, or the pair images×queries×classes and "
-        "images×queries×4 of RT-DETR"
-    )
+    """Describe the known shapes."""
+    places, side = count_places(size)[0], size // 16
+    yolo = f"b×{places}×(5 + classes) of YOLOX, b×(4 + classes)×{places} of YOLOv8, b×300×6 of YOLO26"
+    return f"{yolo}, b×(5 + classes)×{side}×{side} of FastestDet, or b×queries×classes and b×queries×4 of RT-DETR"

@@ -44,25 +44,25 @@ COCO_OF_IMAGENET = {
     "hotdog": "hot dog", "soup bowl": "bowl", "mixing bowl": "bowl", "red wine": "wine glass", "goblet": "wine glass",
     "speedboat": "boat", "fireboat": "boat", "lifeboat": "boat", "gondola": "boat", "yawl": "boat",
 }  # fmt: skip
-"""ImageNet's name -> COCO's, where the one is a kind of the other."""
+"""ImageNet's name -> COCO's more general name."""
 
 
 def coco_names(label: str) -> list[str]:
-    """What COCO may call a class: its own name, then that of the kind which it is of."""
+    """Return COCO's possible names of a class: its own, then the more general name."""
     plain = label.replace("_", " ")
     kind = COCO_OF_IMAGENET.get(plain)
     return [plain] if kind is None else [plain, kind]
 
 
 LEAST_SCORE = 0.01
-"""Below it an answer is dropped: average precision counts weak answers too."""
+"""Least score that is kept: average precision counts weak boxes too."""
 MOST_BOXES = 100
-"""For each image, as COCO's evaluation counts them."""
+"""Most boxes of an image, as in COCO's evaluation."""
 
 
 @dataclass(frozen=True)
 class Detections:
-    """What a detector sees in one image, by falling score.
+    """Boxes in an image, by falling score.
 
     Attributes:
         boxes: (n, 4) float32, x1, y1, x2, y2 in pixels of the image; pixel centres lie at half integers.
@@ -86,7 +86,7 @@ class Detector(AnyNetwork, Protocol):
         """Side of the squares that `losses` takes; 0: any."""
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
-        """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
+        """Find objects in (h, w, 3) uint8 sRGB images of any sizes."""
 
     def losses(self, batch: "torch.Tensor", boxes: "torch.Tensor", class_index: int) -> "torch.Tensor":
         """(b,) how badly it finds the class at the place: small where score and box fit; differentiable.
@@ -94,7 +94,7 @@ class Detector(AnyNetwork, Protocol):
         Args:
             batch: (b, 3, h, w) sRGB-encoded in [0, 1], square, of `image_px`.
             boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the batch.
-            class_index: of the object.
+            class_index: class of the object.
         """
 
 
@@ -114,7 +114,7 @@ def detector_class(detector: Detector, name: str | int) -> int:
 
 
 def box_iou(boxes: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(n,) intersection over union of (n, 4) boxes with one (4,) box, x1, y1, x2, y2."""
+    """(n,) intersection over union of (n, 4) boxes with a single (4,) box, x1, y1, x2, y2."""
     corners = np.maximum(boxes[:, :2], other[:2]), np.minimum(boxes[:, 2:], other[2:])
     inside = np.prod(np.clip(corners[1] - corners[0], 0, None), axis=1)
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(other[2:] - other[:2])

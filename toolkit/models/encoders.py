@@ -20,15 +20,9 @@ def load_encoder(
 ) -> Classifier:
     """Load an encoder; its `logits` are features, (b, d), and its labels number them.
 
-    Of a classifier of torchvision, timm or the kit the last layer is left out, unless `how.whole` keeps it. ONNX
-    graphs, exported programs and functions of the user's are taken whole: they end in features themselves.
-
-    Args:
-        model: as of `load_classifier`, or `open_clip:NAME:WEIGHTS` for the image tower of such a network.
-        weights: as of `load_classifier`.
-        device: `auto`, `cpu` or `cuda`.
-        folder: of the workspace's own classifiers.
-        how: what stands for an image.
+    A classifier of torchvision, timm or the workspace loses its last layer, unless `how.whole` keeps it. ONNX graphs,
+    exported programs and the user's functions must end in features. Arguments are as in `load_classifier`; `model` may
+    also be `open_clip:NAME:WEIGHTS`, for its image tower.
 
     Raises:
         ToolkitError: as `load_classifier`; the network gives no features.
@@ -59,7 +53,7 @@ def load_encoder(
 
 
 def _drop_last(module: "nn.Module", classes: int, arch: str) -> None:
-    """Put nothing in the place of the layer that gives a number for each class."""
+    """Replace the layer that gives a number for each class by the identity."""
     from torch import nn
 
     last = [

@@ -1,4 +1,4 @@
-"""Which network a name means: one of the workspace, the bundled one, or a published one."""
+"""Find the network that a name means: in the workspace, bundled, or published; and the records of classifiers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from toolkit.models.weights import SUFFIXES, check_named
 
 
 class ClassShare(BaseModel):
-    """How many held-out images of a class the network gets right."""
+    """Correct answers to held-out images of a class."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     n: int
@@ -25,12 +25,12 @@ class ClassShare(BaseModel):
 
 
 class UnderAttack(BaseModel):
-    """How many held-out images a robust network gets right after each was moved to where its loss is largest.
+    """Correct answers of a robust network to held-out images under an attack by projected gradient ascent.
 
     Attributes:
-        norm, eps: of the ball that it may be moved in, values in 0 to 1: `l2` or `linf`, and the radius.
-        steps, step_size: of projected gradient ascent.
-        n, correct, accuracy, ci95: as of `HeldOut`.
+        norm, eps: norm of the attack, `l2` or `linf`, and its radius for values in 0 to 1.
+        steps, step_size: number and size of its steps.
+        n, correct, accuracy, ci95: as in `HeldOut`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -45,16 +45,16 @@ class UnderAttack(BaseModel):
 
 
 class HeldOut(BaseModel):
-    """What the written weights say of images that they were not trained on.
+    """Accuracy of the written weights on images that were not used in training.
 
     Attributes:
-        n, correct: of all classes together.
-        accuracy: their ratio; None where nothing was held out.
-        ci95: Wilson's 95 % interval of it.
-        per_class: by label.
-        confusions: the commonest mistakes, (true label, answer, how often).
-        what: how these images differ from those trained on.
-        under_attack: of a network that was trained to be robust; else absent.
+        n, correct: counts of all classes together.
+        accuracy: their ratio; None if nothing was held out.
+        ci95: Wilson's 95 % interval of the accuracy.
+        per_class: counts by label.
+        confusions: the most frequent mistakes, (true label, answer, count).
+        what: difference between these images and the training images.
+        under_attack: accuracy of a robust network under an attack; else absent.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -72,14 +72,8 @@ class HeldOut(BaseModel):
         return {name: value for name, value in dump(self).items() if name != "under_attack" or value is not None}
 
 
-class Answers(BaseModel):
-    """What a network says of photographs.
-
-    Attributes:
-        n: how many.
-        correct: of these, answers that are the photograph's class.
-        agreed: answers that are the teacher's to the photograph as it is.
-    """
+class AnswerCounts(BaseModel):
+    """A network's answers to `n` photographs: how many are correct, and how many agree with the teacher's."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     n: int
@@ -88,13 +82,13 @@ class Answers(BaseModel):
 
 
 class Refinement(BaseModel):
-    """What became of a network that was refined by its own answers.
+    """A network that was refined by its own answers.
 
     Attributes:
         teacher, teacher_sha256: original network and hash of its weights' file.
         attack: norm, eps, steps and step size of the attack in the test, each network by its own gradient.
         before, after: predictions on held-out photographs.
-        before_attacked, after_attacked: predictions on the first of these photographs under the attack.
+        before_attacked, after_attacked: predictions on the first photographs under the attack.
         step: training step of these weights, counted from 1.
     """
 
@@ -102,15 +96,15 @@ class Refinement(BaseModel):
     teacher: str
     teacher_sha256: str
     attack: dict[str, Any]
-    before: Answers
-    after: Answers
-    before_attacked: Answers
-    after_attacked: Answers
+    before: AnswerCounts
+    after: AnswerCounts
+    before_attacked: AnswerCounts
+    after_attacked: AnswerCounts
     step: int
 
 
 class NetworkSet(BaseModel):
-    """`rig/classifiers/NAME.json`: networks that boosters are trained on together, by one name.
+    """`rig/classifiers/NAME.json`: networks that boosters are trained on together, under a common name.
 
     Attributes:
         name: name of the set.
@@ -126,23 +120,23 @@ class NetworkSet(BaseModel):
 
 
 class ClassifierRecord(BaseModel):
-    """How a classifier came to be, and how to feed and read it; a `LabelsFile` with more in it.
+    """A classifier's labels and preprocessing, as in `LabelsFile`, and its training.
 
     Attributes:
         name: file name without suffix.
         arch: name of the network, see `list_architectures`.
-        trained_on: in a few words, to be said wherever the network speaks.
-        labels: one per output, in order.
+        trained_on: training data in a few words, shown with the network's results.
+        labels: label of each output.
         resize_px, crop_px, mean, std, filter_name: preprocessing of an image, sRGB-encoded.
-        channels, squash: the same, of a network that does not want `RGB` and the middle of an image; else absent.
-        data: sources with counts, and the hashes of the pixels that were trained on and held out.
-        seed: of every random draw.
+        channels, squash: other preprocessing than `RGB` and the middle of an image; else absent.
+        data: sources with counts, and hashes of the pixels for training and held out.
+        seed: seed of every random draw.
         settings: every hyper-parameter.
         final: mean loss and accuracy of the last steps, on augmented training images.
         held_out: accuracy of the weights as written.
-        refined: of a network that `toolkit refine-network` made; else absent.
-        sha256: of the weights' file.
-        toolkit_version: of the program that trained it.
+        refined: results of `toolkit refine-network`; else absent.
+        sha256: hash of the weights' file.
+        toolkit_version: version of the program that trained it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -186,30 +180,28 @@ EXPORTED_SUFFIX = ".pt2"
 
 @dataclass(frozen=True)
 class Found:
-    """A network to load.
-
-    Attributes:
-        arch: name of it, see `list_architectures`; `timm:` with timm's; `onnx:`, `.pt2` for a whole program;
-            `python:MODULE:FUNCTION`; `hf:` with a repository or folder.
-        weights: its file; None for the published weights, for code, which no file names, and for a repository.
-    """
+    """A network to load: its `arch`, as in `find_classifier`, and its file; None for published weights and for code."""
 
     arch: str
     weights: Path | None
 
 
 def find_classifier(model: str | None = None, weights: Path | None = None, folder: Path | None = None) -> Found:
-    """The network that a name and a file of weights mean.
+    """Find the network that a name and a file of weights mean.
 
-    A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. `torchvision:NAME`
-    means the last alone, `timm:NAME` timm's, `onnx:FILE` and `FILE.pt2` a whole program, `python:MODULE:FUNCTION` what
-    code of the user's makes, `hf:ORG/NAME` a network of the Hugging Face hub, and a state dict's file the network that
-    the file beside it says. Without a name, the record beside the weights says which network they are of, and else it
-    is a ResNet-18.
+    | name | network |
+    |---|---|
+    | `NAME` | in `folder`, among the bundled classifiers, else in `list_architectures` |
+    | `torchvision:NAME`, `timm:NAME` | of that library |
+    | `onnx:FILE`, `FILE.pt2` | a whole program |
+    | `python:MODULE:FUNCTION` | made by the user's code |
+    | `hf:ORG/NAME` | of the Hugging Face hub |
+    | file of a state dict | as the record beside it says |
+    | None | as the record beside the weights says, else a ResNet-18 |
 
     Args:
-        model: a name, see above; None: as the weights say.
-        weights: a file; None: the network's own, or the published ones.
+        model: a name.
+        weights: a file; None: the network's own, or the published weights.
         folder: the workspace's `rig/classifiers`.
 
     Raises:
@@ -233,13 +225,13 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     if model == BUNDLED:
         raise FieldError(
             f"{BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: install the package again, or train "
-            "one with 'toolkit train-classifier --data everyday --name NAME'",
+            "another with 'toolkit train-classifier --data everyday --name NAME'",
             {"model": BUNDLED},
         )
     if (several := read_set(model, folder)) is not None:
         raise FieldError(
-            f"is a set of {len(several.networks)} networks, which train-patch and train-texture take: "
-            f"name one of them here, such as {several.networks[-1]}",
+            f"is a set of {len(several.networks)} networks, for train-patch and train-texture: "
+            f"name a single network here, such as {several.networks[-1]}",
             {"model": model},
         )
     known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
@@ -251,7 +243,7 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
 
 
 def read_set(name: str, folder: Path | None) -> NetworkSet | None:
-    """The set of networks of that name in `folder`; None where there is none.
+    """Read the set of networks of that name in `folder`, if there is any.
 
     Raises:
         ToolkitError: its file is damaged.
@@ -263,13 +255,9 @@ def read_set(name: str, folder: Path | None) -> NetworkSet | None:
 
 
 def expand_sets(models: Sequence[str] | None, folder: Path | None) -> list[str]:
-    """Names of networks, in the place of each set those of its networks.
-
-    Raises:
-        ToolkitError: a set's file is damaged.
-    """
+    """Replace each set by the names of its networks; a `ToolkitError` if its file is damaged."""
     found = [(name, read_set(name, folder)) for name in models or ()]
-    return [one for name, several in found for one in ([name] if several is None else several.networks)]
+    return [network for name, several in found for network in ([name] if several is None else several.networks)]
 
 
 def brings_weights(model: str, folder: Path | None = None) -> bool:
@@ -285,14 +273,14 @@ def brings_weights(model: str, folder: Path | None = None) -> bool:
 
 
 def is_program(arch: str) -> bool:
-    """Whether an `arch` is a whole program, whose images are as the file beside it says, and not as was published."""
+    """Whether an `arch` is a whole program, with its preprocessing in a file beside it."""
     return arch.startswith((ONNX_PREFIX, PYTHON_PREFIX)) or arch.endswith(EXPORTED_SUFFIX)
 
 
 def pair_weights(
     models: Sequence[str] | None, weights: Sequence[Path] | None, folder: Path | None = None
 ) -> list[tuple[str | None, Path | None]]:
-    """Each network and its file of weights, in the order given: a file for each, or for each that brings none.
+    """Pair networks with files of weights, in the order given: a file for each, or for each that brings none.
 
     Raises:
         ToolkitError: there are more or fewer files.
@@ -310,7 +298,7 @@ def pair_weights(
 
 
 def may_be_detector(model: str | None) -> bool:
-    """Whether it is worth looking closer: the name of no classifier, an ONNX file, or code."""
+    """Whether a name may mean a detector: no classifier's, an ONNX file, or code."""
     if model is None or model.startswith((TIMM_PREFIX, HF_PREFIX)):
         return False
     if model.startswith((ONNX_PREFIX, PYTHON_PREFIX)) or model.endswith(".onnx"):
@@ -320,11 +308,7 @@ def may_be_detector(model: str | None) -> bool:
 
 
 def _find_file(model: str) -> Path | None:
-    """The file that `onnx:FILE` or a path means; None for the name of a network.
-
-    Raises:
-        ToolkitError: there is no such file.
-    """
+    """Return the file that `onnx:FILE` or a path means, a `ToolkitError` if it is missing; None for another name."""
     path = Path(model.removeprefix(ONNX_PREFIX))
     is_file = model.startswith(ONNX_PREFIX) or path.suffix in (".onnx", EXPORTED_SUFFIX, *SUFFIXES)
     if is_file and not path.is_file():
@@ -333,15 +317,15 @@ def _find_file(model: str) -> Path | None:
 
 
 def list_own(folder: Path | None = None) -> dict[str, Path]:
-    """Files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
+    """List the files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
-    # the last wins where one name has several files: what the kit itself writes
+    # of several files the last wins: the kit's own format
     suffixes = (*SUFFIXES[:-1], EXPORTED_SUFFIX, ".onnx", SUFFIX)
     return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 
 
 def find_class(given: str, folder: Path | None = None) -> str:
-    """The label that is meant, as it is spelt: one of the classifiers of `folder`, or ImageNet's, by any case or index.
+    """Return a label of the classifiers of `folder`, or ImageNet's, by its name in any case or its index.
 
     Raises:
         ToolkitError: no label is called so.

@@ -1,4 +1,4 @@
-"""Classifiers of two parts: an encoder that ends in features, and a head that names the classes; saved as one file."""
+"""Classifiers of two parts in a single file: an encoder that ends in features, and a head that names the classes."""
 
 from dataclasses import dataclass
 from io import BytesIO
@@ -8,9 +8,9 @@ import torch
 from torch import nn
 from torch.nn.functional import linear
 
-from toolkit.core.errors import FieldError, describe_failure, foreign_code
+from toolkit.core.errors import FieldError, foreign_code
 from toolkit.models.find import EXPORTED_SUFFIX
-from toolkit.models.network import Classifier, describe_answers
+from toolkit.models.network import Classifier, blame_model, describe_answers
 
 if TYPE_CHECKING:
     from onnx import NodeProto
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from toolkit.models.onnx_networks import OnnxNetwork
 
 Tokens = Literal["first", "mean"]
-"""Which of the tokens of a transformer stand for the image: the first (the class token), or the mean of all."""
+"""Tokens of a transformer that represent the image: the first (the class token), or the mean of all."""
 LEAST_LENGTH = 1e-12
 """Features are divided by their length, or by this if it is smaller."""
 SOURCE_NOTES = ("stack_trace", "nn_module_stack", "source_fn_stack", "torch_fn", "from_node")
-"""What torch notes on the nodes of an exported program: lines and paths of code on this machine."""
+"""Torch's notes on the nodes of an exported program: lines and paths of code on this machine."""
 
 
 @dataclass(frozen=True)
 class AsEncoder:
-    """Asks for a network that ends in features, whose numbers stand where a classifier has its classes.
+    """Asks for a network that ends in features instead of classes.
 
     Attributes:
-        tokens: see `Features`.
+        tokens: see `ImageFeatures`.
         whole: keep the last layer of timm's and torchvision's networks, such as the projection of a CLIP tower.
     """
 
@@ -38,16 +38,11 @@ class AsEncoder:
     whole: bool = False
 
 
-class Features(nn.Module):
-    """An encoder as a module that gives one vector for each image.
+class ImageFeatures(nn.Module):
+    """An encoder as a module that gives a vector (b, d) for each image.
 
-    Outputs (b, d) stay as they are. Of a map (b, c, h, w) it is the mean over all places, of tokens (b, t, d) what
-    `tokens` says. Of several outputs the first (b, d) is taken, else the first.
-
-    Attributes:
-        encoder: the module.
-        tokens: None: an encoder that gives tokens is refused.
-        arch: its name, for errors.
+    A map (b, c, h, w) is averaged over all places; `tokens` selects or averages tokens (b, t, d), None refuses them.
+    The first output (b, d) of several is taken, else the first. Errors name `arch`.
     """
 
     def __init__(self, encoder: nn.Module, tokens: Tokens | None, arch: str) -> None:
@@ -74,31 +69,25 @@ class Features(nn.Module):
             raise FieldError(f"gives {describe_answers(found)}: expected features", {"model": self.arch})
         if self.tokens is None:
             raise FieldError(
-                f"gives {describe_answers(found)}, a vector for each token: choose with {{tokens}} 'first' (the class "
-                "token) or 'mean'",
+                f"gives {describe_answers(found)}, a vector for each token: give {{tokens}} 'first' (the class token) "
+                "or 'mean'",
                 {"model": self.arch},
             )
         return found[:, 0] if self.tokens == "first" else found.mean(1)
 
 
 def number_features(count: int) -> list[str]:
-    """Names of the outputs of an encoder."""
+    """Return names of the outputs of an encoder."""
     return [f"feature {index}" for index in range(count)]
 
 
 def choose_output(axes: list[int]) -> int:
-    """Which of several outputs holds the features, by their numbers of axes."""
+    """Return the index of the output that holds the features, by the outputs' numbers of axes."""
     return axes.index(2) if 2 in axes else 0
 
 
 class Head(nn.Module):
-    """Features to logits: a matrix, of features as they are or of length 1.
-
-    Attributes:
-        weight: (classes, d).
-        bias: (classes,).
-        normalise: whether features are divided by their length first.
-    """
+    """A linear layer, `weight` (classes, d) and `bias` (classes,); `normalise`: of features divided by their length."""
 
     weight: torch.Tensor
     bias: torch.Tensor
@@ -117,18 +106,18 @@ class Head(nn.Module):
 
 
 def file_suffix(encoder: Classifier) -> str:
-    """What `join_head` makes: an ONNX graph of an ONNX encoder, else a program of torch.export."""
+    """Return the suffix of `join_head`'s file: an ONNX graph for an ONNX encoder, else a program of torch.export."""
     from toolkit.models.onnx_networks import OnnxNetwork
 
     return ".onnx" if isinstance(_inner(encoder), OnnxNetwork) else EXPORTED_SUFFIX
 
 
 def join_head(encoder: Classifier, head: Head) -> bytes:
-    """The content of one file with both parts, which any command loads as a classifier.
+    """Return the content of a file with both parts, which any command loads as a classifier.
 
     Args:
-        encoder: as `load_encoder` gives it; it is moved to the CPU.
-        head: of as many features.
+        encoder: from `load_encoder`; it is moved to the CPU.
+        head: for as many features.
 
     Raises:
         ToolkitError: torch cannot export the encoder.
@@ -137,20 +126,15 @@ def join_head(encoder: Classifier, head: Head) -> bytes:
     if file_suffix(encoder) == ".onnx":
         return _join_onnx(inner, encoder.module.tokens, head)  # type: ignore[arg-type]
     features = encoder.module.cpu()
-    # a program that was exported for some number of images stays one for that number
+    # a program for some number of images keeps that number
     count = getattr(inner, "count", None)
     if count is not None:
-        features = Features(inner.program, encoder.module.tokens, encoder.arch)  # type: ignore[arg-type]
+        features = ImageFeatures(inner.program, encoder.module.tokens, encoder.arch)  # type: ignore[arg-type]
     # both are in the mode for answers already, and an exported program cannot be told so
     joined = nn.Sequential(features, head.cpu()).requires_grad_(False)
     side = encoder.preprocessing.crop_px
     free = None if count is not None else ({0: torch.export.Dim("batch")},)
-
-    def explain(error: Exception) -> FieldError:
-        why = f"torch.export cannot save it: {describe_failure(error)}: export it to ONNX"
-        return FieldError(why, {"model": encoder.arch})
-
-    with foreign_code(explain):
+    with foreign_code(blame_model(encoder.arch, "export it to ONNX, as torch.export cannot save it")):
         program = torch.export.export(joined, (torch.zeros(count or 2, 3, side, side),), dynamic_shapes=free)
     for node in program.graph.nodes:
         for name in SOURCE_NOTES:
@@ -165,7 +149,7 @@ def _inner(encoder: Classifier) -> nn.Module:
 
 
 def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> bytes:
-    """The graph with the nodes of a head behind its features; they mean the same in every version from 8 on."""
+    """Append the nodes of a head to a graph; they mean the same in every version from 8 on."""
     from toolkit.models.onnx_graphs import draw_sample, import_extra
 
     onnx = import_extra("onnx")
@@ -195,7 +179,7 @@ def _join_onnx(network: "OnnxNetwork", tokens: Tokens | None, head: Head) -> byt
 def _list_nodes(
     name: str, axes: int, tokens: Tokens | None, head: Head
 ) -> "tuple[list[NodeProto], dict[str, torch.Tensor]]":
-    """The nodes from the output `name` of so many axes to `head_logits`, and the tensors that they use."""
+    """Return the nodes from the output `name` of so many axes to `head_logits`, and the tensors that they use."""
     from toolkit.models.onnx_graphs import FLOAT, import_extra
 
     make = import_extra("onnx").helper.make_node

@@ -12,29 +12,29 @@ import torch
 from PIL import Image
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
+from toolkit.core.errors import FieldError, foreign_code
+from toolkit.core.extras import import_package
 from toolkit.core.files import load_json, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import HF_PREFIX
 from toolkit.models.heads import AsEncoder
-from toolkit.models.labels import LabelsFile, plain_name
-from toolkit.models.network import Classifier
+from toolkit.models.labels import LabelsFile, number_classes, plain_name
+from toolkit.models.network import Classifier, blame_model
 from toolkit.models.programs import assemble, without_log
-from toolkit.models.weights import WeightsFile
+from toolkit.models.weights import HUB_TIMEOUT_S, WeightsFile, find_commit
 
 REPOSITORY = re.compile(r"(?P<name>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 WANTED = ["*.json", "*.safetensors"]
 """Names of the files that are fetched."""
-HUB_TIMEOUT_S = 10.0
 LIKE_IMAGENET = 900
-"""So many of 1000 names are ImageNet's own in its order; the hub's networks spell some of them otherwise."""
+"""So many of 1000 names must be ImageNet's in its order; the hub's networks spell some of them otherwise."""
 ROUNDING = 2.0
 """Mean difference, in levels of 255, between transformers' images and ours: its resizing rounds in other places."""
 
 
-class Answers(nn.Module):
-    """A network of transformers as one that gives a tensor: its logits, or its features."""
+class FirstOutput(nn.Module):
+    """A network of transformers that gives a single tensor: its logits, or its features."""
 
     def __init__(self, network: nn.Module, outputs: tuple[str, ...]) -> None:
         super().__init__()
@@ -47,20 +47,24 @@ class Answers(nn.Module):
 
 
 def load_hub_network(model: str, device: str, features: AsEncoder | None = None) -> Classifier:
-    """A classifier, or with `features` an encoder, through transformers; no code of a repository is run.
+    """Load a classifier, or with `features` an encoder, through transformers; no code of a repository is run.
 
-    A repository is read at a commit, which the network's `arch` names: `hf:ORG/NAME@COMMIT` loads the same again.
+    The network's `arch` names the commit: `hf:ORG/NAME@COMMIT` loads the same network again.
 
     Args:
-        model: `hf:ORG/NAME`, `hf:ORG/NAME@REVISION`, or `hf:FOLDER` with what `save_pretrained` writes.
+        model: `hf:ORG/NAME`, `hf:ORG/NAME@REVISION`, or `hf:FOLDER` with the files of `save_pretrained`.
         device: `auto`, `cpu` or `cuda`.
         features: asks for an encoder.
 
     Raises:
-        ToolkitError: transformers is not installed, the network cannot be had, has no weights in safetensors, needs
-            code of its own, is no such network, or wants images in a way that is not supported.
+        ToolkitError: transformers is not installed, the network cannot be fetched, is of another kind, needs its own
+            code, has no weights in safetensors, or its preprocessing is not supported.
     """
-    library = _import_transformers(model)
+    import_package("huggingface_hub", "hub", model)
+    library = import_package("transformers", "hub", model)
+    library.logging.disable_progress_bar()
+    library.logging.set_verbosity_error()
+    # files of the network: described, in safetensors, without code
     folder, name = _find_folder(model)
     files = sorted(folder.glob("*.safetensors"))
     if not files:
@@ -71,7 +75,7 @@ def load_hub_network(model: str, device: str, features: AsEncoder | None = None)
                 f"has no {described}: expected what save_pretrained of transformers writes", {"model": model}
             )
         if "auto_map" in load_json(folder / described):
-            raise FieldError("needs code of its own, which is not run: choose another network", {"model": model})
+            raise FieldError("needs its own code, which is not run: choose another network", {"model": model})
     network, missing = _load(library, folder, model, is_encoder=features is not None)
     hashes = [sha256_file(file) for file in files]
     sha256 = hashes[0] if len(files) == 1 else sha256_bytes(" ".join(hashes).encode())
@@ -79,36 +83,23 @@ def load_hub_network(model: str, device: str, features: AsEncoder | None = None)
     if features is None:
         if missing:
             raise FieldError(
-                f"its weights lack {missing[0]}, so it is not a classifier: 'toolkit head {model}' makes one of it",
+                f"its weights lack {missing[0]}: 'toolkit head {model}' makes a classifier of it",
                 {"model": model},
             )
         own = own.model_copy(update={"labels": _read_labels(network.config.id2label, model)})
-        wrapped = Answers(network, ("logits",))
+        wrapped = FirstOutput(network, ("logits",))
     else:
         # a pooler that the weights lack would be random
-        pooled = () if any("pooler" in one for one in missing) else ("pooler_output",)
-        wrapped = Answers(network, (*pooled, "last_hidden_state"))
+        pooled = () if any("pooler" in key for key in missing) else ("pooler_output",)
+        wrapped = FirstOutput(network, (*pooled, "last_hidden_state"))
     how = _read_preprocessing(library, folder, model)
     file = WeightsFile(files[0], sha256, f"{name}/{files[0].name}")
     return assemble(wrapped, f"{HF_PREFIX}{name}", file, own, how, device, features)
 
 
-def _import_transformers(model: str) -> ModuleType:
-    try:
-        import huggingface_hub  # noqa: F401 - fetches
-        import transformers as library
-    except ImportError as error:
-        raise FieldError(
-            f"transformers is not installed ({error}): pip install '.[hub]' in the kit's folder", {"model": model}
-        ) from None
-    library.logging.disable_progress_bar()
-    library.logging.set_verbosity_error()
-    return library
-
-
 def _find_folder(model: str) -> tuple[Path, str]:
-    """The folder with the network's files, and `ORG/NAME@COMMIT`, or the folder's name."""
-    from huggingface_hub import get_hf_file_metadata, hf_hub_url, snapshot_download
+    """Return the folder with the network's files, and `ORG/NAME@COMMIT`, or the folder's name."""
+    from huggingface_hub import snapshot_download
 
     rest = model.removeprefix(HF_PREFIX)
     if Path(rest).is_dir():
@@ -118,35 +109,22 @@ def _find_folder(model: str) -> tuple[Path, str]:
         expected = "expected hf:ORG/NAME, hf:ORG/NAME@REVISION, or hf:FOLDER"
         raise FieldError(f"{expected}; there is no folder {rest}", {"model": model})
     name, revision = found["name"], found["revision"]
-
-    def explain(error: Exception) -> FieldError:
-        why = describe_failure(error, 160)
-        return FieldError(
-            f"cannot be fetched from the Hugging Face hub ({why}): name a folder that holds it: hf:FOLDER",
-            {"model": model},
-        )
-
-    # it may not be on this machine, which the hub's library tells by an error
-    with suppress(ToolkitError), foreign_code(explain):
+    # it may not be on this machine: the hub's library then raises an error
+    with suppress(Exception):
         kept = Path(snapshot_download(name, revision=revision, local_files_only=True))
         if list(kept.glob("*.safetensors")):
             return kept, f"{name}@{kept.name}"
-    with foreign_code(explain):
-        # asked once: without a connection the download would try again for half a minute
-        url = hf_hub_url(name, "config.json", revision=revision)
-        commit = get_hf_file_metadata(url, timeout=HUB_TIMEOUT_S).commit_hash
+    why = "name a folder with it as hf:FOLDER; it cannot be fetched from the Hugging Face hub"
+    with foreign_code(blame_model(model, why, 160)):
+        commit = find_commit(name, "config.json", revision)
         folder = snapshot_download(name, revision=commit, allow_patterns=WANTED, etag_timeout=HUB_TIMEOUT_S)
     return Path(folder), f"{name}@{commit}"
 
 
 def _load(library: ModuleType, folder: Path, model: str, is_encoder: bool) -> tuple[Any, list[str]]:
-    """The network in single precision, and the names of what its weights lack."""
+    """Return the network in single precision, and the names that its weights lack."""
     kind = library.AutoModel if is_encoder else library.AutoModelForImageClassification
-
-    def explain(error: Exception) -> FieldError:
-        return FieldError(f"transformers cannot load it: {describe_failure(error)}", {"model": model})
-
-    with foreign_code(explain), without_log():
+    with foreign_code(blame_model(model, "transformers cannot load it")), without_log():
         network, about = kind.from_pretrained(
             folder, local_files_only=True, use_safetensors=True, trust_remote_code=False, output_loading_info=True
         )
@@ -155,13 +133,13 @@ def _load(library: ModuleType, folder: Path, model: str, is_encoder: bool) -> tu
 
 
 def _read_labels(named: Mapping[Any, str], model: str) -> list[str]:
-    """The names of the classes; ImageNet's own, where they are its 1000 in its order with their synonyms."""
+    """Return the names of the classes; ImageNet's own names if they are its 1000 in order, with synonyms."""
     labels = [str(named[key]) for key in sorted(named, key=int)]
     if len(labels) < 2:
         raise FieldError(f"has {len(labels)} outputs: expected a classifier of at least two classes", {"model": model})
     published = imagenet_labels()
-    if all(re.fullmatch(r"LABEL_\d+", label) for label in labels):  # transformers' own, where nobody named them
-        return published if len(labels) == len(published) else [f"class {k}" for k in range(len(labels))]
+    if all(re.fullmatch(r"LABEL_\d+", label) for label in labels):  # transformers' own, if nobody named them
+        return published if len(labels) == len(published) else number_classes(len(labels))
     # TensorFlow's networks have a class 0 for "none of these"
     extra = len(labels) - len(published)
     if extra in (0, 1):
@@ -173,16 +151,8 @@ def _read_labels(named: Mapping[Any, str], model: str) -> list[str]:
 
 
 def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Preprocessing:
-    """The kit's words for a processor's, tried on a picture.
-
-    Raises:
-        ToolkitError: there are no such words, or they give another picture than the processor does.
-    """
-
-    def explain(error: Exception) -> FieldError:
-        return FieldError(f"its image processor fails: {describe_failure(error)}", {"model": model})
-
-    with foreign_code(explain):
+    """Translate an image processor, and compare both on a picture; a `ToolkitError` if they differ."""
+    with foreign_code(blame_model(model, "its image processor fails")):
         with without_log():
             processor = library.AutoImageProcessor.from_pretrained(
                 folder, local_files_only=True, trust_remote_code=False
@@ -203,7 +173,7 @@ def _read_preprocessing(library: ModuleType, folder: Path, model: str) -> Prepro
 
 
 def _translate(said: Mapping[str, Any]) -> Preprocessing:
-    """A processor's settings in the kit's words; whether they mean the same is for the caller to try."""
+    """Translate a processor's settings; the caller compares the results."""
     size, cut = _read_side(said.get("size")), _read_side(said.get("crop_size"))
     short, whole = size.get("shortest_edge"), size.get("height")
     resize_px = px = int(short or whole or cut.get("height") or 0)
@@ -211,7 +181,7 @@ def _translate(said: Mapping[str, Any]) -> Preprocessing:
     if said.get("do_center_crop"):
         px = int(cut.get("height") or px)
     elif short and said.get("crop_pct"):
-        # ConvNeXt's: of 384 px and more it sees the whole image
+        # ConvNeXt's: from 384 px on it sees the whole image
         squash = px >= 384
         resize_px = px if squash else int(px / said["crop_pct"])
     factor = 255 * (said.get("rescale_factor") or 1 / 255) if said.get("do_rescale", True) else 255.0
@@ -229,5 +199,5 @@ def _read_side(said: Any) -> dict[str, int]:
 
 
 def _triple(values: Any, factor: float) -> tuple[float, float, float]:
-    one, two, three = values if isinstance(values, list | tuple) else [values] * 3
-    return one / factor, two / factor, three / factor
+    red, green, blue = values if isinstance(values, list | tuple) else [values] * 3
+    return red / factor, green / factor, blue / factor

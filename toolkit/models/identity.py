@@ -1,4 +1,4 @@
-"""Which network it is: its architecture, weights, labels and preprocessing, together, as results name them."""
+"""The identity of a network in results: its architecture, weights, labels and preprocessing together."""
 
 import hashlib
 import json
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     import torch
 
 ID_DIGITS = 10
-"""Digits of a network's hash: enough to tell those apart that somebody compares."""
+"""Digits of a network's hash: enough for the networks that somebody compares."""
 KNOWN_TENSORS: Mapping[str, str] = {
     "a8ac1eaeb4d438c0cd513609d432f2b2415caa7627f9237d48f97b2d9218f798":
         "6d6b0272dc75eb82c249584d29e8824bed0645fb643d5651b33213f6d4851709",
     "ea1a2119f3a6f10272af76fc296a7548de0e2c83fb398fa264c2897b4ab2c592":
         "289df286d298d5f3a13bfd94b81574116aae2c254519f7b4f040fd758e9dc666",
 }  # fmt: skip
-"""Hash of a file -> `hash_tensors` of it: ResNet-18 and MobileNetV2, of which shipped boosters name the files alone."""
+"""Hash of a file -> its `hash_tensors`: ResNet-18 and MobileNetV2, whose files the shipped boosters name."""
 
 
 class WeightsId(Protocol):
-    """What records say of weights."""
+    """Weights as records name them."""
 
     @property
     def weights(self) -> str:
@@ -44,10 +44,7 @@ class WeightsId(Protocol):
 
 
 def hash_tensors(state: "Mapping[str, torch.Tensor]") -> str | None:
-    """SHA-256 of the real numbers of a network, whatever they are called and however they are stored.
-
-    Numbers of half precision count as the single ones that they are read as. None: there are no numbers.
-    """
+    """SHA-256 of the numbers of a network in single precision, whatever their names and format; None without any."""
     import torch
 
     hashes = []
@@ -60,8 +57,8 @@ def hash_tensors(state: "Mapping[str, torch.Tensor]") -> str | None:
 
 
 def hash_network_tensors(network: AnyNetwork) -> str | None:
-    """`hash_tensors` of a loaded network; None of one that keeps its numbers to itself, as some ONNX graphs do."""
-    # a detector that is trained against lies within
+    """Return `hash_tensors` of a loaded network; None if its numbers are hidden, as in some ONNX graphs."""
+    # a wrapper holds the detector
     module = getattr(getattr(network, "detector", network), "module", None)
     # a program is more than its numbers, and two may share them
     return None if module is None or is_program(network.arch) else hash_tensors(module.state_dict())
@@ -70,13 +67,13 @@ def hash_network_tensors(network: AnyNetwork) -> str | None:
 def is_same_network(
     record: WeightsId, weights_sha256: str, tensors_sha256: str | None, folder: Path | None = None
 ) -> bool:
-    """Whether a record names a network: the same file of weights, or another one with the same numbers.
+    """Whether a record names a network: the same file of weights, or another file with the same numbers.
 
     Args:
-        record: older ones do without the hash of the numbers: it is taken from their file, if that is at hand.
-        weights_sha256: of the network's file.
-        tensors_sha256: of its numbers; None where they are not known.
-        folder: where else to look for files than in the weights' folder and torch's cache.
+        record: an older record has no hash of the numbers: its file is hashed if it is found.
+        weights_sha256: hash of the network's file.
+        tensors_sha256: hash of its numbers; None if they are not known.
+        folder: searched before the weights' folder and torch's cache.
     """
     if record.sha256 == weights_sha256:
         return True
@@ -87,7 +84,7 @@ def is_same_network(
 
 @lru_cache(maxsize=256)
 def find_file_tensors(name: str, sha256: str, folder: Path | None = None) -> str | None:
-    """`hash_tensors` of the weights file of that name and hash, if it is known or at hand."""
+    """Return `hash_tensors` of the weights file of that name and hash, if it is known or found."""
     if sha256 in KNOWN_TENSORS:
         return KNOWN_TENSORS[sha256]
     if Path(name).name != name or Path(name).suffix not in SUFFIXES:
@@ -97,7 +94,7 @@ def find_file_tensors(name: str, sha256: str, folder: Path | None = None) -> str
             file = open_weights(place / name) if (place / name).is_file() else None
             if file is not None and file.sha256 == sha256:
                 return hash_tensors(read_state_dict(file))
-        except ToolkitError:  # another file of that name, or a damaged one
+        except ToolkitError:  # another file of that name, or damaged
             continue
     return None
 
@@ -108,11 +105,14 @@ def hash_labels(labels: Sequence[str]) -> str:
 
 
 def describe_network(network: AnyNetwork) -> dict[str, Any]:
-    """A network as `model` of `summary.json` names it.
-
-    `network_id` stands for architecture, numbers, labels and preprocessing together.
-    """
-    preprocessing = _describe_preprocessing(network)
+    """Describe a network as `model` of `summary.json`; `network_id` is a hash of all of it."""
+    how, side = getattr(network, "preprocessing", None), getattr(network, "image_px", 0)
+    if how is not None:
+        preprocessing = str(how.describe())
+    else:  # a detector fits images to its square, and its family decides the normalisation
+        family = getattr(network, "decoder", None)
+        preprocessing = f"fitted to {side}×{side} px" if side else "of any size"
+        preprocessing += "" if family is None else f", {family.describe()}"
     tensors, labels = hash_network_tensors(network), hash_labels(network.labels)
     whole = json.dumps([network.arch, tensors or network.weights.sha256, labels, preprocessing])
     return {
@@ -120,13 +120,3 @@ def describe_network(network: AnyNetwork) -> dict[str, Any]:
         "tensors_sha256": tensors, "labels_sha256": labels, "preprocessing": preprocessing,
         "network_id": sha256_bytes(whole.encode())[:ID_DIGITS],
     }  # fmt: skip
-
-
-def _describe_preprocessing(network: AnyNetwork) -> str:
-    how = getattr(network, "preprocessing", None)
-    if how is not None:
-        return str(how.describe())
-    # a detector fits images to its square, and its family says how they are normalised
-    side, family = getattr(network, "image_px", 0), getattr(network, "decoder", None)
-    words = f"fitted to {side}×{side} px" if side else "of any size"
-    return words if family is None else f"{words}, {family.describe()}"

@@ -1,4 +1,4 @@
-"""What the outputs of a network are called, and which class a folder of images is of."""
+"""Labels of a network's outputs, from the many files that people have, and descriptions beside networks."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeGuard
+from typing import Annotated, Any, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -19,29 +19,26 @@ from toolkit.imaging.preprocessing import Preprocessing
 
 LEAST_PX, MOST_PX = 16, 4096
 MOST_LISTED = 60
-"""A message lists so many names of classes; of more, those like the one that was given."""
+"""Longest list of classes in a message; of more, it lists similar names."""
 Pixels = Annotated[int, Field(ge=LEAST_PX, le=MOST_PX)]
-"""A network sees no less; of more, one image fills hundreds of megabytes."""
 PYTHON_PREFIX = "python:"
-"""Prefix of a model that is code; only whoever starts the kit may name it, no file."""
+"""Prefix of a model that is code; only the user may name it, no file."""
 Mean = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 
 
 class LabelsFile(BaseModel):
-    """`NET.toml` or `NET.json` beside `NET.pth` or `NET.onnx`: what a user's own network sees and says.
+    """`NET.toml` or `NET.json` beside `NET.pth` or `NET.onnx`: labels and preprocessing of a user's network.
 
-    `toolkit train-classifier` writes all of it, and more (`ClassifierRecord`); one written by hand may hold any part.
+    All fields may be left out. `toolkit train-classifier` writes a `ClassifierRecord`, which has more fields.
 
     Attributes:
-        labels: one name per output, in order; see `find_labels` for other forms.
-        size: side of the network's square input, if it is an image's whole central square. Short for `resize_px` and
-            `crop_px` of this size.
-        resize_px, crop_px, filter_name: preprocessing, if it differs from the architecture's published preprocessing.
-        mean, std: mean and standard deviation of values in 0 to 1, in the order of `channels`, if they differ from the
-            published values.
+        labels: name of each output; see `find_labels` for other forms.
+        size: side of the network's square input: short for `resize_px` and `crop_px` of this size.
+        resize_px, crop_px, filter_name: preprocessing, if it differs from the published.
+        mean, std: mean and standard deviation of values in 0 to 1, in the order of `channels`, if they differ.
         channels: order of the colours.
-        squash: whether the whole image becomes the square, whatever its aspect ratio, instead of its middle.
+        squash: whether the whole image becomes the square, instead of its middle.
         decoder: a detector's output format.
         letterbox: position of the image in a detector's square input: `corner` is the upper left, `stretch` fills the
             square.
@@ -75,11 +72,9 @@ class LabelsFile(BaseModel):
     @field_validator("arch")
     @classmethod
     def _refuse_code(cls, arch: str | None) -> str | None:
-        """Whoever opens a folder that was sent to them would run the code in it."""
+        # else opening a folder from another person would run code
         if arch is not None and PYTHON_PREFIX in arch:
-            raise ValueError(
-                "a file may not name code, you alone may, as the model: expected a network's name, such as resnet18"
-            )
+            raise ValueError("a file may not name code, only you may: expected a network's name, such as resnet18")
         return arch
 
     @model_validator(mode="before")
@@ -90,23 +85,22 @@ class LabelsFile(BaseModel):
             if isinstance(content, Mapping):
                 _check_used(content)
             return content
-        kept = {key: value for key, value in content.items() if not key.isdecimal()} if _is_named(content) else {}
-        return kept | {"labels": found}
+        fields = content if isinstance(content, dict) and not all(str(key).isdecimal() for key in content) else {}
+        return {key: value for key, value in fields.items() if not key.isdecimal()} | {"labels": found}
 
 
 LABEL_KEYS = (
     "labels", "classes", "class_names", "categories", "names", "id2label", "idx_to_class", "class_to_idx", "label2id",
     "label_names", "idx2label", "idx_to_label", "index_to_name", "id_to_class", "class_labels", "label_map",
 )  # fmt: skip
-"""What training scripts call the list, in their checkpoints and beside them; `categories` is torchvision's."""
+"""Keys of the list in checkpoints and files of training scripts; `categories` is torchvision's."""
 
 
 def find_labels(content: object) -> list[str] | None:
-    """The names of a network's outputs in what a file holds, in their order; None where it holds none.
+    """Find the names of a network's outputs, in order, in the content of a file; None without any.
 
-    A list of names, or of COCO's `{"id": …, "name": …}`; a mapping of indices to names, or of names to indices, from 0
-    or from 1; or either under one of `LABEL_KEYS`, which may itself lie under `meta`. Of Keras's `[id, name]` the name
-    counts.
+    They are a list of names, of COCO's `{"id": …, "name": …}` or of Keras's `[id, name]`. Or they are a mapping between
+    names and indices from 0 or 1. Either may lie under a key of `LABEL_KEYS`, at the top or under `meta`.
     """
     named = _as_names(content)
     if named is not None or not isinstance(content, Mapping):
@@ -130,10 +124,10 @@ def _as_names(content: object) -> list[str] | None:
             content = _in_order(content, content)
     if not isinstance(content, list | tuple) or not content:
         return None
-    if all(isinstance(one, Mapping) and "name" in one for one in content):
-        by_id = all(isinstance(one.get("id"), int) for one in content)
-        content = [one["name"] for one in (sorted(content, key=lambda one: one["id"]) if by_id else content)]
-    names = [one[-1] if isinstance(one, list | tuple) and one else one for one in content]
+    if all(isinstance(entry, Mapping) and "name" in entry for entry in content):
+        by_id = all(isinstance(entry.get("id"), int) for entry in content)
+        content = [entry["name"] for entry in (sorted(content, key=lambda entry: entry["id"]) if by_id else content)]
+    names = [entry[-1] if isinstance(entry, list | tuple) and entry else entry for entry in content]
     return [str(name) for name in names] if all(isinstance(name, str) for name in names) else None
 
 
@@ -145,14 +139,14 @@ def _in_order(content: Mapping[Any, object], index: Mapping[Any, Any]) -> list[A
 
 
 def _check_used(content: Mapping[Any, Any]) -> None:
-    """A `ValueError` for names of classes that are there, and that `find_labels` cannot put into an order."""
+    """Raise a `ValueError` for names of classes that `find_labels` cannot put into an order."""
     numbers = [int(key) for key in content if str(key).isdecimal()]
     if numbers and len(numbers) == len(content):
         raise ValueError(
             f"the {len(numbers)} keys from {min(numbers)} to {max(numbers)} leave gaps, or not all values are names: "
             "expected a name for each output, counted from 0 or from 1"
         )
-    holders = [one for one in (content, content.get("meta")) if isinstance(one, Mapping)]
+    holders = [holder for holder in (content, content.get("meta")) if isinstance(holder, Mapping)]
     named = [key for holder in holders for key in LABEL_KEYS if holder.get(key) not in (None, [], {})]
     if named:
         raise ValueError(
@@ -161,12 +155,8 @@ def _check_used(content: Mapping[Any, Any]) -> None:
         )
 
 
-def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
-    return isinstance(content, dict) and not all(str(key).isdecimal() for key in content)
-
-
 def join_labels_files(own: LabelsFile, inside: LabelsFile, weights: Path) -> LabelsFile:
-    """What lies beside a file of weights, and where it is silent what the weights' file itself says.
+    """Complete the description beside a file of weights by that in the weights' file.
 
     Raises:
         ToolkitError: they differ in mean or deviation: a network is fed as it was trained.
@@ -185,7 +175,7 @@ def join_labels_files(own: LabelsFile, inside: LabelsFile, weights: Path) -> Lab
 
 
 def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocessing:
-    """The published preprocessing with what the user's file says otherwise.
+    """Apply the user's description to the published preprocessing.
 
     Raises:
         ToolkitError: the crop is larger than the resized image.
@@ -202,24 +192,25 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
 
 BESIDE_FILE = "list them as 'labels' in a TOML or JSON file beside it"
 FROM_FUNCTION = "return {'size': …, 'labels': ['…', …]} as the preprocessing of its function"
-"""How the classes of a network get names."""
+"""Remedy for a network whose classes have no names."""
 CODE = ".py"
 MOST_TEXT_BYTES = 16 << 20
 UNREAD = (".yaml", ".yml", ".csv", ".names", ".labels")
-"""Under its name, other programs' files of labels."""
+"""Suffixes of other programs' files of labels, under the network's name."""
 DESCRIPTIONS = (".toml", ".json", ".txt")
-"""What may lie beside a network's file, under its name."""
+"""Suffixes of descriptions beside a network's file, under its name."""
 
 
 def read_labels_file(weights: Path) -> LabelsFile:
-    """`WEIGHTS.toml` or `WEIGHTS.json`, and the names in `WEIGHTS.txt`, one a line; empty fields where there is none.
+    """Read `WEIGHTS.toml` or `WEIGHTS.json`, and the names in the lines of `WEIGHTS.txt`; fields may be empty.
 
     Raises:
-        ToolkitError: a field is wrong, the text is none, two files say the same, or names lie in one that is not read.
+        ToolkitError: a field is wrong, the text is none, two files hold the same, or names lie in a file that is not
+            read.
     """
     file, toml, text = (weights.with_suffix(suffix) for suffix in (".json", ".toml", ".txt"))
     if file.is_file() and toml.is_file():
-        raise ToolkitError(f"{toml} and {file} both describe {weights.name}: delete one of them")
+        raise ToolkitError(f"{toml} and {file} both describe {weights.name}: delete either")
     said = LabelsFile()
     if toml.is_file():
         said = read_toml(toml, LabelsFile)
@@ -228,22 +219,22 @@ def read_labels_file(weights: Path) -> LabelsFile:
     if text.is_file():
         if said.labels is not None:
             other = toml if toml.is_file() else file
-            raise ToolkitError(f"{other} and {text} both name the classes of {weights.name}: delete one of them")
+            raise ToolkitError(f"{other} and {text} both name the classes of {weights.name}: delete either")
         try:
             return LabelsFile.model_validate(said.model_dump() | {"labels": read_names(text)})
         except ValidationError as error:
             raise ToolkitError(f"{text}: {explain_validation(error)}") from None
     beside = (weights.with_suffix(suffix) for suffix in UNREAD)
-    unread = next((one for one in beside if one.is_file() and _holds_names(one)), None)
+    unread = next((path for path in beside if path.is_file() and _holds_names(path)), None)
     if said.labels is None and unread is not None:
         raise ToolkitError(
-            f"{unread} is not read: put the names of the classes of {weights.name}, one a line, into {text.name}"
+            f"{unread} is not read: put the names of the classes of {weights.name} into the lines of {text.name}"
         )
     return said
 
 
 def _holds_names(file: Path) -> bool:
-    """Whether a file of another program looks like names of classes, not like settings or a log of the training."""
+    """Whether another program's file looks like names of classes, not like settings or a log of the training."""
     with file.open("rb") as stream:
         text = stream.read(1 << 16).decode("utf-8", "replace")
     if file.suffix in (".yaml", ".yml"):
@@ -253,7 +244,7 @@ def _holds_names(file: Path) -> bool:
 
 
 def read_lines(text: Path) -> list[str]:
-    """The lines of a text file that are not empty, without spaces around them.
+    """Return the lines of a text file that are not empty, without spaces around them.
 
     Raises:
         ToolkitError: it cannot be read, or is no text.
@@ -266,7 +257,7 @@ def read_lines(text: Path) -> list[str]:
 
 
 def read_names(text: Path) -> list[str]:
-    """The names of classes in a text file, one a line; numbers and WordNet ids before all of them are left out.
+    """Read the names of classes in the lines of a text file; numbers and WordNet ids before all names are left out.
 
     Raises:
         ToolkitError: the file is empty, or no text.
@@ -275,25 +266,21 @@ def read_names(text: Path) -> list[str]:
     if not lines:
         raise ToolkitError(f"{text} is empty: expected the name of a class on each line, or delete the file")
     if lines[0][0] in "[{":
-        return _read_literal(text, "\n".join(lines))
-    by_index = {int(one[1]): one for line in lines if (one := re.fullmatch(r"(\d+) *([:,;\t ]) *(.+)", line))}
+        # printed from Python or as JSON: a list, or indices with their names
+        try:
+            found = find_labels(ast.literal_eval("\n".join(lines)))
+        except (ValueError, SyntaxError, RecursionError, MemoryError, TypeError):
+            found = None
+        if found is None:
+            raise ToolkitError(f"{text}: expected the name of a class on each line, or a list of all: correct it")
+        return found
+    by_index = {int(row[1]): row for line in lines if (row := re.fullmatch(r"(\d+) *([:,;\t ]) *(.+)", line))}
     keys = _in_order(by_index, {key: key for key in by_index}) if len(by_index) == len(lines) else None
-    # "1 cent" is a name: a space alone is taken for a separator only where the numbers begin at 0
-    if keys is not None and (keys[0] == 0 or all(one[2] != " " for one in by_index.values())):
+    # "1 cent" is a name: a space alone separates only if the numbers begin at 0
+    if keys is not None and (keys[0] == 0 or all(row[2] != " " for row in by_index.values())):
         return [by_index[key][3] for key in keys]
     wnids = [re.fullmatch(r"n\d{8}\s+(.+)", line) for line in lines]
     return [wnid[1] for wnid in wnids if wnid] if all(wnids) else lines
-
-
-def _read_literal(file: Path, text: str) -> list[str]:
-    """Names that somebody printed from Python or as JSON: a list, or indices with their names."""
-    try:
-        found = find_labels(ast.literal_eval(text))
-    except (ValueError, SyntaxError, RecursionError, MemoryError, TypeError):
-        found = None
-    if found is None:
-        raise ToolkitError(f"{file}: expected the name of a class on each line, or one list of all: correct it")
-    return found
 
 
 OTHER_NAMES = re.compile(
@@ -301,11 +288,11 @@ OTHER_NAMES = re.compile(
     r"\.(txt|json|csv|tsv|ya?ml|names|pbtxt)",
     re.IGNORECASE,
 )
-"""What labels of a network are called in other places than beside its file under its name."""
+"""Usual names of files with labels."""
 
 
 def _refuse_unused(weights: Path) -> None:
-    """A `ToolkitError` for a file of labels in the folder of a network whose classes have no names otherwise."""
+    """Raise a `ToolkitError` for a file of labels in the folder of a network whose classes have no names."""
     read = {weights.with_suffix(suffix) for suffix in DESCRIPTIONS}
     for file in sorted(set(weights.parent.iterdir()) - read) if weights.parent.is_dir() else ():
         own = re.match(rf"{re.escape(weights.stem)}({re.escape(weights.suffix)})?[._-]?", file.name)
@@ -321,9 +308,9 @@ def _refuse_unused(weights: Path) -> None:
 
 
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:
-    """Labels of a network's outputs: the user's file, else ImageNet's for 1000 outputs, else plain numbers.
+    """Return labels of a network's outputs: the user's file, else ImageNet's for 1000 outputs, else plain numbers.
 
-    Of 1001 outputs the first is a background, as in TensorFlow's networks for ImageNet.
+    The first of 1001 outputs is a background, as in TensorFlow's networks for ImageNet.
 
     Raises:
         ToolkitError: the user's file has another number of labels than the network has outputs, or labels lie in a
@@ -333,42 +320,38 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
         if len(own) != num_classes:
             where = "the 'labels' that its function returns" if weights.suffix == CODE else "field 'labels'"
             raise ToolkitError(
-                f"{_file_of_labels(weights)}: {where}: expected {num_classes} names, one for each output of "
+                f"{_file_of_labels(weights)}: {where}: expected a name for each of the {num_classes} outputs of "
                 f"{weights.name}, found {len(own)}"
             )
         return list(own)
     if num_classes == len(published):
         return list(published)
-    # TensorFlow's networks have a class 0 for "none of these"
     if len(published) == 1000 and num_classes == 1001:
         return ["background", *published]
     if weights.suffix != CODE:
         _refuse_unused(weights)
-    return _number_classes(num_classes)
+    return number_classes(num_classes)
 
 
-def _number_classes(count: int) -> list[str]:
+def number_classes(count: int) -> list[str]:
+    """Return labels of classes without names."""
     return [f"class {index}" for index in range(count)]
 
 
 def _file_of_labels(weights: Path) -> Path:
-    """Where the user's labels came from: beside the weights, else inside them."""
+    """Return the file of the user's labels: beside the weights, else the weights."""
     beside = (weights.with_suffix(suffix) for suffix in DESCRIPTIONS if weights.suffix != CODE)
     return next((file for file in beside if file.is_file()), weights)
 
 
 @lru_cache(maxsize=1)
 def imagenet_wnids() -> tuple[str, ...]:
-    """WordNet ids of the 1000 ImageNet classes, in the order of the networks' outputs (which is alphabetical)."""
+    """Return the WordNet ids of ImageNet's 1000 classes, in the order of the networks' outputs."""
     return tuple((PACKAGE_DATA / "imagenet_wnids.txt").read_text(encoding="ascii").split())
 
 
 def index_of_wnid(wnid: str) -> int:
-    """Class index of an ImageNet folder name such as `n04552348`.
-
-    Raises:
-        ToolkitError: it is none of the 1000.
-    """
+    """Return the class index of an ImageNet folder such as `n04552348`; a `ToolkitError` if it is unknown."""
     try:
         return imagenet_wnids().index(wnid)
     except ValueError:
@@ -376,12 +359,12 @@ def index_of_wnid(wnid: str) -> int:
 
 
 def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE) -> int:
-    """Index of a class given by its name, in any case, or by its index.
+    """Return the index of a class given by its name, in any case, or by its index.
 
     Args:
-        labels: of the network.
-        name: of the class, or its index.
-        remedy: what to do where the classes have no names.
+        labels: labels of the network.
+        name: name of the class, or its index.
+        remedy: advice if the classes have no names.
 
     Raises:
         ToolkitError: there is no such class (the nearest names are listed), or several share the name.
@@ -412,7 +395,7 @@ def _check_index(labels: list[str], index: int) -> int:
 
 
 def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
-    if labels == _number_classes(len(labels)):
+    if labels == number_classes(len(labels)):
         return ToolkitError(
             f"no class called '{name}': the {len(labels)} classes of this network have no names: {remedy}, or give an "
             "index"
@@ -421,22 +404,18 @@ def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
     containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
     if containing:
         return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")
-    if len(labels) > MOST_LISTED:
-        error = str(one_of("class", name, labels))
-        return ToolkitError(
-            error
-            if "did you mean" in error
-            else f"no class called '{name}': expected one of {len(labels)} names "
-            f"such as {', '.join(labels[:3])}, or an index 0 to {len(labels) - 1}"
-        )
-    return one_of("class", name, labels)
+    error = one_of("class", name, labels)
+    if len(labels) <= MOST_LISTED or "did you mean" in str(error):
+        return error
+    names = f"{len(labels)} names such as {', '.join(labels[:3])}"
+    return ToolkitError(f"no class called '{name}': expected one of {names}, or an index 0 to {len(labels) - 1}")
 
 
 def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
-    """The side of a program's images: its own, or what its description says of one that takes any.
+    """Return the side of a program's images: its own, or that of its description.
 
     Raises:
-        ToolkitError: neither says, or they differ.
+        ToolkitError: neither states it, or they differ.
     """
     described = own.crop_px or own.size
     if size is None and described is None:
@@ -450,5 +429,5 @@ def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
 
 
 def plain_name(name: str) -> str:
-    """A class's name as it is compared: in lower case, with spaces for - and _, accents however they are stored."""
+    """Return a class's name for comparison: lower case, spaces for - and _, accents in a single form."""
     return unicodedata.normalize("NFC", name).lower().replace("_", " ").replace("-", " ").strip()

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
+from toolkit.core.errors import FieldError, ToolkitError, foreign_code
 from toolkit.models.decoders import (
     Decoder,
     Dense,
@@ -26,7 +26,7 @@ from toolkit.models.decoders import (
 from toolkit.models.detector import LEAST_SCORE, MOST_BOXES, Detections, Detector
 from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
 from toolkit.models.labels import PYTHON_PREFIX, LabelsFile, check_size, choose_labels, read_labels_file
-from toolkit.models.network import check_hash, choose_device
+from toolkit.models.network import blame_model, check_hash, choose_device
 from toolkit.models.onnx_graphs import read_names, read_onnx, read_output_shapes
 from toolkit.models.onnx_networks import OnnxNetwork
 from toolkit.models.programs import call_python, read_mapping
@@ -34,10 +34,9 @@ from toolkit.models.raw_head import cut_raw_head
 from toolkit.models.vision import torchvision
 from toolkit.models.weights import (
     WeightsFile,
-    cache_dir,
     check_named,
     download,
-    find_in_folder,
+    find_local,
     open_weights,
     read_state_dict,
     unwrap_names,
@@ -90,7 +89,7 @@ class DenseDetector:
         return batch if set(self.decoder.std) == {1} else batch / std
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
-        """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
+        """Find objects in (h, w, 3) uint8 sRGB images of any sizes."""
         fitted = [self._fit(image) for image in images]
         with torch.inference_mode():
             order = -1 if self.decoder.channels == "BGR" else 1
@@ -103,14 +102,14 @@ class DenseDetector:
             ]
 
     def _fit(self, image: np.ndarray) -> tuple[np.ndarray, Place]:
-        """The image in the network's square, and where it lies there."""
+        """Place the image in the network's square; return it with its place."""
         side, (height, width), how = self.image_px, image.shape[:2], self.decoder
         if how.letterbox == "stretch":
             return cv2.resize(image, (side, side)), (side / width, side / height, 0, 0)
         scale = min(side / width, side / height)
         is_centred = how.letterbox == "centre"
         # Ultralytics rounds the sides, YOLOX cuts them off
-        wide, high = ((round if is_centred else int)(one * scale) or 1 for one in (width, height))
+        wide, high = ((round if is_centred else int)(length * scale) or 1 for length in (width, height))
         left, top = ((side - wide) // 2, (side - high) // 2) if is_centred else (0, 0)
         square = np.full((side, side, 3), how.fill, np.uint8)
         square[top : top + high, left : left + wide] = cv2.resize(image, (wide, high))
@@ -123,7 +122,7 @@ class DenseDetector:
         if self.decoder.nms_iou is None:
             order = best.argsort(descending=True, stable=True)[:MOST_BOXES]
         else:
-            # boxes of one class only suppress each other
+            # boxes suppress those of the same class only
             order = torchvision.ops.batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
         x_scale, y_scale, left, top = place
         found = boxes[order].cpu().numpy() - np.array([left, top, left, top], np.float32)
@@ -132,21 +131,20 @@ class DenseDetector:
         return Detections(found.astype(np.float32), classes[order].cpu().numpy(), best[order].float().cpu().numpy())
 
     def losses(self, batch: torch.Tensor, boxes: torch.Tensor, class_index: int) -> torch.Tensor:
-        """(b,) minus the logarithm of the class's score, and how badly the box fits, at the best places.
+        """(b,) mean of −log score of the class plus the box's generalised-IoU loss, over the ten best places.
 
-        The places are the ten whose boxes fit the object best, weighted by how well; the gradient raises the true
-        class's score there, and pulls the boxes to the object (Angelic Patches, CVPR 2023, for dense detectors).
+        The places are weighted by the IoU of their boxes with the object. The gradient raises the class's score there,
+        and pulls the boxes to the object (Angelic Patches, CVPR 2023, for dense detectors).
         """
         found, scores = self.predict(batch)
         boxes = boxes.to(found)
         terms = []
         for k in range(len(batch)):
-            # which places are meant is decided without a gradient; how well they fit has one
+            # places are chosen without a gradient; if no box overlaps, they count alike
             fit = torchvision.ops.box_iou(found[k].detach(), boxes[k : k + 1])[:, 0]
             weight, places = fit.topk(min(10, len(fit)))
-            # where no box overlaps at all, the places still count alike
             weight = (weight + 1e-3) / (weight + 1e-3).sum()
-            # of a logarithm: at 0 there is no slope
+            # at 0 a logarithm has no slope
             score = scores[k, places, class_index].clamp_min(1e-6)
             misfit = torchvision.ops.generalized_box_iou_loss(found[k, places], boxes[k].expand(len(places), 4))
             terms.append((weight * (misfit - score.log())).sum())
@@ -167,7 +165,7 @@ class TorchvisionDetector:
     untrainable: str = ""
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
-        """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
+        """Find objects in (h, w, 3) uint8 sRGB images of any sizes."""
         tensors = [torch.from_numpy(image).permute(2, 0, 1).float().div(255).to(self.device) for image in images]
         with torch.inference_mode():
             answers = self.module(tensors)
@@ -205,9 +203,9 @@ def list_detectors() -> list[str]:
 
 
 def is_detector(model: str | None) -> bool:
-    """Whether a name means a detector: one of torchvision's, or an ONNX file with the shape or the description of one.
+    """Whether a name means a detector: torchvision's, or an ONNX file with a detector's outputs or description.
 
-    Code (`python:MODULE:FUNCTION`) makes a detector if what it says of its images names a `decoder`.
+    Code (`python:MODULE:FUNCTION`) makes a detector if its preprocessing names a `decoder`.
 
     Raises:
         ToolkitError: an ONNX file cannot be read, or the code fails.
@@ -235,7 +233,7 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
     Args:
         model: `torchvision:NAME`, `onnx:FILE` with perhaps a TOML beside it (`decoder`, `size`, `labels`, `letterbox`,
             `fill`, `mean`, `std`, `channels`), or `python:MODULE:FUNCTION`, which returns a module and such fields.
-        weights: state dict of one of torchvision's; by default as for classifiers.
+        weights: state dict for a detector of torchvision; by default as for classifiers.
         device: `auto`, `cpu` or `cuda`.
 
     Raises:
@@ -245,11 +243,13 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
     if name in list_detectors():
         return _load_torchvision(name, weights, device)
     if model.startswith(PYTHON_PREFIX):
-        return _load_python(model, device)
+        called = call_python(model)
+        own = read_mapping(model, called.given)
+        return _assemble(called.module, model, called.file, own, own.crop_px or own.size or 0, device)
     path = Path(model.removeprefix(ONNX_PREFIX))
     if not model.startswith(ONNX_PREFIX) and path.suffix != ".onnx":
         raise FieldError(
-            f"no detector: expected onnx:FILE or one of torchvision's: {', '.join(list_detectors())}", {"model": model}
+            f"no detector: expected onnx:FILE or a name of torchvision: {', '.join(list_detectors())}", {"model": model}
         )
     if not path.is_file():
         raise FieldError("no such file", {"model": model})
@@ -268,37 +268,29 @@ def _load_onnx(path: Path, device: str) -> DenseDetector:
     return replace(made, untrainable=network.untrainable, raw=network.raw if selects else None)
 
 
-def _load_python(model: str, device: str) -> DenseDetector:
-    called = call_python(model)
-    own = read_mapping(model, called.given)
-    return _assemble(called.module, model, called.file, own, own.crop_px or own.size or 0, device)
-
-
 def _assemble(
     network: nn.Module, arch: str, file: WeightsFile, own: LabelsFile, size: int, device: str
 ) -> DenseDetector:
     place = choose_device(device)
     network = network.to(place)
 
-    def explain(error: Exception) -> FieldError:
-        return FieldError(f"it fails at two images of {size} px: {describe_failure(error)}", {"model": arch})
-
-    with foreign_code(explain), torch.no_grad():
-        # two images: a graph that was fixed to one shows itself here
+    with foreign_code(blame_model(arch, f"it fails at two images of {size} px")), torch.no_grad():
+        # two images: a graph for a single image fails here
         answers = network(torch.zeros(2, 3, size, size, device=place))
     family, shapes = _find_family(answers, own, size, arch)
     classes = count_classes(family, shapes)
     published = published_labels(classes)
     labels = choose_labels(file.path, own.labels, published, classes or len(own.labels or published))
+    said = {key: getattr(own, key) for key in ("mean", "std", "channels", "letterbox", "fill")}
+    changes = {key: value for key, value in said.items() if value is not None}
     return DenseDetector(
-        arch=arch, name=own.name or file.path.stem, module=network,
-        decoder=_adapt(choose_decoder(family, len(labels)), own), labels=labels, weights=file, device=place,
-        image_px=size,
+        arch=arch, name=own.name or file.path.stem, module=network, labels=labels, weights=file, device=place,
+        decoder=replace(choose_decoder(family, len(labels)), **changes), image_px=size,
     )  # fmt: skip
 
 
 def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tuple[str, list[Shape]]:
-    """The family of some outputs for two images, and their shapes."""
+    """Return the family of outputs for two images, and their shapes."""
     several = answers if isinstance(answers, tuple | list) else (answers,)
     shapes: list[Shape] = [tuple(getattr(image, "shape", ())) for image in several]
     guessed = guess_decoder(shapes, size)
@@ -320,18 +312,10 @@ def _find_family(answers: object, own: LabelsFile, size: int, arch: str) -> tupl
     return family, shapes
 
 
-def _adapt(decoder: Decoder, own: LabelsFile) -> Decoder:
-    said = {key: getattr(own, key) for key in ("mean", "std", "channels", "letterbox", "fill")}
-    return replace(decoder, **{key: value for key, value in said.items() if value is not None})
-
-
 def _load_torchvision(name: str, weights: Path | None, device: str) -> TorchvisionDetector:
     entry: torchvision.models.WeightsEnum = torchvision.models.get_model_weights(name).DEFAULT
-    published = str(entry.url).rsplit("/", 1)[-1]
     named = None if weights is None else check_named(Path(weights))
-    cached = cache_dir() / published
-    local = named or find_in_folder(name, published) or (cached if cached.is_file() else None)
-    file = open_weights(local or download(name, str(entry.url)))
+    file = open_weights(named or find_local(name, str(entry.url)) or download(name, str(entry.url)))
     own, state, place = read_labels_file(file.path), read_state_dict(file), choose_device(device)
     check_hash(file, own)
     labels = own.labels or list(entry.meta["categories"])

@@ -1,8 +1,8 @@
-"""A classifier that is ready to use: network, weights, labels and preprocessing in one."""
+"""A classifier that is ready to use: network, weights, labels and preprocessing together."""
 
 import copy
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 class AnyNetwork(Protocol):
-    """What is asked of every network, whatever it answers: a `Classifier`, a detector."""
+    """The attributes of every network, a `Classifier` or a detector."""
 
     @property
     def name(self) -> str:
-        """What to call it in a result."""
+        """Name in results."""
 
     @property
     def arch(self) -> str:
@@ -46,23 +46,19 @@ class AnyNetwork(Protocol):
 
     @property
     def weights(self) -> WeightsFile:
-        """The file that its weights came from."""
+        """File of its weights."""
 
     @property
     def device(self) -> str:
-        """Where it runs, `cpu` or `cuda`."""
+        """`cpu` or `cuda`."""
 
     @property
     def untrainable(self) -> str:
-        """Why no gradient leads back to the image; empty where one does."""
+        """Why no gradient leads back to the image; empty if it does."""
 
 
 class BadAnswer(FieldError):
-    """A network's answer to a batch that cannot be used.
-
-    Attributes:
-        row: of the image that it is about; None: of any.
-    """
+    """A network's answer to a batch that cannot be used; `row` is that of the image, None: of any."""
 
     def __init__(self, reason: str, arch: str, row: int | None = None) -> None:
         """Name the network `arch` and the reason."""
@@ -70,11 +66,16 @@ class BadAnswer(FieldError):
         self.row = row
 
     def at(self, names: Sequence[str]) -> FieldError:
-        """The same with the image's name, of those in the batch; copies of the last one may come after them."""
+        """Return the error with the image's name; copies of the last image may follow those in `names`."""
         where = names[min(self.row or 0, len(names) - 1)]
         if self.row is None and len(names) > 1:
-            where += f" or one of the {len(names) - 1} images after it"
+            where += f" or the {len(names) - 1} images after it"
         return FieldError(f"{self.expected} (at {where})", self.found)
+
+
+def blame_model(arch: str, what: str, longest: int = 200) -> Callable[[Exception], FieldError]:
+    """Return the function that makes other code's exception a `FieldError` of the model, for `foreign_code`."""
+    return lambda error: FieldError(f"{what}: {describe_failure(error, longest)}", {"model": arch})
 
 
 def check_finite(answers: "torch.Tensor", arch: str, weights: WeightsFile) -> None:
@@ -88,7 +89,7 @@ def check_finite(answers: "torch.Tensor", arch: str, weights: WeightsFile) -> No
 
 
 def describe_answers(answers: object) -> str:
-    """What a network gave, in words: `2×1000`, `a list of 3`."""
+    """Describe a network's output: `2×1000`, `a list of 3`."""
     shape = getattr(answers, "shape", None)
     if shape is not None:
         return "×".join(map(str, shape)) or "a single number"
@@ -97,20 +98,20 @@ def describe_answers(answers: object) -> str:
 
 @dataclass(frozen=True)
 class Classifier:
-    """A frozen network and all that is needed to feed it and read it.
+    """A frozen network with its labels and preprocessing.
 
     Attributes:
         arch: name of the network, see `list_architectures`.
         module: the network, in eval mode, its parameters without gradient.
         labels: name of each output.
-        preprocessing: how it wants its images.
+        preprocessing: resize, crop and normalisation of its images.
         weights: the file that its weights came from.
-        device: where it runs, `cpu` or `cuda`.
+        device: `cpu` or `cuda`.
         is_imagenet: whether the labels are the 1000 of ImageNet.
-        name: what to call it in a result: of a classifier of one's own its file's, else the network's.
-        trained_on: in a few words, where its record says.
+        name: name in results; by default `arch`.
+        trained_on: training data in a few words, from its record.
         untrainable: why no gradient leads back to the image, so that nothing can be trained against it; else empty.
-        notes: what a reader of its results must know, a sentence each.
+        notes: remarks for a reader of its results, a sentence each.
     """
 
     arch: str
@@ -130,18 +131,15 @@ class Classifier:
             object.__setattr__(self, "name", self.arch)
 
     def describe(self) -> str:
-        """Which network speaks, on what it was trained, and whose classes it answers with."""
+        """Name the network, its training data and its classes."""
         if self.is_imagenet and not self.trained_on:
             return f"{self.name} (ImageNet's 1000 classes, weights {self.weights.name})"
-        trained = (
-            f"{self.arch} trained on {self.trained_on}" if self.trained_on else f"{self.arch}, {self.weights.name}"
-        )
-        if self.is_imagenet:
-            return f"{self.name} ({trained}; ImageNet's 1000 classes)"
-        return f"{self.name} ({trained}; {len(self.labels)} classes of its own, not ImageNet's)"
+        trained = f" trained on {self.trained_on}" if self.trained_on else f", {self.weights.name}"
+        classes = "ImageNet's 1000 classes" if self.is_imagenet else f"{len(self.labels)} classes, not ImageNet's"
+        return f"{self.name} ({self.arch}{trained}; {classes})"
 
     def preprocess(self, image: np.ndarray) -> "torch.Tensor":
-        """(h, w, 3) uint8 sRGB to a (3, crop, crop) float32 tensor, sRGB-encoded in [0, 1], not normalised."""
+        """Resize and crop (h, w, 3) uint8 sRGB to (3, crop, crop) float32, sRGB-encoded in [0, 1]."""
         import torch
 
         pixels = np.ascontiguousarray(resize_and_crop(image, self.preprocessing).transpose(2, 0, 1))
@@ -209,17 +207,16 @@ ROUNDING = 1e-4
 
 
 def fold_normalisation(network: Classifier) -> Classifier:
-    """A copy with each batch normalisation in the convolution before it: the same answers, sooner, in less memory.
+    """Return a copy with each batch normalisation folded into the convolution before it: faster, in less memory.
 
-    With statistics that stand still a normalisation is a product and a sum for each channel, which the kernel and its
-    bias can have in them. Which one follows which convolution is seen by asking once. Where that was not all of it, so
-    that answers to a random image come out otherwise, the network itself is given back, as where nothing is to fold.
+    Hooks of a single pass show which normalisation follows which convolution. The network itself is returned if there
+    is nothing to fold, or if the copy's answers to a random image differ.
     """
     import torch
     from torch.nn.utils.fusion import fuse_conv_bn_eval
 
     module = copy.deepcopy(network.module)
-    names, made = {one: name for name, one in module.named_modules()}, dict[int, tuple[Any, torch.Tensor]]()
+    names, made = {layer: name for name, layer in module.named_modules()}, dict[int, tuple[Any, torch.Tensor]]()
     asked, pairs = Counter[torch.nn.Module](), list[tuple[torch.nn.Conv2d, torch.nn.BatchNorm2d]]()
 
     def watch(layer: torch.nn.Module, given: tuple[torch.Tensor, ...], answer: torch.Tensor) -> None:
@@ -229,9 +226,8 @@ def fold_normalisation(network: Classifier) -> Classifier:
         elif isinstance(layer, torch.nn.BatchNorm2d) and id(given[0]) in made:
             pairs.append((made[id(given[0])][0], layer))
 
-    hooks = [
-        one.register_forward_hook(watch) for one in names if isinstance(one, torch.nn.Conv2d | torch.nn.BatchNorm2d)
-    ]
+    kinds = torch.nn.Conv2d | torch.nn.BatchNorm2d
+    hooks = [layer.register_forward_hook(watch) for layer in names if isinstance(layer, kinds)]
     side = network.preprocessing.crop_px
     of = next((parameter.dtype for parameter in module.parameters()), torch.float32)
     image = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0)).to(network.device, of)
@@ -245,8 +241,8 @@ def fold_normalisation(network: Classifier) -> Classifier:
                 continue
             whole = fuse_conv_bn_eval(layer, norm)
             layer.weight, layer.bias = whole.weight, whole.bias
-            # timm's have what follows them inside
-            rest = [one for one in (getattr(norm, "drop", None), getattr(norm, "act", None)) if one is not None]
+            # timm's normalisations hold the layers that follow them
+            rest = [part for part in (getattr(norm, "drop", None), getattr(norm, "act", None)) if part is not None]
             above, _, name = names[norm].rpartition(".")
             setattr(module.get_submodule(above), name, torch.nn.Sequential(*rest))
         module.requires_grad_(False).to(memory_format=torch.channels_last)
@@ -255,10 +251,10 @@ def fold_normalisation(network: Classifier) -> Classifier:
 
 
 def choose_device(device: str) -> str:
-    """`auto` to `cuda` where there is one, else `cpu`.
+    """Return `cpu` or `cuda`; `auto` means `cuda` if there is a GPU.
 
     Raises:
-        ToolkitError: the name is unknown, or `cuda` was asked for and this machine has none.
+        ToolkitError: the name is unknown, or this machine has no GPU for `cuda`.
     """
     import torch
 
@@ -271,26 +267,25 @@ def choose_device(device: str) -> str:
         raise FieldError("torch sees no CUDA device here: use the cpu, or repair the driver", {"device": "cuda"})
     if not available:
         return "cpu"
-    # else cuDNN rounds the factors of convolutions to 10 bits, and answers would be others than on a CPU
+    # else cuDNN rounds the factors of convolutions to 10 bits, and answers would differ from a CPU's
     torch.backends.cudnn.allow_tf32 = False
     return "cuda"
 
 
 def check_hash(file: WeightsFile, own: LabelsFile) -> None:
-    """A `ToolkitError` where the record beside the weights is of other weights."""
+    """Raise a `ToolkitError` if the record beside the weights is of other weights."""
     if own.sha256 is not None and own.sha256 != file.sha256:
         raise ToolkitError(
             f"{file.path}: its hash {file.sha256[:12]} does not match the {own.sha256[:12]} of "
-            f"{file.path.with_suffix('.json').name}: the weights were changed or damaged: "
-            "restore the pair, or train again"
+            f"{file.path.with_suffix('.json').name}: the weights changed: restore the pair, or train again"
         )
 
 
 def match_classes(names: Sequence[str], classifier: Classifier, root: Path, field: str = "model") -> dict[str, int]:
-    """The class index of each folder's name: a WordNet id, or a label in any case, with `_` or `-` for spaces.
+    """Return the class index of each folder's name: a WordNet id, or a label in any case, with `_` or `-` for spaces.
 
     Raises:
-        ToolkitError: a name is none of the classifier's, or two folders are of one class.
+        ToolkitError: a name is not a class, or two folders are of the same class.
     """
     by_name: dict[str, list[int]] = {}
     for index, label in enumerate(classifier.labels):
@@ -319,12 +314,12 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
     for name in names:
         same = [other for other in names if index_of[other] == index_of[name]]
         if len(same) > 1:
-            raise ToolkitError(f"{root}: {' and '.join(same)} are one class: join the folders")
+            raise ToolkitError(f"{root}: {' and '.join(same)} are the same class: join the folders")
     return index_of
 
 
 def read_network_file(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":
-    """Parameters by name, and what the files beside the weights, or where they are silent these, say of the network.
+    """Read parameters by name, and the description beside the weights, completed by the weights' file.
 
     Raises:
         ToolkitError: as `read_checkpoint` and `join_labels_files`; the record is of other weights.
@@ -336,6 +331,6 @@ def read_network_file(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor
 
 
 def check_numbers(values: "Iterable[torch.Tensor]", file: WeightsFile) -> None:
-    """A `ToolkitError` where a weight is infinite or not a number."""
+    """Raise a `ToolkitError` if a weight is infinite or not a number."""
     if not all(value.isfinite().all() for value in values):
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")

@@ -1,9 +1,8 @@
-"""Graphs in ONNX files: read, made free of a batch's size, tried in a process of their own, run by ONNX Runtime.
+"""Read ONNX graphs, free them of a fixed batch size, try them in a child process, and run them by ONNX Runtime.
 
-Anybody may have made them, to run for ever or to take all memory. A child tries a graph first, on images of its own
-size, one and two at once, and has so much time and memory. What has passed is run in this process, as a child for every
-batch would copy images and answers, and would hold the graph twice: its operations and their sizes are those that were
-tried. What may depend on the image is a loop, so every answer has an end in time here too; memory has none any more.
+A graph may come from anybody, and may run for ever or take all memory. A child process tries it first, with limits on
+time and memory, on a single image and on two. Then it runs in this process, as a child for every batch would copy
+images and hold the graph twice. Loops may depend on the image, so every run has a timeout.
 """
 
 import ast
@@ -11,16 +10,16 @@ import json
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import import_module
+from functools import partial
 from math import prod
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.child import LATE, is_memory_full, limit_cores, limit_memory, run_python
 from toolkit.core.errors import ToolkitError, describe_failure, foreign_code
+from toolkit.core.extras import import_package
 from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.models.labels import find_labels
 from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
@@ -34,27 +33,27 @@ QUANTISED = ("QuantizeLinear", "DequantizeLinear", "DynamicQuantizeLinear", "QLi
 FLOAT, STRING, FLOAT16 = 1, 8, 10
 """Numbers of `TensorProto.DataType`."""
 MOST_NAMES = 200_000
-"""Letters of the names of classes."""
+"""Most letters of the names of classes."""
 MOST_MISFITS = 500
-"""Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
+"""Most shapes that are freed of the batch size: each takes a shape inference of the whole graph."""
 SAME_ANSWER = 1e-3
 """Share of the largest output by which two ways of running a graph may differ: above rounding, below a fault."""
 START_S, IMAGE_S, TRYING_S = 20.0, 10.0, 60.0
-"""What an answer may take, and each image of it more; what a graph's trial may take of a core as a whole."""
+"""Timeouts of a run, for each of its images more, and of a graph's trial on a core."""
 
 
 @dataclass(frozen=True)
 class OnnxGraph:
-    """An ONNX network that takes one batch of square colour images.
+    """An ONNX network that takes a batch of square colour images.
 
     Attributes:
-        file: where it came from; the hash is also of the files that hold its weights, where they lie beside it.
+        file: its file; the hash covers files with weights beside it.
         model: the graph.
-        input_name: of the images.
+        input_name: name of the input.
         is_nhwc: whether the images' channels come last.
-        size: side of the images; None where any will do.
-        batch: how many images it takes at once; None: any number.
-        is_half: whether it wants numbers of 16 bits.
+        size: side of the images; None: any.
+        batch: number of images at once; None: any.
+        is_half: whether it takes numbers of 16 bits.
         is_quantised: whether it computes in integers.
     """
 
@@ -68,18 +67,7 @@ class OnnxGraph:
     is_quantised: bool
 
 
-def import_extra(name: str) -> ModuleType:
-    """A package of the extra `onnx`.
-
-    Raises:
-        ToolkitError: it is not installed.
-    """
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ToolkitError(
-            f"an ONNX file needs {name}, which is not installed ({error}): pip install '.[onnx]' in the kit's folder"
-        ) from None
+import_extra = partial(import_package, extra="onnx", what="an ONNX file")
 
 
 def load_model(path: Path) -> "ModelProto":
@@ -100,19 +88,20 @@ def load_model(path: Path) -> "ModelProto":
         missing = [name for name in beside if not (path.parent / name).is_file()]
         if missing:
             raise ToolkitError(f"{path}: its weights lie in '{missing[0]}', which is not beside it: copy that file too")
-        with limit_memory(LOADING_BYTES + 3 * sum(one.stat().st_size for one in (path, *map(path.with_name, beside)))):
+        size = sum(file.stat().st_size for file in (path, *map(path.with_name, beside)))
+        with limit_memory(LOADING_BYTES + 3 * size):
             model = onnx.load(str(path))
             onnx.checker.check_model(model)
-    graph = model.graph
-    strange = next((entry.name for entry in graph.output if not _is_numeric(entry)), None)
-    if strange is not None or not graph.output:
-        found = f"its output '{strange}' is no tensor of numbers" if graph.output else "it has no output"
-        raise ToolkitError(f"{path}: {found}: expected numbers for each image: export it so")
+    for entry in model.graph.output:
+        if entry.type.WhichOneof("value") != "tensor_type" or entry.type.tensor_type.elem_type == STRING:
+            raise ToolkitError(f"{path}: its output '{entry.name}' is no tensor of numbers: export it with numbers")
+    if not model.graph.output:
+        raise ToolkitError(f"{path}: it has no output: expected numbers for each image: export it again")
     return model
 
 
 def list_inputs(model: "ModelProto") -> "list[ValueInfoProto]":
-    """The inputs of a graph that are not among its weights."""
+    """List the inputs of a graph that are not among its weights."""
     stored = {tensor.name for tensor in model.graph.initializer}
     return [entry for entry in model.graph.input if entry.name not in stored]
 
@@ -121,19 +110,19 @@ def read_onnx(path: Path) -> OnnxGraph:
     """Read a graph that takes images; nothing in it is run.
 
     Raises:
-        ToolkitError: the file cannot be read, or takes something other than one batch of square colour images.
+        ToolkitError: the file cannot be read, or takes something other than a batch of square colour images.
     """
     onnx, model = import_extra("onnx"), load_model(path)
     graph, inputs = model.graph, list_inputs(model)
     if len(inputs) != 1:
-        names = ", ".join(one.name for one in inputs) or "none"
-        raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected one, a batch of images")
+        names = ", ".join(entry.name for entry in inputs) or "none"
+        raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected a batch of images alone")
     kind = inputs[0].type.tensor_type
     if kind.elem_type not in (FLOAT, FLOAT16):
         kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
         found = kinds.get(kind.elem_type, "an unknown kind")
         raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
-    sides = [one.dim_value or None for one in kind.shape.dim]
+    sides = [dim.dim_value or None for dim in kind.shape.dim]
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
     operations = {node.op_type for node in graph.node}
     return OnnxGraph(
@@ -144,14 +133,14 @@ def read_onnx(path: Path) -> OnnxGraph:
 
 
 def read_output_shapes(graph: OnnxGraph) -> list[tuple[int | None, ...]]:
-    """What each output declares, None for an open axis; empty where it declares nothing."""
+    """Return the declared shape of each output, None for an open axis; empty without a shape."""
     return [
         tuple(dim.dim_value or None for dim in entry.type.tensor_type.shape.dim) for entry in graph.model.graph.output
     ]
 
 
 def read_names(graph: OnnxGraph) -> list[str] | None:
-    """The names of its classes, as Ultralytics writes them into a graph; None where it holds none."""
+    """Return the names of its classes, as Ultralytics writes them into a graph; None without any."""
     text = next((prop.value for prop in graph.model.metadata_props if prop.key == "names"), "")
     try:
         return find_labels(ast.literal_eval(text[:MOST_NAMES]))
@@ -159,12 +148,8 @@ def read_names(graph: OnnxGraph) -> list[str] | None:
         return None
 
 
-def _is_numeric(output: "ValueInfoProto") -> bool:
-    return output.type.WhichOneof("value") == "tensor_type" and output.type.tensor_type.elem_type != STRING
-
-
 def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, int | None]:
-    """Whether channels come last, and the side of the images; None: any."""
+    """Return whether channels come last, and the side of the images; None: any."""
     shown = "×".join("?" if side is None else str(side) for side in sides) or "a single number"
     expected = f"{path}: its input '{name}' is {shown}"
     if len(sides) != 4:
@@ -179,7 +164,7 @@ def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, 
 
 
 def hash_whole(path: Path) -> WeightsFile:
-    """The file, with a hash that changes when weights in files beside it do."""
+    """Return the file, with a hash that covers weights in files beside it."""
     beside, file = _list_beside(import_extra("onnx").load(str(path), load_external_data=False)), open_weights(path)
     if not beside:
         return file
@@ -188,7 +173,7 @@ def hash_whole(path: Path) -> WeightsFile:
 
 
 def _list_beside(model: "ModelProto") -> list[str]:
-    """Files with weights that a graph names, as it was read without them."""
+    """List the files with weights that a graph names, which was read without them."""
     entries = [entry for tensor in model.graph.initializer for entry in tensor.external_data if entry.key == "location"]
     return sorted({entry.value for entry in entries})
 
@@ -197,7 +182,7 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
     """ONNX Runtime on the CPU.
 
     Raises:
-        ToolkitError: it knows an operator not, or the graph is inconsistent.
+        ToolkitError: an operator is unknown, or the graph is inconsistent.
     """
     runtime = import_extra("onnxruntime")
     options = runtime.SessionOptions()
@@ -209,13 +194,13 @@ def start_session(model: "ModelProto", path: Path, threads: int) -> "InferenceSe
         if is_memory_full(error):
             why = "it takes too much memory"
         elif "IR version" in str(error) or "opset" in str(error):
-            why = "it is of a newer ONNX than this one reads: upgrade onnxruntime, or export it with an older opset"
-        unknown = [schema for schema in import_extra("onnx").defs.get_all_schemas_with_history()]
-        known = {(one.domain, one.name) for one in unknown}
-        strange = [f"{node.domain or 'ai.onnx'}.{node.op_type}" for node in model.graph.node
-                   if (node.domain, node.op_type) not in known]  # fmt: skip
-        if strange:
-            why = f"its operator {strange[0]} is none of ONNX's: export it with standard operators"
+            why = "it needs a newer ONNX: upgrade onnxruntime, or export it with an older opset"
+        known = {(schema.domain, schema.name) for schema in import_extra("onnx").defs.get_all_schemas_with_history()}
+        for node in model.graph.node:
+            if (node.domain, node.op_type) not in known:
+                name = f"{node.domain or 'ai.onnx'}.{node.op_type}"
+                why = f"its operator {name} is none of ONNX's: export it with standard operators"
+                break
         return ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}")
 
     with foreign_code(explain):
@@ -237,11 +222,10 @@ def set_input(model: "ModelProto", name: str, batch: int | str | None = None, si
 
 
 def free_batch(graph: OnnxGraph) -> "ModelProto":
-    """A copy that takes any number of images, of a graph that was exported for a fixed one.
+    """Return a copy that takes any number of images, of a graph for a fixed number.
 
-    What fixes the number is the target of a Reshape, or the sizes of a Resize. Shapes are worked out for the number and
-    for twice of it; the axis that differs holds the batch, and is left open. Whether the copy answers as the original
-    is for the caller to try.
+    The targets of Reshape and the sizes of Resize fix the number. Shapes are inferred for the number and for twice of
+    it; the axis that differs holds the batch, and is left open. The caller compares the copy's answers.
     """
     onnx = import_extra("onnx")
     model = onnx.ModelProto()
@@ -268,11 +252,11 @@ Shapes = dict[str, list[int | None]]
 
 
 def infer_shapes(model: "ModelProto") -> Shapes:
-    """The shape of every tensor that the inference of ONNX knows, None for an open axis."""
+    """Return the shape of every tensor that ONNX infers, None for an open axis."""
     onnx = import_extra("onnx")
     bare = onnx.ModelProto()
     bare.CopyFrom(model)
-    # shapes that the exporter wrote down would be kept, though they are of another batch
+    # the exporter's shapes would be kept, though they are of another batch
     del bare.graph.value_info[:]
     inferred = onnx.shape_inference.infer_shapes(bare).graph
     known = [*inferred.input, *inferred.value_info, *inferred.output]
@@ -280,7 +264,7 @@ def infer_shapes(model: "ModelProto") -> Shapes:
 
 
 def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterator[tuple[NodeProto, int, np.ndarray]]":
-    """Nodes with a constant shape that fixes the batch, in order: (node, place of the input, what it should be)."""
+    """Yield nodes with a constant shape that fixes the batch: (node, place of the input, the new value)."""
     constants = _find_constants(model)
     for node in model.graph.node:
         if node.op_type not in ("Reshape", "Resize"):
@@ -317,7 +301,7 @@ def _find_constants(model: "ModelProto") -> dict[str, np.ndarray]:
 
 
 def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The outputs for (b, 3, h, w) float32 images.
+    """Return the outputs for (b, 3, h, w) float32 images.
 
     Raises:
         ToolkitError: it fails at them, takes too long or too much memory, or gives something other than numbers.
@@ -330,7 +314,7 @@ def run_session(session: "InferenceSession", graph: OnnxGraph, images: np.ndarra
 def run_inputs(
     session: "InferenceSession", path: Path, given: dict[str, np.ndarray], what: str
 ) -> tuple[np.ndarray, ...]:
-    """The outputs for arrays by the names of their inputs, each of as many rows; `what` they are, for errors.
+    """Return the outputs for arrays by the names of their inputs, each of as many rows; `what` names them in errors.
 
     Raises:
         ToolkitError: as `run_session`.
@@ -361,7 +345,7 @@ def run_inputs(
 
 
 def join_answers(graph: OnnxGraph, answers: list[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
-    """The outputs of several runs as those of one.
+    """Join the outputs of several runs.
 
     Raises:
         ToolkitError: they differ in shape.
@@ -372,28 +356,28 @@ def join_answers(graph: OnnxGraph, answers: list[tuple[np.ndarray, ...]]) -> tup
 
 
 def are_alike(found: tuple[np.ndarray, ...], wanted: tuple[np.ndarray, ...]) -> bool:
-    """Whether two ways of running a graph gave the same, but for rounding."""
-    if [one.shape for one in found] != [one.shape for one in wanted]:
+    """Whether two ways of running a graph gave the same outputs, but for rounding."""
+    if [output.shape for output in found] != [output.shape for output in wanted]:
         return False
     return all(
-        np.isfinite(other).all()
-        and np.abs(one - other).max(initial=0) <= SAME_ANSWER * max(1.0, np.abs(other).max(initial=0))
-        for one, other in zip(found, wanted, strict=True)
+        np.isfinite(right).all()
+        and np.abs(left - right).max(initial=0) <= SAME_ANSWER * max(1.0, np.abs(right).max(initial=0))
+        for left, right in zip(found, wanted, strict=True)
     )
 
 
 def draw_sample(size: int) -> np.ndarray:
-    """(2, 3, size, size) float32: what graphs are tried on."""
+    """Return (2, 3, size, size) float32 noise to try graphs on."""
     return np.random.default_rng(0).random((2, 3, size, size), np.float32)
 
 
 def try_graph(graph: OnnxGraph, size: int, threads: int) -> bool:
-    """Run a graph for the first time, in a process of its own; returns whether it is fit for any number of images.
+    """Run a graph for the first time, in a child process; return whether it takes any number of images.
 
-    Where it is not, but its copy by `free_batch` is, the copy takes its place in `graph.model`.
+    If only its copy by `free_batch` does, the copy takes its place in `graph.model`.
 
     Raises:
-        ToolkitError: it cannot be run, does not end, takes too much memory or another number of images than one.
+        ToolkitError: it cannot be run, does not end, takes too much memory or several images at once.
     """
     path = graph.file.path
     if graph.batch not in (None, 1):
@@ -416,11 +400,11 @@ def try_graph(graph: OnnxGraph, size: int, threads: int) -> bool:
 
 
 def _late(seconds: float) -> str:
-    return f"it has no answer after {seconds:.0f} s: it may hold a loop without an end"
+    return f"it has no answer after {seconds:.0f} s: it may hold an endless loop"
 
 
 def _try(path: str, size: int, threads: int, most_bytes: int) -> str:
-    """As `try_graph`, in this process, which may end by it; what came out, as JSON."""
+    """Try a graph in this process, which may end by it; return the result as JSON."""
     limit_cores(threads)
     try:
         graph = read_onnx(Path(path))
@@ -436,7 +420,7 @@ def _is_freed(graph: OnnxGraph, sample: np.ndarray, threads: int) -> bool:
     if graph.batch is None:
         run_session(whole, graph, sample)
         return False
-    # of the network as it is, one by one: what the freed copy has to give for both at once
+    # the network's answers to single images: the freed copy must give the same for both at once
     wanted = join_answers(graph, [run_session(whole, graph, sample[k : k + 1]) for k in range(2)])
     try:
         # shapes of a strange graph cannot be worked out, or do not fit another batch

@@ -1,4 +1,4 @@
-"""Networks in ONNX files: judged by ONNX Runtime, trained against through their reading in torch."""
+"""Networks in ONNX files: run by ONNX Runtime, and converted to torch for gradients."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -30,17 +30,17 @@ warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"(onnx2t
 
 
 class OnnxNetwork(nn.Module):
-    """An ONNX graph as a module: (b, 3, h, w) normalised images to its outputs, one tensor or a tuple.
+    """An ONNX graph as a module: (b, 3, h, w) normalised images to its outputs, a tensor or a tuple.
 
-    Where no gradient is asked for, ONNX Runtime answers, which is two to five times as fast on a CPU; else, and on a
-    GPU, the graph's reading in torch by onnx2torch. Both were seen to answer alike.
+    ONNX Runtime answers without gradients, two to five times as fast on a CPU. With gradients, and on a GPU, the graph
+    runs in torch, converted by onnx2torch. Both are compared when the network is loaded.
 
     Attributes:
         graph: the file.
-        one_by_one: whether the graph takes one image at a time only.
-        untrainable: why there is no reading in torch; else empty.
-        is_cut: whether a part of the graph only is read in torch.
-        takes_planes: it is quicker with its channels first.
+        is_single: whether the graph takes a single image at a time.
+        untrainable: why there is no conversion to torch; else empty.
+        is_cut: whether only a part of the graph is converted.
+        takes_planes: it is faster with its channels first.
     """
 
     takes_planes = True
@@ -48,26 +48,26 @@ class OnnxNetwork(nn.Module):
     def __init__(
         self, graph: OnnxGraph, size: int, cut: "Callable[[ModelProto], ModelProto | None] | None" = None
     ) -> None:
-        """Start the session and read the graph into torch.
+        """Start the session and convert the graph to torch.
 
         Args:
             graph: from `read_onnx`.
             size: side of the images.
-            cut: returns the part of the graph that `raw` reads, if the whole passes on no gradient of use.
+            cut: returns the part of the graph for `raw`, if the whole has no useful gradient.
 
         Raises:
-            ToolkitError: ONNX Runtime cannot run it, or it takes another number of images than one.
+            ToolkitError: as `try_graph`.
         """
         super().__init__()
         self.graph = graph
         self.torch_module: nn.Module | None = None
-        self.one_by_one = not try_graph(graph, size, torch.get_num_threads())
+        self.is_single = not try_graph(graph, size, torch.get_num_threads())
         with limit_memory(TRYING_BYTES + 6 * graph.model.ByteSize()):
             self._session = start_session(graph.model, graph.file.path, torch.get_num_threads())
             self.is_cut = cut is not None
             part = graph.model if cut is None else cut(graph.model)
             if part is None:
-                self.untrainable = "the boxes and scores that it selects from are not found in its graph"
+                self.untrainable = "the boxes and scores before its selection are not found in its graph"
                 return
             self.untrainable = self._read_into_torch(part, torch.from_numpy(draw_sample(size)[:1]))
 
@@ -93,7 +93,7 @@ class OnnxNetwork(nn.Module):
         session = start_session(model, self.graph.file.path, torch.get_num_threads()) if self.is_cut else None
         if not are_alike(tuple(answer.detach().numpy() for answer in answers), self._ask(image, session)):
             self.torch_module = None
-            return "its reading by onnx2torch answers otherwise than ONNX Runtime"
+            return "its conversion by onnx2torch gives other answers than ONNX Runtime"
         if not any(answer.requires_grad for answer in answers):
             self.torch_module = None
             return "no gradient leads from its outputs back to the image"
@@ -105,18 +105,18 @@ class OnnxNetwork(nn.Module):
         return (answers,) if isinstance(answers, torch.Tensor) else tuple(answers)
 
     def forward(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
-        """The outputs for (b, 3, h, w) normalised images."""
+        """Return the outputs for (b, 3, h, w) normalised images."""
         if self.torch_module is not None and not self.is_cut and (torch.is_grad_enabled() or batch.is_cuda):
             return self.raw(batch)
         answers = join_answers(self.graph, [self._ask(part) for part in self._split(batch)])
         return _unwrap([torch.from_numpy(answer).float().to(batch.device) for answer in answers])
 
     def raw(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
-        """The outputs of the reading in torch: those of the part that was cut out, where the whole is not read."""
-        return _unwrap([torch.cat(one) for one in zip(*map(self._run_torch, self._split(batch)), strict=True)])
+        """Return the outputs of the conversion to torch, of the whole graph or of its part."""
+        return _unwrap([torch.cat(parts) for parts in zip(*map(self._run_torch, self._split(batch)), strict=True)])
 
     def _split(self, batch: torch.Tensor) -> Sequence[torch.Tensor]:
-        return batch.split(1) if self.one_by_one else (batch,)
+        return batch.split(1) if self.is_single else (batch,)
 
 
 def _unwrap(answers: list[torch.Tensor]) -> "torch.Tensor | tuple[torch.Tensor, ...]":

@@ -10,11 +10,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, describe_failure, foreign_code
+from toolkit.core.errors import FieldError, foreign_code
+from toolkit.core.extras import import_package
 from toolkit.core.files import sha256_bytes
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.find import OPEN_CLIP_PREFIX
 from toolkit.models.identity import hash_tensors
+from toolkit.models.load import square_preprocessing
+from toolkit.models.network import blame_model
 from toolkit.models.programs import without_log
 from toolkit.models.text_towers import BATCH, TextTower
 from toolkit.models.weights import WeightsFile
@@ -25,14 +28,7 @@ SCHEMAS = ("hf-hub:", "local-dir:")
 
 @dataclass(frozen=True)
 class Towers:
-    """Both towers of a network.
-
-    Attributes:
-        image: (b, 3, px, px) normalised images to (b, d).
-        preprocessing: of images.
-        file: stands for the weights; the hash is that of their numbers.
-        text: the other tower.
-    """
+    """Both towers of a network: `image` maps (b, 3, px, px) normalised images to (b, d), `file` is for the weights."""
 
     image: nn.Module
     preprocessing: Preprocessing
@@ -42,30 +38,21 @@ class Towers:
 
 @lru_cache(maxsize=1)
 def open_towers(model: str) -> Towers:
-    """The towers of `open_clip:NAME:WEIGHTS`, where WEIGHTS is a tag of open_clip or a file.
+    """Load the towers of `open_clip:NAME:WEIGHTS`; WEIGHTS is a tag of open_clip or a file.
 
-    `open_clip:hf-hub:ORG/NAME` and `open_clip:local-dir:FOLDER` bring their weights. Nothing is unpickled but tensors.
+    `open_clip:hf-hub:ORG/NAME` and `open_clip:local-dir:FOLDER` bring their weights. Only tensors are unpickled.
 
     Raises:
-        ToolkitError: open_clip is not installed, it has no such network or weights, or the network wants images that
-            are cut another way.
+        ToolkitError: open_clip is not installed, has no such network or weights, or the crop is not supported.
     """
     rest = model.removeprefix(OPEN_CLIP_PREFIX)
-    try:
-        import open_clip as library
-    except ImportError as error:
-        raise FieldError(
-            f"open_clip is not installed ({error}): pip install '.[clip]' in the kit's folder", {"model": model}
-        ) from None
+    library = import_package("open_clip", "clip", model)
     name, _, weights = (rest, "", "") if rest.startswith(SCHEMAS) else rest.partition(":")
     if not weights and not rest.startswith(SCHEMAS):
         expected = "expected open_clip:NAME:WEIGHTS, such as open_clip:ViT-B-32:laion2b_s34b_b79k"
         raise FieldError(expected, {"model": model})
 
-    def explain(error: Exception) -> FieldError:
-        return FieldError(f"open_clip cannot load it: {describe_failure(error)}", {"model": model})
-
-    with foreign_code(explain), without_log():
+    with foreign_code(blame_model(model, "open_clip cannot load it")), without_log():
         network = library.create_model(name, weights or None, require_pretrained=True, weights_only=True)
         tokenizer = library.get_tokenizer(name)
     network = network.float().eval().requires_grad_(False)
@@ -81,22 +68,7 @@ def open_towers(model: str) -> Towers:
         rest, sha256_bytes(f"{sha256} {rest}".encode()), embed, scale=float(network.logit_scale.exp()),
         bias=0.0 if bias is None else float(bias),
     )  # fmt: skip
-    return Towers(network.visual, _read_preprocessing(model, network), WeightsFile(Path(rest), sha256, rest), text)
-
-
-def _read_preprocessing(model: str, network: nn.Module) -> Preprocessing:
-    """The kit's words for open_clip's."""
-    wanted: Any = network.visual.preprocess_cfg  # type: ignore[union-attr]
-    size = wanted["size"]
-    sides = set(size) if isinstance(size, tuple | list) else {size}
-    if len(sides) != 1 or wanted["resize_mode"] not in ("shortest", "squash"):
-        raise FieldError(
-            f"wants images of {size} with resize mode '{wanted['resize_mode']}': only a square of an image is "
-            "supported, its middle or the whole of it: choose another network",
-            {"model": model},
-        )
-    px = sides.pop()
-    return Preprocessing(
-        px, px, tuple(wanted["mean"]), tuple(wanted["std"]), wanted["interpolation"].upper(),
-        squash=wanted["resize_mode"] == "squash",
-    )  # fmt: skip
+    wanted: Any = network.visual.preprocess_cfg
+    sides = wanted["size"] if isinstance(wanted["size"], tuple | list) else (wanted["size"],)
+    how = square_preprocessing(model, sides, wanted["resize_mode"], sides[0], wanted)
+    return Towers(network.visual, how, WeightsFile(Path(rest), sha256, rest), text)

@@ -1,4 +1,4 @@
-"""Ask a network about images: every answer depends on its own image alone, whatever is asked beside it."""
+"""Predictions of a network: every answer depends on its own image alone, whatever else is in the batch."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     import torch
 
 CPU_PART, CUDA_PART = 4, 32
-"""Images in a pass. Passes of one shape, on a CPU on one thread, give an image the same numbers whatever is asked
-beside it."""
+"""Images in a pass. Passes of the same shape, on a CPU on one thread, give an image the same numbers in any batch."""
 GPU_PARTS = 4
 """Parts that are held for a GPU at once, so that images are decoded while it works."""
 Tag = TypeVar("Tag")
@@ -29,7 +28,7 @@ class LogitNetwork(AnyNetwork, Protocol):
 
 
 class RankedAnswer(NamedTuple):
-    """Answer of a classifier to one image.
+    """Answer of a classifier to an image.
 
     Attributes:
         top1_index, top1_prob: its first guess.
@@ -50,12 +49,12 @@ def predict(
 ) -> "torch.Tensor":
     """Return a network's answers to images, without gradient.
 
-    An answer depends on its own image alone: images are asked in parts of one size, and the last part is filled up.
+    An answer depends on its own image alone: images are asked in parts of the same size, the last part filled up.
 
     Args:
-        images: (n, 3, h, w) float tensor, sRGB-encoded in [0, 1]; or (h, w, 3) uint8 sRGB arrays of one size.
-        network: answers.
-        names: of the images, for errors.
+        images: (n, 3, h, w) float tensor, sRGB-encoded in [0, 1]; or (h, w, 3) uint8 sRGB arrays of the same size.
+        network: a classifier.
+        names: names of the images, for errors.
         part: images in a pass on a CPU.
 
     Returns:
@@ -88,13 +87,11 @@ def ask_in_parts(
 ) -> "list[torch.Tensor]":  # fmt: skip
     """Call `ask` with the numbers of some images at a time, always as many; return its rows, a tensor for each part.
 
-    On a CPU the parts share the threads, each on one thread alone.
-
     Args:
         ask: numbers of images, to a tensor with a row for each.
-        count: of images.
-        device: cpu, or a GPU, which takes the parts in turn.
-        names: of the images, for errors.
+        count: number of images.
+        device: cpu, where each part has its own thread, or a GPU, which takes the parts in turn.
+        names: names of the images, for errors.
         part: images at a time on a CPU.
 
     Raises:
@@ -128,13 +125,12 @@ def predict_stream(
     images: Iterable[tuple[Tag, np.ndarray]], network: LogitNetwork, batch_size: int | None = None,
     name_of: Callable[[Tag], str] | None = None,
 ) -> "Iterator[tuple[Tag, torch.Tensor]]":  # fmt: skip
-    """Yield each image's tag and its (classes,) logits in order, see `predict`; at most one batch is held.
+    """Yield each image's tag and its (classes,) logits in order, see `predict`; at most a batch is held.
 
     Args:
-        images: (what shall come back with the answer, (h, w, 3) uint8 sRGB).
-        network: answers.
-        batch_size: images that are gathered before the network is asked, made up to whole parts; by default as many as
-            keep its device busy.
+        images: pairs of a tag, which returns with the answer, and (h, w, 3) uint8 sRGB.
+        network: a classifier.
+        batch_size: images in a batch, rounded up to whole parts; by default as many as keep its device busy.
         name_of: the image's name by its tag, for errors.
 
     Raises:
@@ -144,7 +140,7 @@ def predict_stream(
 
     on_cpu, rest = network.device == "cpu", iter(images)
     part = CPU_PART if on_cpu else CUDA_PART
-    # a part for each thread: what more are held costs memory alone
+    # a part for each thread: more would only cost memory
     parts = torch.get_num_threads() if on_cpu else GPU_PARTS
     size = part * (-(-batch_size // part) if batch_size else parts)
     while batch := list(islice(rest, size)):
@@ -165,7 +161,7 @@ def rank_true(logits: "torch.Tensor", classes: "torch.Tensor") -> "torch.Tensor"
 
 
 def read_answer(logits: "torch.Tensor", true_index: int) -> RankedAnswer:
-    """Return what (classes,) logits of `predict` say of an image of a class."""
+    """Return the answer to an image of a class from (classes,) logits of `predict`."""
     import torch
 
     chances, first = logits.softmax(0), int(logits.argmax())

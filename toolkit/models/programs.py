@@ -28,7 +28,7 @@ from toolkit.core.text import escape
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
-from toolkit.models.heads import AsEncoder, Features, number_features
+from toolkit.models.heads import AsEncoder, ImageFeatures, number_features
 from toolkit.models.labels import (
     PYTHON_PREFIX,
     LabelsFile,
@@ -69,31 +69,31 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 def read_exported(path: Path, device: str = "cpu") -> tuple[nn.Module, int | None]:
-    """The program as a module for (b, 3, h, w) normalised images, and their side; None: any.
+    """Read a program as a module for (b, 3, h, w) normalised images, and their side; None: any.
 
     Raises:
-        ToolkitError: as `load_program`; it takes something other than one batch of square colour images.
+        ToolkitError: as `load_program`; it takes something other than a batch of square colour images.
     """
     module, shapes = load_program(path, device)
     shape = shapes[0] if len(shapes) == 1 else ()
     if len(shape) != 4 or shape[1] != 3:
         found = "×".join(map(str, shape)) if len(shapes) == 1 else f"{len(shapes)} inputs"
-        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
+        raise ToolkitError(f"{path}: takes {found}: expected a batch of colour images, b×3×h×w")
     batch, _, side, width = shape
     if isinstance(side, int) and isinstance(width, int) and side != width:
-        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
+        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for them")
     fixed = batch if isinstance(batch, int) else None
     return FixedBatch(module, fixed), side if isinstance(side, int) else None
 
 
 def load_program(path: Path, device: str = "cpu") -> tuple[nn.Module, list[tuple[Any, ...]]]:
-    """The program as a module on a device, and the shape of each input; sides that are open are symbols.
+    """Read a program as a module on a device, and the shape of each input; open sides are symbols.
 
     Raises:
-        ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
-            standard operators.
+        ToolkitError: the file is damaged, of an older format, compiled, or holds more than tensors and standard
+            operators.
     """
-    # torch's reader says nothing of use of a strange file
+    # torch's messages about a damaged file do not help
     with (
         foreign_code(lambda _: _damaged(path, "its parts do not fit together")),
         torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size), without_log(),
@@ -111,7 +111,7 @@ def load_program(path: Path, device: str = "cpu") -> tuple[nn.Module, list[tuple
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Within, nothing is logged: of a program that it cannot read torch logs a traceback before it raises."""
+    """Log nothing within: torch logs a traceback before it raises an error about a program."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -121,25 +121,25 @@ def without_log() -> Iterator[None]:
 
 
 class FixedBatch(nn.Module):
-    """A program that was exported for `count` images, as one that takes any number; None: it does already."""
+    """Lets a program for `count` images take any number; None: it does already."""
 
     def __init__(self, program: nn.Module, count: int | None) -> None:
         super().__init__()
         self.program, self.count = program, count
 
     def forward(self, batch: torch.Tensor) -> "torch.Tensor | tuple[torch.Tensor, ...]":
-        """Image for image in groups of `count`, the last filled up."""
+        """Ask for groups of `count` images, the last filled up."""
         if self.count is None:
             return self.program(batch)
         parts = []
         for part in batch.split(self.count):
-            # filled up by copies of its first image, whose answers are cut off again
+            # filled up by copies of the first image, whose answers are cut off again
             missing = self.count - len(part)
             whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
             answers = self.program(whole)
             several = answers if isinstance(answers, tuple | list) else (answers,)
             parts.append([image[: len(part)] for image in several])
-        joined = tuple(torch.cat(one) for one in zip(*parts, strict=True))
+        joined = tuple(map(torch.cat, zip(*parts, strict=True)))
         return joined if isinstance(answers, tuple | list) else joined[0]
 
 
@@ -154,7 +154,7 @@ def _rebuild(path: Path) -> BytesIO:
         raise ToolkitError(f"cannot read {path}: no such file") from None
     except (BadZipFile, OSError, NotImplementedError, RuntimeError):
         raise ToolkitError(
-            f"cannot read {path}: not a program of torch.export, or a damaged one: save it with torch.export.save"
+            f"cannot read {path}: not a program of torch.export, or damaged: save it with torch.export.save"
         ) from None
     if len(content) != len(names) or "models/model.json" not in content:
         raise ToolkitError(f"{path}: not a program of torch.export 2.9 or later: save it with torch.export.save")
@@ -162,8 +162,7 @@ def _rebuild(path: Path) -> BytesIO:
     if strange is not None:
         raise _refuse(path, f"the file '{strange[:80]}'")
     # torch would unpickle the sample inputs, which nobody needs here
-    samples = content.get("data/sample_inputs/model.pt", b"")
-    if samples:
+    if "data/sample_inputs/model.pt" in content:
         content["data/sample_inputs/model.pt"] = b""
     for kind in ("weights", "constants"):
         config = content.get(f"data/{kind}/model_{kind}_config.json", b'{"config": {}}')
@@ -205,14 +204,14 @@ def _load(path: Path, content: bytes) -> dict[str, Any]:
 
 
 def _check_payload(path: Path, payload: dict[str, Any], sizes: dict[str, int], folder: str) -> None:
-    """Refuse what is pickled, and what torch would fill up: a file that is empty becomes zeros there."""
+    """Refuse pickled tensors, and files that are too short, which torch would fill with zeros."""
     kinds: dict[str, int] = {}
     for name, entry in payload["config"].items():
         file = entry["path_name"]
         if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", file):
             raise _refuse(path, f"'{name[:80]}' as a pickled object")
         meta = entry["tensor_meta"]
-        sides, strides = ([int(one["as_int"]) for one in meta[key]] for key in ("sizes", "strides"))
+        sides, strides = ([int(length["as_int"]) for length in meta[key]] for key in ("sizes", "strides"))
         offset, kind = int(meta["storage_offset"]["as_int"]), int(meta["dtype"])
         if kind not in ELEMENT_BYTES:
             raise _refuse(path, f"'{name[:80]}' in numbers of an unusual kind")
@@ -225,14 +224,14 @@ def _check_payload(path: Path, payload: dict[str, Any], sizes: dict[str, int], f
 
 
 def _clean(path: Path, value: object, key: str = "") -> object:
-    """The same JSON without debugging notes, if every text in it is harmless."""
+    """Return the JSON without debugging notes; a `ToolkitError` if a text in it is not harmless."""
     if isinstance(value, dict):
         for name in value:
             if not WORD.fullmatch(name):
                 raise _refuse(path, f"the name '{name[:80]}'")
-        return {name: {} if name == "metadata" else _clean(path, one, name) for name, one in value.items()}
+        return {name: {} if name == "metadata" else _clean(path, part, name) for name, part in value.items()}
     if isinstance(value, list):
-        return [_clean(path, one, key) for one in value]
+        return [_clean(path, part, key) for part in value]
     if isinstance(value, str) and not _is_harmless(key, value):
         what = "the operator" if key in ("target", "as_operator") else "the text"
         raise _refuse(path, f"{what} '{value[:80]}'")
@@ -253,7 +252,7 @@ def _is_harmless(key: str, text: str) -> bool:
 
 
 def _is_small(text: str) -> bool:
-    """Whether a symbolic size is worked out at once: `Pow(9, Pow(9, 9))` has 370 million digits."""
+    """Whether a symbolic size takes no time to evaluate, as powers of powers would."""
     if len(text) > MOST_LETTERS or re.search(r"\*\*|<<|>>|\w{20}", text):
         return False
     powers = [
@@ -261,27 +260,27 @@ def _is_small(text: str) -> bool:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Pow"
     ]  # fmt: skip
     exponents = [ast.unparse(node.args[1]) if len(node.args) == 2 else "" for node in powers]
-    return len(powers) <= MOST_POWERS and all(re.fullmatch(r"(Integer\()?-?\d\)?", one) for one in exponents)
+    return len(powers) <= MOST_POWERS and all(re.fullmatch(r"(Integer\()?-?\d\)?", text) for text in exponents)
 
 
 class LogProbabilities(nn.Module):
-    """A network that ends in a softmax, as one that gives logits."""
+    """Gives logits of a network that ends in a softmax."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, batch: torch.Tensor) -> torch.Tensor:
-        """The logarithms of its probabilities."""
+        """Return the logarithms of its probabilities."""
         # softmax(log p) = p; a probability of 0 has no logarithm
         return self.network(batch).clamp_min(torch.finfo(torch.float32).tiny).log()
 
 
 def load_onnx_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
-    """An ONNX graph that takes images and gives a number for each class or feature; see `read_onnx`.
+    """Load an ONNX graph that takes images and gives a number for each class or feature.
 
     Raises:
-        ToolkitError: it is none, or ONNX Runtime cannot run it.
+        ToolkitError: it is of another kind, or ONNX Runtime cannot run it.
     """
     from toolkit.models.onnx_graphs import read_onnx
     from toolkit.models.onnx_networks import OnnxNetwork
@@ -296,24 +295,24 @@ def load_onnx_classifier(path: Path, device: str, features: AsEncoder | None = N
 
 
 def _read_description(path: Path) -> tuple[LabelsFile, tuple[str, ...]]:
-    """What the file beside a program says, and a note if it leaves open how images are normalised."""
+    """Read the description beside a program, and a note if it does not state the normalisation."""
     own = read_labels_file(path)
     if own.mean is not None or own.std is not None:
         return own, ()
     note = (
         f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
-        "normalised by ImageNet's; where it was trained with others, its answers are wrong"
+        "normalised by ImageNet's; if it was trained with others, its answers are wrong"
     )
-    # said in quiet too, as it can cost half of the right answers
+    # printed in quiet too, as it can cost half of the accuracy
     errors.print(note, markup=False, soft_wrap=True)
     return own, (note,)
 
 
 def load_exported_classifier(path: Path, device: str, features: AsEncoder | None = None) -> Classifier:
-    """A program of `torch.export` that takes images and gives a number for each class or feature; see `read_exported`.
+    """Load a program of `torch.export` that takes images and gives a number for each class or feature.
 
     Raises:
-        ToolkitError: it is none, or holds more than standard operations on tensors.
+        ToolkitError: as `read_exported` and `assemble`.
     """
     network, size = read_exported(path, choose_device(device))
     (own, notes), file = _read_description(path), open_weights(path)
@@ -323,7 +322,7 @@ def load_exported_classifier(path: Path, device: str, features: AsEncoder | None
 
 
 class Called(NamedTuple):
-    """What a function of the user's made: a module, what it says of its images, and the file that stands for both."""
+    """Result of the user's function: a module, its preprocessing in any form, and the file of the code."""
 
     module: nn.Module
     given: object
@@ -331,12 +330,10 @@ class Called(NamedTuple):
 
 
 def call_python(model: str) -> Called:
-    """What `python:module:function` returns: a module and its preprocessing.
-
-    The module is searched as Python does, and in the current folder.
+    """Call `python:MODULE:FUNCTION`, with MODULE on Python's path or in the current folder.
 
     Raises:
-        ToolkitError: it cannot be imported or called, or returns something else.
+        ToolkitError: it cannot be imported or called, or does not return a module and its preprocessing.
     """
     module_name, _, function_name = model.removeprefix(PYTHON_PREFIX).partition(":")
     if not module_name or not function_name:
@@ -350,7 +347,12 @@ def call_python(model: str) -> Called:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # any the user's code can raise, sys.exit among them
-        raise FieldError(_say_why(module_name, function_name, error), {"model": model}) from None
+        why = f"{function_name} of {module_name} ended with an error: {describe_failure(error)}"
+        if isinstance(error, ModuleNotFoundError) and error.name in (module_name, module_name.partition(".")[0]):
+            why = f"there is no module '{error.name}': expected {error.name}.py in this folder, or an installed package"
+        elif isinstance(error, AttributeError) and error.name == function_name:
+            why = f"'{module_name}' has no function '{function_name}'"
+        raise FieldError(why, {"model": model}) from None
     finally:
         sys.path.remove(here)
         if here not in sys.path:
@@ -358,7 +360,7 @@ def call_python(model: str) -> Called:
     if not isinstance(made, tuple | list) or len(made) != 2 or not isinstance(made[0], nn.Module):
         found = "a list" if isinstance(made, list) else made.__class__.__name__
         if isinstance(made, tuple | list):
-            found += f" of {len(made)}: {', '.join(one.__class__.__name__ for one in made)[:80]}"
+            found += f" of {len(made)}: {', '.join(part.__class__.__name__ for part in made)[:80]}"
         raise FieldError(f"expected a torch.nn.Module and its preprocessing, in a tuple; found {found}",
                          {"model": model})  # fmt: skip
     network, source = made[0], Path(getattr(module, "__file__", None) or f"{module_name}.py")
@@ -369,13 +371,13 @@ def call_python(model: str) -> Called:
 
 
 def load_python_classifier(model: str, device: str, features: AsEncoder | None = None) -> Classifier:
-    """A classifier or an encoder from `call_python`.
+    """Load a classifier or an encoder from `call_python`.
 
     The preprocessing is a `Preprocessing`, torchvision's `weights.transforms()`, or a mapping with the fields of
     `LabelsFile`, such as `{"size": 224, "mean": …, "std": …, "labels": […]}`.
 
     Raises:
-        ToolkitError: as `call_python`, or its answers are not a number for each class and image.
+        ToolkitError: as `call_python` and `assemble`.
     """
     network, given, file = call_python(model)
     own = LabelsFile()
@@ -389,32 +391,22 @@ def load_python_classifier(model: str, device: str, features: AsEncoder | None =
     return assemble(network, model, file, own, how, device, features)
 
 
-def _say_why(module: str, function: str, error: BaseException) -> str:
-    if isinstance(error, ModuleNotFoundError) and error.name in (module, module.partition(".")[0]):
-        return f"there is no module '{error.name}': expected {error.name}.py in this folder, or an installed package"
-    if isinstance(error, AttributeError) and error.name == function:
-        return f"'{module}' has no function '{function}'"
-    return f"{function} of {module} ended with an error: {describe_failure(error)}"
-
-
 def wrap_module(
     module: nn.Module, labels: Sequence[str], size: int = 224, mean: Sequence[float] = IMAGENET_MEAN,
     std: Sequence[float] = IMAGENET_STD, *, name: str = "", device: str = "auto",
 ) -> Classifier:  # fmt: skip
-    """A copy of a PyTorch module in memory as a classifier; the module itself stays as it is.
+    """Make a classifier of a copy of a PyTorch module in memory.
 
     Args:
         module: (b, 3, size, size) float images to (b, classes) logits, or probabilities.
         labels: name of each output.
-        size: side of the square that it sees, to which an image's central square is resized.
-        mean: taken from the sRGB-encoded values in 0 to 1, per channel; by default ImageNet's.
-        std: by which they are divided then.
-        name: what to call it in results; by default its class.
+        size: side of its input, to which an image's central square is resized.
+        mean, std: mean and standard deviation of sRGB-encoded values in 0 to 1; by default ImageNet's.
+        name: name in results; by default its class.
         device: `auto`, `cpu` or `cuda`.
 
     Raises:
-        ToolkitError: it is no module, a value cannot be used, or it gives something other than one finite number for
-            each label and image.
+        ToolkitError: it is no module, a value cannot be used, or as `assemble`.
     """
     arch = module.__class__.__name__
     if not isinstance(module, nn.Module):
@@ -427,10 +419,10 @@ def wrap_module(
 
 
 def read_mapping(model: str, given: object) -> LabelsFile:
-    """What a function says of its network's images, checked.
+    """Check the preprocessing that a function returned.
 
     Raises:
-        ToolkitError: it is no mapping, a field cannot be used, or no size is said.
+        ToolkitError: it is no mapping, a field cannot be used, or the size is missing.
     """
     expected = "expected as preprocessing a Preprocessing, torchvision's transforms(), or a dict with 'size'"
     if not isinstance(given, Mapping):
@@ -464,12 +456,11 @@ def assemble(
     """Try the network on two images, and join it with its labels.
 
     Raises:
-        ToolkitError: it gives something other than one finite number for each class and image, or its labels are of
-            another number of classes.
+        ToolkitError: it does not give a finite number for each class and image, or the number of labels differs.
     """
     check_hash(file, own)
     how, place = adapt_preprocessing(how, own), choose_device(device)
-    network = (network if features is None else Features(network, features.tokens, arch)).to(place)
+    network = (network if features is None else ImageFeatures(network, features.tokens, arch)).to(place)
     answers = _try(network, arch, how, place, is_foreign=file.path.suffix in FOREIGN)
     total = answers.sum(1)
     # rows that sum to 1 are probabilities: their logarithms are logits, but for a constant
@@ -487,10 +478,10 @@ def assemble(
 
 
 def _try(network: nn.Module, arch: str, how: Preprocessing, device: str, is_foreign: bool) -> torch.Tensor:
-    """(2, classes): what it says to grey and to noise."""
+    """(2, classes) answers to a grey image and to noise."""
     side = how.crop_px
     noise = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0))
-    # about what normalised images are: within 1 of nought
+    # as large as normalised images, about -1 to 1
     images = torch.cat([torch.full((1, 3, side, side), 0.5), noise]).sub(0.5).mul(2).to(device)
     room = limit_memory(TRYING_BYTES) if is_foreign and device == "cpu" else nullcontext()
     try:
@@ -504,23 +495,19 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str, is_fore
             full = f"it takes more than {TRYING_BYTES >> 30} GB"
             why = full if is_memory_full(error) else "its operations do not fit together"
         raise FieldError(f"it fails at two images of {side} px: {why}", {"model": arch}) from None
+    wrong = f"gives {describe_answers(answers)} for 2 images: expected 2×classes"
     if not isinstance(answers, torch.Tensor):
-        hint = f" ({DETECTOR_HINT}; here a classifier is expected)" if _has_boxes(answers) else ""
-        expected = f"expected one tensor, images × classes{hint}"
-        raise FieldError(f"gives {describe_answers(answers)}: {expected}", {"model": arch})
+        first = answers[0] if isinstance(answers, tuple | list) and answers else answers
+        has_boxes = isinstance(first, Mapping) and "boxes" in first
+        hint = f" ({DETECTOR_HINT}; here a classifier is expected)" if has_boxes else ""
+        raise FieldError(f"{wrong} in a single tensor{hint}", {"model": arch})
     answers = answers.float().cpu()
     if answers.ndim == 4 and answers.shape[2:] == (1, 1):
-        expected = "images × classes: flatten the two last axes"
-        raise FieldError(f"gives {describe_answers(answers)}: expected {expected}", {"model": arch})
+        raise FieldError(f"{wrong}: flatten the two last axes", {"model": arch})
     if answers.ndim != 2 or len(answers) != 2 or answers.shape[1] < 2:
-        hint = f" ({DETECTOR_HINT}; one that ends in features? expected a classifier)" if answers.ndim > 2 else ""
-        raise FieldError(f"gives {describe_answers(answers)} for 2 images: expected 2×classes{hint}", {"model": arch})
+        hint = f" ({DETECTOR_HINT}; features of an encoder? expected a classifier)" if answers.ndim > 2 else ""
+        raise FieldError(f"{wrong}{hint}", {"model": arch})
     if not torch.isfinite(answers).all():
-        raise FieldError("gives values that are not a number: its weights are damaged, or it needs other images",
-                         {"model": arch})  # fmt: skip
+        why = "gives values that are not a number: its weights are damaged, or it needs other images"
+        raise FieldError(why, {"model": arch})
     return answers
-
-
-def _has_boxes(answers: object) -> bool:
-    first = answers[0] if isinstance(answers, tuple | list) and answers else answers
-    return isinstance(first, Mapping) and "boxes" in first

@@ -15,22 +15,16 @@ from toolkit.models.labels import LabelsFile, find_labels, read_lines, read_name
 DEFAULT_TEMPLATE = "a photo of a {}."
 """Template of Radford et al. (2021), section 3.1.4."""
 PLACE = re.compile(r"\{\w*\}")
-"""Where the class goes: `{}`, or CLIP_benchmark's `{c}`."""
-
-
+"""Place of the class: `{}`, or CLIP_benchmark's `{c}`."""
 SHOWN = 5
-"""A message lists so many names."""
+"""Most names in a message."""
 
 
 def read_class_names(file: Path, dataset: str | None = None) -> list[str]:
-    """The names of classes in a text file, one a line, or in JSON.
+    """Read names of classes from the lines of a text file, or from JSON.
 
-    JSON holds any list that `find_labels` knows, or data sets with their lists: what CLIP_benchmark calls
-    `--custom_classname_file`.
-
-    Args:
-        file: the file.
-        dataset: which of several data sets.
+    JSON holds any list that `find_labels` knows, or data sets with their lists (CLIP_benchmark's
+    `--custom_classname_file`), of which `dataset` names a data set.
 
     Raises:
         ToolkitError: there are fewer than two names, a name stands twice, or the file holds something else.
@@ -48,7 +42,7 @@ def read_class_names(file: Path, dataset: str | None = None) -> list[str]:
         raise ToolkitError(f"{file}: expected the names of at least two classes, found {found}")
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ToolkitError(f"{file}: the class '{twice}' stands twice: remove one of them")
+        raise ToolkitError(f"{file}: the class '{twice}' stands twice: remove either")
     try:
         return list(LabelsFile(labels=names).labels or [])
     except ValidationError as error:
@@ -56,13 +50,13 @@ def read_class_names(file: Path, dataset: str | None = None) -> list[str]:
 
 
 def make_prompts(names: list[str], file: Path | None, dataset: str | None = None) -> dict[str, list[str]]:
-    """The prompts of each class.
+    """Return the prompts of each class.
 
     Args:
-        names: of the classes.
-        file: templates, one a line, or JSON: a list of templates, prompts for each class by its name (as CuPL's), or
-            data sets with either, what CLIP_benchmark calls `--custom_template_file`. None: `DEFAULT_TEMPLATE`.
-        dataset: which of several data sets.
+        names: names of the classes.
+        file: lines of templates, or JSON: a list of templates, prompts by class (as CuPL's), or data sets with either
+            (CLIP_benchmark's `--custom_template_file`). None: `DEFAULT_TEMPLATE`.
+        dataset: name of a data set, if there are several.
 
     Raises:
         ToolkitError: there is no template, a template has no place for the class, or a class has no prompts.
@@ -91,7 +85,7 @@ def make_prompts(names: list[str], file: Path | None, dataset: str | None = None
 
 
 def _pick(file: Path, content: object, dataset: str | None) -> object:
-    """The entry of one of several data sets."""
+    """Return the entry of a data set."""
     if not isinstance(content, Mapping) or not content:
         raise ToolkitError(f"{file}: expected a list, or data sets with their lists")
     known = list_some(list(content), SHOWN)

@@ -1,23 +1,22 @@
-"""The boxes and scores of all places, inside a graph that selects the best by itself: these pass on a gradient."""
+"""Boxes and scores of all places in a graph that selects the best by itself: only these have a gradient."""
 
 from collections import deque
 from typing import TYPE_CHECKING
 
-from toolkit.models.onnx_graphs import Shapes, import_extra, infer_shapes
+from toolkit.models.onnx_graphs import Shapes, import_extra, infer_shapes, list_inputs
 
 if TYPE_CHECKING:
     from onnx import ModelProto, NodeProto
 
 
 def find_raw_head(model: "ModelProto", places: list[int]) -> "tuple[str, str] | None":
-    """Names of the tensors with boxes and with scores from which a graph selects; None: it has none.
+    """Find the names of the tensors with boxes and with scores before a graph's selection; None without any.
 
-    The selection is what lies behind the first tensors, seen from the output, that have a row for every place. Scores
-    decide which places are selected, so they lead to a TopK; boxes do not.
+    They are the first tensors, seen from the output, with a row for every place. Scores lead to a TopK, boxes do not.
 
     Args:
-        model: whose first output is the selection.
-        places: how many places the grids may have, see `count_places`.
+        model: its first output is the selection.
+        places: possible numbers of places, see `count_places`.
     """
     makers = {name: node for node in model.graph.node for name in node.output}
     shapes = infer_shapes(model)
@@ -31,12 +30,12 @@ def find_raw_head(model: "ModelProto", places: list[int]) -> "tuple[str, str] | 
 def _first_behind(name: str, makers: "dict[str, NodeProto]", shapes: Shapes, places: list[int]) -> list[str]:
     found, seen, waiting = list[str](), {name}, deque([name])
     while waiting:
-        one = waiting.popleft()
-        shape = shapes.get(one, [])
+        tensor = waiting.popleft()
+        shape = shapes.get(tensor, [])
         if len(shape) == 3 and shape[1] in places:
-            found.append(one)
-        elif one in makers:
-            fresh = [given for given in makers[one].input if given and given not in seen]
+            found.append(tensor)
+        elif tensor in makers:
+            fresh = [given for given in makers[tensor].input if given and given not in seen]
             seen.update(fresh)
             waiting.extend(fresh)
     return found
@@ -49,7 +48,5 @@ def cut_raw_head(model: "ModelProto", places: list[int]) -> "ModelProto | None":
         return None
     onnx = import_extra("onnx")
     extractor = onnx.utils.Extractor(onnx.shape_inference.infer_shapes(model))
-    stored = {tensor.name for tensor in model.graph.initializer}
-    inputs = [entry.name for entry in model.graph.input if entry.name not in stored]
-    cut: ModelProto = extractor.extract_model(inputs, list(names))
+    cut: ModelProto = extractor.extract_model([entry.name for entry in list_inputs(model)], list(names))
     return cut

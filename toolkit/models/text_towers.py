@@ -11,6 +11,7 @@ import torch
 
 from toolkit.core.child import limit_memory
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure, foreign_code
+from toolkit.core.extras import import_package
 from toolkit.core.files import load_json, sha256_bytes, sha256_file
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.heads import choose_output
@@ -25,14 +26,13 @@ MOST_TOKENS = 4096
 
 @dataclass(frozen=True)
 class TextTower:
-    """What turns prompts into embeddings.
+    """Turns prompts into embeddings.
 
     Attributes:
-        name: what to call it in a record.
-        sha256: of all that decides its answers: weights, tokenizer and length.
+        name: name in records.
+        sha256: hash of weights, tokenizer and length.
         embed: texts to (n, d) float32, of any length.
-        scale: by which the cosine of two embeddings is multiplied; None: the tower does not say.
-        bias: added then.
+        scale, bias: factor of the cosine of two embeddings, None if it is unknown, and a summand.
     """
 
     name: str
@@ -43,7 +43,7 @@ class TextTower:
 
 
 class _Runner(NamedTuple):
-    """A tower that takes numbers: how many tokens and texts (None: any), and what it answers to ids and their mask."""
+    """A tower that takes numbers of tokens and texts (None: any), and the function of ids and their mask."""
 
     tokens: int | None
     texts: int | None
@@ -51,13 +51,12 @@ class _Runner(NamedTuple):
 
 
 def load_text_tower(model: str, tokenizer: Path | None = None) -> TextTower:
-    """A text tower in a file, with the tokenizer beside it.
+    """Load a text tower in a file, with the tokenizer beside it.
 
     Args:
         model: `onnx:FILE`, a path of an ONNX graph or of a `.pt2`. It takes token ids (n, tokens), and perhaps their
             mask as a second input, and gives (n, d).
-        tokenizer: a `tokenizer.json` as the library tokenizers writes it; by default the one beside the tower, or in
-            the folder above.
+        tokenizer: a `tokenizer.json` of the library tokenizers; by default beside the tower, or in the folder above.
 
     Raises:
         ToolkitError: a file is missing or damaged, or the tower takes or gives something else.
@@ -97,16 +96,16 @@ def _open_onnx(path: Path) -> tuple[_Runner, str]:
     from toolkit.models.onnx_graphs import hash_whole, list_inputs, load_model, run_inputs, start_session
 
     model = load_model(path)
-    # exporters order them by their names, some of them
-    inputs = sorted(list_inputs(model), key=lambda one: "mask" in one.name)
-    shapes = [tuple(dim.dim_value or None for dim in one.type.tensor_type.shape.dim) for one in inputs]
+    # ids first: some exporters sort inputs by their names
+    inputs = sorted(list_inputs(model), key=lambda entry: "mask" in entry.name)
+    shapes = [tuple(dim.dim_value or None for dim in entry.type.tensor_type.shape.dim) for entry in inputs]
     length, count = _check_shapes(path, shapes)
     with limit_memory(TRYING_BYTES + 6 * model.ByteSize()):
         session = start_session(model, path, torch.get_num_threads())
-    kinds = [np.int32 if one.type.tensor_type.elem_type == 6 else np.int64 for one in inputs]
 
     def ask(ids: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
-        given = {one.name: value.astype(kind) for one, value, kind in zip(inputs, (ids, mask), kinds, strict=False)}
+        kinds = (np.int32 if entry.type.tensor_type.elem_type == 6 else np.int64 for entry in inputs)
+        given = {entry.name: value.astype(kind) for entry, value, kind in zip(inputs, (ids, mask), kinds, strict=False)}
         return list(run_inputs(session, path, given, f"{len(ids)} texts of {ids.shape[1]} tokens"))
 
     return _Runner(length, count, ask), hash_whole(path).sha256
@@ -120,13 +119,9 @@ def _open_program(path: Path) -> tuple[_Runner, str]:
     length, count = _check_shapes(path, plain)
 
     def ask(ids: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
-        given = [torch.from_numpy(one) for one in (ids, mask)[: len(shapes)]]
-
-        def explain(error: Exception) -> ToolkitError:
-            return ToolkitError(f"{path}: fails at {len(ids)} texts: {describe_failure(error)}")
-
-        with foreign_code(explain), torch.no_grad():
-            answers = module(*given)
+        what = f"{path}: fails at {len(ids)} texts"
+        with foreign_code(lambda error: ToolkitError(f"{what}: {describe_failure(error)}")), torch.no_grad():
+            answers = module(*map(torch.from_numpy, (ids, mask)[: len(shapes)]))
         several = answers if isinstance(answers, tuple | list) else (answers,)
         return [image.float().numpy() for image in several if isinstance(image, torch.Tensor)]
 
@@ -134,7 +129,7 @@ def _open_program(path: Path) -> tuple[_Runner, str]:
 
 
 def _check_shapes(path: Path, shapes: list[tuple[int | None, ...]]) -> tuple[int | None, int | None]:
-    """How many tokens and how many texts a tower takes; None: any."""
+    """Return the numbers of tokens and texts of a tower; None: any."""
     if len(shapes) not in (1, 2) or any(len(shape) != 2 for shape in shapes):
         found = " and ".join("×".join("?" if side is None else str(side) for side in shape) for shape in shapes)
         raise ToolkitError(f"{path}: takes {found or 'nothing'}: expected token ids, n×tokens, and perhaps their mask")
@@ -142,20 +137,15 @@ def _check_shapes(path: Path, shapes: list[tuple[int | None, ...]]) -> tuple[int
 
 
 def _open_tokenizer(file: Path, length: int | None) -> tuple[Callable[[list[str]], Any], int | None]:
-    """Texts to (ids, mask), both (n, tokens) int64; and the number of tokens, None: of the longest text."""
-    try:
-        import tokenizers as library
-    except ImportError as error:
-        raise ToolkitError(
-            f"{file} needs tokenizers, which is not installed ({error}): pip install '.[clip]' in the kit's folder"
-        ) from None
+    """Return the function of texts to (ids, mask), both (n, tokens) int64, and the number of tokens, if it is fixed."""
+    library = import_package("tokenizers", "clip", str(file))
     with foreign_code(lambda error: ToolkitError(f"cannot read {file}: {describe_failure(error)}")):
         tokenizer = library.Tokenizer.from_file(str(file))
     beside = file.with_name("tokenizer_config.json")
     config = load_json(beside) if beside.is_file() else {}
     padding, cut = tokenizer.padding or {}, tokenizer.truncation or {}
     bounds = (length, padding.get("length"), cut.get("max_length"), config.get("model_max_length"))
-    length = next((int(one) for one in bounds if isinstance(one, int | float) and 0 < one <= MOST_TOKENS), None)
+    length = next((int(most) for most in bounds if isinstance(most, int | float) and 0 < most <= MOST_TOKENS), None)
     token = padding.get("pad_token") or config.get("pad_token") or ""
     token = token.get("content", "") if isinstance(token, dict) else str(token)
     number = padding.get("pad_id", tokenizer.token_to_id(token) or 0)
@@ -165,6 +155,7 @@ def _open_tokenizer(file: Path, length: int | None) -> tuple[Callable[[list[str]
 
     def tokenize(texts: list[str]) -> tuple[np.ndarray, np.ndarray]:
         found = tokenizer.encode_batch(texts)
-        return np.array([one.ids for one in found], np.int64), np.array([one.attention_mask for one in found], np.int64)
+        ids, mask = zip(*((encoding.ids, encoding.attention_mask) for encoding in found), strict=True)
+        return np.array(ids, np.int64), np.array(mask, np.int64)
 
     return tokenize, length

@@ -1,6 +1,6 @@
-"""torchvision, loaded without torch's compiler, sympy and triton: 160 MB, and as long again as torchvision itself.
+"""torchvision without torch's compiler, sympy and triton, which take 160 MB and as long again as torchvision itself.
 
-Its `roi_align` wants one function of the compiler's; the compiler is loaded when that, or another, is called.
+Its `roi_align` needs a function of the compiler; the compiler is loaded when that, or another, is called.
 """
 
 import sys

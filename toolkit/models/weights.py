@@ -28,17 +28,17 @@ FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
 NAMED_SUFFIXES = (*SUFFIXES, ".tar", ".bin")
 """Suffixes of files that somebody names: `model_best.pth.tar` and `pytorch_model.bin` as well."""
-DOWNLOAD_TIMEOUT_S = 15.0
+DOWNLOAD_TIMEOUT_S, HUB_TIMEOUT_S = 15.0, 10.0
 
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """The file that a network's weights came from.
+    """The file of a network's weights.
 
     Attributes:
         path: the file.
         sha256: of the file, 64 hex digits.
-        name: what to call it in a report: the file's name.
+        name: its name in reports: the file's name.
     """
 
     path: Path
@@ -47,17 +47,17 @@ class WeightsFile:
 
 
 def find_weights(arch: str, weights: Path | None = None) -> WeightsFile:
-    """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
+    """Find the weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
 
     Raises:
         ToolkitError: the named file is missing or of another kind, or none of the four ways has weights for `arch`.
     """
-    entry = published_weights(arch)
+    url = published_weights(arch).url
     named = None if weights is None else check_named(Path(weights))
     found = named or find_local(arch)
-    if found is None and entry.url is None:
-        raise no_weights(arch, arch, f"train one with 'toolkit train-classifier --arch {arch}': none are published")
-    return open_weights(found or download(arch, str(entry.url)))
+    if found is None and url is None:
+        raise no_weights(arch, arch, f"train it with 'toolkit train-classifier --arch {arch}': none are published")
+    return open_weights(found or download(arch, str(url)))
 
 
 def open_weights(path: Path, name: str = "") -> WeightsFile:
@@ -72,10 +72,10 @@ def open_weights(path: Path, name: str = "") -> WeightsFile:
         raise ToolkitError(f"cannot read weights {path}: {error.strerror}") from None
 
 
-def find_local(arch: str) -> Path | None:
-    """The weights file that this machine already has, without a download: TOOLKIT_WEIGHTS, then torch's cache."""
-    url = published_weights(arch).url
-    published = _published_name(url) if url else ""
+def find_local(arch: str, url: str | None = None) -> Path | None:
+    """Return the weights file on this machine: in TOOLKIT_WEIGHTS, else the published file in torch's cache."""
+    url = url or published_weights(arch).url
+    published = url.rsplit("/", 1)[-1] if url else ""
     if (found := find_in_folder(arch, published)) is not None or not url:
         return found
     cached = cache_dir() / published
@@ -83,7 +83,7 @@ def find_local(arch: str) -> Path | None:
 
 
 def find_in_folder(arch: str, preferred: str = "") -> Path | None:
-    """A network's file in the folder TOOLKIT_WEIGHTS: the one called `preferred`, else `arch-*`, else `arch`."""
+    """Return a network's file in the folder TOOLKIT_WEIGHTS: `preferred`, else `arch-*`, else `arch`."""
     folder = weights_folder()
     if folder is None:
         return None
@@ -94,19 +94,19 @@ def find_in_folder(arch: str, preferred: str = "") -> Path | None:
 
 
 def weights_folder() -> Path | None:
-    """The folder TOOLKIT_WEIGHTS, where one is set."""
+    """Return the folder TOOLKIT_WEIGHTS, if it is set."""
     folder = os.environ.get(FOLDER_VARIABLE)
     return Path(folder) if folder else None
 
 
 def cache_dir() -> Path:
-    """Where torch keeps what it downloads."""
+    """Return torch's folder of downloads."""
     import torch
 
     return Path(torch.hub.get_dir()) / "checkpoints"
 
 
-RENEW = "get the file anew, or save it again with torch.save(model.state_dict(), FILE)"
+RENEW = "download the file again, or save it again with torch.save(model.state_dict(), FILE)"
 
 
 def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
@@ -115,12 +115,11 @@ def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
 
 
 def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":
-    """Parameters by name, and what a checkpoint says beside them: labels, normalisation; nothing in it is executed.
+    """Read parameters by name, and labels and normalisation beside them; nothing in the file is executed.
 
-    Checkpoints that hold the state dict under a name are unwrapped, see `_take_state`. So are names with the `module.`
-    that DataParallel adds, or with what torch.compile and FSDP add; for other names see `unwrap_names`. Of a
-    checkpoint of MadryLab's robustness library, as those of robust-models-transfer are, the classifier alone is
-    taken, with the mean and deviation that it was trained with.
+    Checkpoints that hold the state dict under a name are unwrapped, see `_take_state`. Prefixes of DataParallel,
+    torch.compile and FSDP are removed from names; for others see `unwrap_names`. From a checkpoint of MadryLab's
+    robustness library, only the classifier is taken, with its mean and standard deviation.
 
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
@@ -131,12 +130,12 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     state = _take_state(state, file.path)
     if state is None:
         raise ToolkitError(
-            f"{file.path} holds no state dict of plain real numbers by name: save one with "
+            f"{file.path} holds no state dict of plain real numbers by name: save it with "
             "torch.save(model.state_dict(), FILE)"
         )
     size = file.path.stat().st_size
     for name, value in state.items():
-        if value.nbytes > size:  # one number that stands for many
+        if value.nbytes > size:  # a single number that stands for many
             shape = "×".join(map(str, value.shape))
             raise ToolkitError(f"{file.path}: '{name}' is {shape}, which a file of {size} bytes cannot hold: {RENEW}")
     network, normalisation = _take_from_attacker(_rename(state, _modern_name), file.path)
@@ -147,14 +146,13 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
 
 
 WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "network", "net", "module")
-"""What training programs call the network in a checkpoint, the usual ones first; means over training count last."""
+"""Keys of the network in training programs' checkpoints, the usual names first."""
 
 
 def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None":
-    """The state dict in what a checkpoint holds, None where there is none.
+    """Find the state dict in a checkpoint; None without any.
 
-    It is the whole, or one of `WRAPPERS`, or the only one that is there under another name, such as an EMA. A note
-    names those that are left out.
+    It is the whole, or under a key of `WRAPPERS`, or the only state dict, such as an EMA. A note names the others.
 
     Raises:
         ToolkitError: there are several, none of them under a usual name.
@@ -172,7 +170,7 @@ def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None"
     if not usual and len(found) > 1:
         named = " and ".join(f"'{key[:60]}'" for key in list(found)[:4])
         raise ToolkitError(
-            f"{path} holds {len(found)} state dicts, {named}: save the one that is meant with "
+            f"{path} holds {len(found)} state dicts, {named}: save the network's with "
             "torch.save(checkpoint[NAME], FILE)"
         )
     taken = usual[0] if usual else next(iter(found))
@@ -183,33 +181,33 @@ def _take_state(content: object, path: Path) -> "dict[str, torch.Tensor] | None"
 
 
 NORMALISERS = ("normalizer.", "attacker.normalize.")
-"""Where robustness's AttackerModel keeps the mean and deviation, its own and the attacker's."""
+"""Prefixes of mean and deviation in robustness's AttackerModel: its own, and the attacker's."""
 CLASSIFIERS = ("model.model.", "model.", "attacker.model.model.", "attacker.model.")
-"""And the classifier: bare, or in the DummyModel that torchvision's other networks than ResNets were put in."""
+"""Prefixes of the classifier there: as it is, or in a DummyModel, which holds torchvision's networks but ResNets."""
 
 
 def _take_from_attacker(
     state: "OrderedDict[str, torch.Tensor]", path: Path
 ) -> "tuple[OrderedDict[str, torch.Tensor], dict[str, tuple[float, ...]]]":
-    """The classifier of an AttackerModel, with `mean` and `std` of its images; any other state dict as it is."""
+    """Take the classifier of an AttackerModel, with `mean` and `std` of its images; others stay as they are."""
     normaliser = next((name for name in NORMALISERS if f"{name}new_mean" in state), None)
     if normaliser is None:
         return state, {}
-    # of two that begin alike the longer first
+    # the longest prefix that is there
     prefix = next((prefix for prefix in CLASSIFIERS if any(name.startswith(prefix) for name in state)), "model.")
     found: dict[str, tuple[float, ...]] = {}
     for field, least in (("mean", -1000.0), ("std", 1e-6)):
         value = state.get(f"{normaliser}new_{field}")
         # the shortest decimals that are the same single-precision numbers: 0.485 and not 0.48500001
-        numbers = () if value is None else tuple(float(str(one)) for one in value.detach().float().flatten().numpy())
+        numbers = () if value is None else tuple(float(str(part)) for part in value.detach().float().flatten().numpy())
         if len(numbers) != 3 or not all(math.isfinite(number) and least <= number <= 1000 for number in numbers):
-            raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected three numbers, one for each colour")
+            raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected a number for each of three colours")
         found[field] = numbers
     return _rename(state, lambda name: name[len(prefix) :] if name.startswith(prefix) else None), found
 
 
 def _rename(state: "dict[str, torch.Tensor]", rename: Callable[[str], str | None]) -> "OrderedDict[str, torch.Tensor]":
-    """A state dict under other names, without those that have none."""
+    """Rename the entries of a state dict, and drop those without a new name."""
     renamed = OrderedDict((new, value) for name, value in state.items() if (new := rename(name)) is not None)
     # torch keeps its modules' versions here, and some networks load older files another way
     versions = getattr(state, "_metadata", None)
@@ -222,13 +220,13 @@ def _rename(state: "dict[str, torch.Tensor]", rename: Callable[[str], str | None
 
 
 def _is_parameter(name: object, value: object) -> bool:
-    """Whether this is a name with numbers that a network can take: real, dense, not quantised, and there."""
+    """Whether this is a name with numbers that a network can take: real, dense, not quantised, in memory."""
     import torch
 
-    if not (isinstance(name, str) and isinstance(value, torch.Tensor)):
-        return False
-    is_plain = value.layout == torch.strided and not value.is_quantized and value.device.type == "cpu"
-    return is_plain and not value.is_complex()
+    return (
+        isinstance(name, str) and isinstance(value, torch.Tensor) and value.layout == torch.strided
+        and not value.is_quantized and value.device.type == "cpu" and not value.is_complex()
+    )  # fmt: skip
 
 
 def _modern_name(name: str) -> str | None:
@@ -243,20 +241,18 @@ def _modern_name(name: str) -> str | None:
 
 
 WRAPPED_PARTS = ("_orig_mod.", "_fsdp_wrapped_module.", "_checkpoint_wrapped_module.", "_forward_module.")
-"""What torch.compile, FSDP, activation checkpointing and Lightning put before the names of a network or its parts."""
+"""Prefixes by torch.compile, FSDP, activation checkpointing and Lightning on the names of a network or its parts."""
 
 
 def unwrap_names(
     state: "OrderedDict[str, torch.Tensor]", expected: "Iterable[str]", path: Path
 ) -> "OrderedDict[str, torch.Tensor]":
-    """The parameters that a network expects, without what a training program put before their names.
-
-    Lightning puts the attribute that holds the network, such as `model.`; what else it keeps beside it is left out.
+    """Return the parameters that a network expects, without a training program's prefix, such as Lightning's `model.`.
 
     Args:
         state: parameters by name.
         expected: the network's own names.
-        path: of the file, for messages.
+        path: path of the file, for messages.
 
     Raises:
         ToolkitError: the file holds several such networks; the message names their prefixes.
@@ -273,14 +269,14 @@ def unwrap_names(
     if len(found) > 1:
         named = " and ".join(f"'{prefix}'" for prefix in found)
         raise ToolkitError(
-            f"{path} holds {len(found)} such networks, whose names begin with {named}: save the one that is meant with "
+            f"{path} holds {len(found)} such networks, whose names begin with {named}: save the right network with "
             "torch.save(network.state_dict(), FILE)"
         )
     return _rename(state, lambda name: name[len(found[0]) :] if name.startswith(found[0]) else None)
 
 
 def name_prefix(state: "Iterable[str]") -> str:
-    """What all names of a state dict begin with, as a remark for a message; empty if they differ from the start."""
+    """Return the common prefix of all names as a remark for a message; empty without any."""
     first, *others = {name.partition(".")[0] for name in state} or {""}
     return "" if others or not first else f" (all its names begin with '{first}.')"
 
@@ -298,9 +294,10 @@ def _load(path: Path) -> object:
     try:
         if path.suffix.lower() == ".safetensors":
             return load_file(path)
-        if _is_bomb(path):
-            why = "its parts are compressed, as torch saves none"
-            raise FieldError(f"{path}: {why}: where you made it, {SAVE_STATE}", {})
+        with contextlib.suppress(BadZipFile), ZipFile(path) as archive:  # torch's older format is none
+            if is_inflated(path, archive):
+                why = "its parts are compressed, which torch never does"
+                raise FieldError(f"{path}: {why}: where you made it, {SAVE_STATE}", {})
         with limit_memory(LOADING_BYTES + 3 * path.stat().st_size):
             return torch.load(path, map_location="cpu", weights_only=True)
     except ToolkitError:
@@ -311,14 +308,11 @@ def _load(path: Path) -> object:
             raise _damaged(path, "it ends too early") from None
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
         advice = SAVE_NUMBERS if named is not None and named[1].startswith(FOREIGN) else SAVE_STATE
-        raise FieldError(
-            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: where it was made, "
-            f"{advice}",
-            {},
-        ) from None
+        why = f"{path} holds {holds} and is not loaded for safety, as loading would run its code: where it was made, "
+        raise FieldError(f"{why}{advice}", {}) from None
     except SafetensorError as error:
         raise _damaged(path, str(error).strip().splitlines()[0]) from None
-    except Exception as error:  # an unpickler trips over a damaged file in its own ways, and torch advises to run it
+    except Exception as error:  # an unpickler raises anything at a damaged file, and torch advises to run it
         what = error.strerror if isinstance(error, OSError) else None
         if is_memory_full(error):
             what = "it asks for more memory than its bytes need"
@@ -329,28 +323,18 @@ def _damaged(path: Path, what: str) -> ToolkitError:
     return ToolkitError(f"cannot read weights {path}: the file is damaged ({what}): copy it again")
 
 
-def _is_bomb(path: Path) -> bool:
-    try:
-        with ZipFile(path) as archive:
-            return is_inflated(path, archive)
-    except (BadZipFile, OSError):  # torch's older format, or damaged: its reader says so
-        return False
-
-
 def is_inflated(path: Path, archive: ZipFile) -> bool:
     """Whether what an archive holds is larger than its file: torch compresses nothing, and bombs hold 1000 times it."""
     return sum(member.file_size for member in archive.infolist()) > path.stat().st_size
 
 
 LOADING_BYTES, TRYING_BYTES = 1 << 30, 2 << 30
-"""What reading weights may take beside some copies of them, and a program of somebody else's for two images."""
-
-
+"""Memory for reading weights, beside some copies of them, and for another person's program with two images."""
 WHOLE = (".onnx", ".pt2")
 """Programs that can be named as networks themselves."""
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
 FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
-"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
+"""Modules of objects in checkpoints of MadryLab's robustness library: functions, settings, learning rates."""
 SAVE_NUMBERS = (
     "save its numbers alone with safetensors.torch.save_file({name: value.clone() for name, value in "
     "checkpoint['model'].items()}, 'NEW.safetensors'), and load that file"
@@ -363,7 +347,7 @@ PROGRAMS = {
 
 
 def find_program(path: Path) -> str | None:
-    """What a file is, where it is a whole program and no state dict, such as `a TorchScript archive`; else None."""
+    """Name the kind of a file that is a whole program and no state dict, such as `a TorchScript archive`; else None."""
     if path.suffix.lower() in PROGRAMS:
         return PROGRAMS[path.suffix.lower()]
     try:
@@ -373,13 +357,12 @@ def find_program(path: Path) -> str | None:
         return None
     if "constants.pkl" in names or any(name.startswith("code/") for name in names):
         return "a TorchScript archive"
-    return (
-        PROGRAMS[".pt2"] if any(name.startswith(("models/", "serialized_exported_program")) for name in names) else None
-    )
+    is_exported = any(name.startswith(("models/", "serialized_exported_program")) for name in names)
+    return PROGRAMS[".pt2"] if is_exported else None
 
 
 def check_named(path: Path) -> Path:
-    """The weights that were named, if they are a file of a kind that can be read; else a `ToolkitError`."""
+    """Return the path if it is a file of a kind that can be read; else raise a `ToolkitError`."""
     if not path.is_file():
         raise FieldError("no such file", {"weights": path})
     if path.suffix.lower() in NAMED_SUFFIXES:
@@ -394,17 +377,21 @@ def check_named(path: Path) -> Path:
     raise FieldError(f"is {program}: expected a network's weights ({kinds}): {way}", {"weights": path})
 
 
-def _published_name(url: str) -> str:
-    return url.rsplit("/", 1)[-1]
+def find_commit(repo: str, filename: str, revision: str | None) -> str:
+    """Return the commit of a file of the Hugging Face hub; asks once, as a download would retry for half a minute."""
+    from huggingface_hub import get_hf_file_metadata, hf_hub_url
+
+    url = hf_hub_url(repo, filename, revision=revision)
+    return str(get_hf_file_metadata(url, timeout=HUB_TIMEOUT_S).commit_hash)
 
 
 def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
-    """A published file into torch's own cache, checked against the hash in its name; else a `ToolkitError`."""
+    """Download a published file into torch's cache, checked against the hash in its name; else a `ToolkitError`."""
     from http.client import HTTPException
 
     import torch
 
-    name = _published_name(url)
+    name = url.rsplit("/", 1)[-1]
     target = cache_dir() / name
     digits = re.search(r"-([0-9a-f]{8,})\.", name)
     try:
@@ -419,7 +406,7 @@ def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path
 
 
 def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
-    """The error of a network whose weights cannot be had: the ways that every network has, then its `others`."""
+    """Return the error of a network without weights: the ways that every network has, then its `others`."""
     folder = weights_folder()
     looked = f"{folder} has none" if folder else "not set"
     return FieldError(

@@ -1,1 +1,1 @@
-"""What is photographed: specs, meshes, textures, and the files of what is put on an object."""
+"""Objects to photograph: specs, meshes, textures, and the files of boosters."""

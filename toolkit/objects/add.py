@@ -22,21 +22,21 @@ from toolkit.objects.spec import Axis, ObjectRequest, axes_of_format, read_spec
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
 USUAL_MM = (20.0, 3000.0)
-"""Lengths in mm of things that stand before a camera: other lengths are asked about."""
+"""Usual lengths of objects before a camera: for others, a question is printed."""
 DEFAULT_PATCH_MM = printed_size_mm(100)
-"""Side of a patch of 100 px in mm, which training makes by default."""
+"""Side of the default patch of 100 px."""
 
 
 @dataclass(frozen=True)
 class AddedObject:
-    """What was made.
+    """An object that was added.
 
     Attributes:
         item: the object on the table.
         spec_file: its spec.
-        mesh_files: the mesh and what it names, in the workspace.
-        length_is_guessed: the format states no unit and no length was given.
-        file_length: longest side as the file has it, in metres for a glTF.
+        mesh_files: the mesh and the files that it names, in the workspace.
+        length_is_guessed: whether the format states no unit and no length was given.
+        file_length: longest side in the file's unit, metres for a glTF.
         unseen: those of `mesh_files` that the object does not show, such as normal maps.
     """
 
@@ -48,7 +48,7 @@ class AddedObject:
     unseen: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a script."""
+        """Return all of it for a script."""
         return {
             "name": self.item.name, "class": self.item.spec.class_name, "spec": str(self.spec_file),
             "files": [str(file) for file in self.mesh_files], "scale": self.ask_scale(),
@@ -57,7 +57,7 @@ class AddedObject:
         }  # fmt: skip
 
     def lines(self) -> Iterator[str]:
-        """What was made, a sentence each."""
+        """Describe the object, a sentence a line."""
         item = self.item
         size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
         yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
@@ -72,7 +72,7 @@ class AddedObject:
         return asked and f"{asked}: measure the longest side and set length_mm in {self.spec_file.name}"
 
     def ask_scale(self) -> str | None:
-        """What to make sure of where the length is the file's and unusual, or is a guess; else None."""
+        """Ask about the length if it is a guess, or unusual in the file; else None."""
         length_mm, raw = self.item.spec.length_mm, self.file_length
         is_gltf = self.mesh_files[0].suffix.lower() in (".glb", ".gltf")
         if not self.length_is_guessed:
@@ -85,19 +85,19 @@ class AddedObject:
             if USUAL_MM[0] <= raw * factor <= USUAL_MM[1] and not (is_gltf and unit == "metres")
         ]
         meant = f" ({' or '.join(fitting)}?)" if fitting else ""
-        stated = f"{raw:.4g} m long, as it says" if is_gltf else f"{raw:.4g} long and states no unit"
-        return f"the mesh is {stated}{meant}; {length_mm:.4g} mm are taken"
+        stated = f"{raw:.4g} m long in the file" if is_gltf else f"{raw:.4g} long and states no unit"
+        return f"the mesh is {stated}{meant}; {length_mm:.4g} mm are assumed"
 
 
 def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) -> AddedObject:
     """Copy a mesh with the files it names into `rig/objects/NAME/` and write `rig/objects/NAME.toml`.
 
-    A mesh that lies in `rig/objects` already stays where it is. The spec is written last, so that an interruption
-    leaves no object with half of its files.
+    A mesh in `rig/objects` stays where it is. The spec is written last, so that an interruption leaves no object with
+    half of its files.
 
     Raises:
-        ToolkitError: the mesh cannot be used, names files that are missing or not in its folder, the name is taken or
-            is none, a length is no length, or a folder to write to is a link.
+        ToolkitError: the mesh cannot be used, or names files that are missing or not in its folder; the name or a
+            length is wrong, or the name is taken; or a folder to write to is a link.
 
     Example:
         >>> _ = trimesh.creation.box((0.1, 0.2, 0.3)).export("crate.glb")  # metres, y up
@@ -117,7 +117,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     length_mm = request.length_mm or (stated_mm if 1 <= stated_mm < 100_000 else GUESSED_LENGTH_MM)
     usual_up, usual_front = _usual_axes(mesh_file)
     up, front = request.up or usual_up, request.front or usual_front
-    turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
+    turn_upright(mesh, up, front)  # refuses two names of the same axis before anything is written
 
     place = Workspace(real_path(workspace.root)).objects_dir
     unseen = unseen_files(mesh_file) if is_gltf else set()
@@ -145,10 +145,7 @@ def _check_name(workspace: Workspace, name: str, replace: bool) -> None:
 
 
 def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
-    """Up and front: glTF's by its specification; the other formats state none, and stand as modellers write them.
-
-    Blender and CAD programs look at an object's front along +y with z up, which they write as y up and front z in OBJ.
-    """
+    """Return up and front: glTF's by its specification, for other formats as Blender and CAD programs write them."""
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
         return axes_of_format(mesh_file.name)
@@ -165,13 +162,13 @@ def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple
         ("length_mm", f"{length_mm:.6g}", "longest side of the real object, for printing and the camera's distance"),
         ("# world_length_m", f"{length_mm / MM_PER_M:.4g}", "of what it is a model of, for worlds outdoors"),
         ("up", _quote(axes[0]), "the mesh's axis that points up: x, y, z, -x, -y or -z"),
-        ("front", _quote(axes[1]), "and the one that points to the front"),
+        ("front", _quote(axes[1]), "the mesh's axis that points to the front"),
         ("", "", ""),
         ("[patch]", "", "where the printed patch is taped"),
         ("at", _quote(request.print_side or "top"), "top, front, back, left or right"),
         (*size.rsplit(" = ", 1), "side of the printed patch; without it, the size in the patch's record"),
         ("offset_mm", "[0, 0]", "from the middle of that side: right and up; for the top, forward and left"),
-        ("rotation_deg", "0", "turn of the patch, counter-clockwise as one sees it"),
+        ("rotation_deg", "0", "turn of the patch, counter-clockwise, seen from outside"),
     ]
     starts = [f"{key} = {value}" if value else key for key, value, _ in fields]
     width = max(map(len, starts)) + 2
@@ -184,15 +181,13 @@ def _quote(value: str | int) -> str:
 
 
 def find_named_files(mesh_file: Path) -> list[Path]:
-    """The files that a mesh names, all in its folder or below: material libraries, textures, buffers.
-
-    OBJ's `mtllib` and the maps in it, the `uri`s of glTF's buffers and images, and PLY's `TextureFile`.
+    """List the files that a mesh names, in its folder or below: material libraries, textures, buffers.
 
     Raises:
-        ToolkitError: one is missing, or lies outside the mesh's folder.
+        ToolkitError: a file is missing, or lies outside the mesh's folder.
     """
     if not mesh_file.is_file():
-        return []  # reading says so
+        return []  # reading reports it
     suffix = mesh_file.suffix.lower()
     if suffix in (".glb", ".gltf"):
         return _check_files(mesh_file, named_files(mesh_file))

@@ -1,4 +1,4 @@
-"""An object made ready for a texture that is trained: one sheet for all its faces but those that keep their paint."""
+"""Prepare an object for a trained texture: a common sheet for all its faces but those that keep their paint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,25 +13,26 @@ from toolkit.objects.unwrap import unwrap as make_corner_uv
 
 ROUNDING_PX = 1e-4
 """Texture coordinates are float32: closer than this to a texel's border counts as on it."""
-
 STRIPS = 4_000_000
-"""Rows of texels that are worked on at once; bounds the memory."""
+"""Most rows of texels at once; bounds the memory."""
 
 
 def cover_texels(corner_uv: np.ndarray, n: int) -> np.ndarray:
-    """The texels of an n × n texture that triangles touch, however thin they are.
-
-    A triangle's part in each row of texels is worked out exactly, so a sliver covers every texel that it crosses, and a
-    triangle without area the texels that it lies in.
+    """Find the texels of an n × n texture that triangles touch, exactly, also slivers and triangles without area.
 
     Args:
-        corner_uv: (m, 3, 2), u right and v up; outside [0, 1] the texture repeats.
+        corner_uv: (m, 3, 2), u right and v up; the texture repeats.
         n: side of the texture.
 
     Returns:
         (n, n) bool, row 0 at v = 1.
     """
-    x, y = _texel_coordinates(corner_uv, n)
+    # in texels, each triangle moved by whole textures to where it starts in the first
+    uv = np.asarray(corner_uv, np.float64)
+    places = np.stack([uv[..., 0], 1 - uv[..., 1]], axis=-1) * n
+    outside = (places.min(axis=1) < -ROUNDING_PX) | (places.max(axis=1) > n + ROUNDING_PX)
+    tile = np.floor(places.min(axis=1) / n + 1e-9) * outside
+    x, y = np.moveaxis(places - tile[:, None] * n, -1, 0)
     first, last = _touched(y)
     rows = last - first + 1
     # a scan by rows: the sum of starts and ends so far says how many triangles cover a texel
@@ -48,17 +49,6 @@ def cover_texels(corner_uv: np.ndarray, n: int) -> np.ndarray:
         change += _runs(row, left, right, n)
         done = upto
     return np.cumsum(change.reshape(n, n + 1), axis=1)[:, :n] > 0
-
-
-def _texel_coordinates(corner_uv: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) columns and rows in texels, each triangle moved by whole textures to where it starts in the first."""
-    uv = np.asarray(corner_uv, np.float64)
-    places = np.stack([uv[..., 0], 1 - uv[..., 1]], axis=-1) * n
-    outside = (places.min(axis=1) < -ROUNDING_PX) | (places.max(axis=1) > n + ROUNDING_PX)
-    # moved by whole textures only: which texels are touched stays the same
-    tile = np.floor(places.min(axis=1) / n + 1e-9) * outside
-    places -= tile[:, None] * n
-    return places[..., 0], places[..., 1]
 
 
 def _touched(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +81,7 @@ def _row_extent(x: np.ndarray, y: np.ndarray, row: np.ndarray) -> tuple[np.ndarr
 
 
 def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.ndarray:
-    """(n · (n + 1),) starts and ends of the runs; what goes past the right border comes in again at the left."""
+    """(n · (n + 1),) starts and ends of the runs, which wrap from the right border to the left."""
     row = np.where((row == n) | (row == -1), np.clip(row, 0, n - 1), row % n)
     whole = right - left + 1 >= n
     left, right = np.where(whole, 0, left), np.where(whole, n - 1, right)
@@ -106,16 +96,7 @@ def _runs(row: np.ndarray, left: np.ndarray, right: np.ndarray, n: int) -> np.nd
 
 
 def nearest_covered(covered: np.ndarray) -> np.ndarray:
-    """The flat index of the texel that each texel takes its colour from: itself, or the nearest covered one.
-
-    Filters reach over the texture's border to the opposite side, so nearness does too.
-
-    Args:
-        covered: (n, n) bool, at least one True.
-
-    Returns:
-        (n, n) int64.
-    """
+    """(n, n) int64 flat index of the nearest covered texel of each, across borders, as filters do; (n, n) bool."""
     from scipy.ndimage import distance_transform_edt
 
     n = len(covered)
@@ -127,11 +108,11 @@ def nearest_covered(covered: np.ndarray) -> np.ndarray:
 
 
 STEPS = 4
-"""A face is looked at in the middle of each of STEPS² equal parts."""
+"""A face is sampled in the middle of each of STEPS² equal parts."""
 
 
 def choose_kept(mesh: Mesh, keep: Sequence[str] = (), keep_image: np.ndarray | None = None) -> np.ndarray:
-    """The faces that keep their paint: those of some materials, and those mostly under the marks of an image.
+    """Return the faces that keep their paint: of some materials, or mostly under the marks of an image.
 
     Args:
         mesh: the object.
@@ -194,29 +175,28 @@ def _middles(steps: int) -> np.ndarray:
 
 
 PAINT_SAMPLES, MOST_PARTS, SAMPLES_AT_ONCE = 3, 1024, 2_000_000
-"""Paint is looked up so often along a texel, in so many parts of a triangle's side at most, and so many at once."""
+"""Samples of the paint along a texel, most parts of a triangle's side, and most samples at once."""
 SIDES_PX = (8, 1024)
 GROUND = 128
-"""Grey level of the sheet before anything is trained."""
+"""Grey level of the sheet before training."""
 WITHOUT_UV = 0.05
-"""With more than this share of the surface without an area on the texture, the mesh's own coordinates do not do."""
+"""Largest share of the surface without an area on the texture for the mesh's own coordinates."""
 UV_ROUNDING = 1e-3
-"""So far beyond [0, 1] own coordinates may lie: exporters round."""
+"""Own coordinates may exceed [0, 1] by this: exporters round."""
 MOST_REPEATS = 8
-"""A texture that repeats more often over the object is no sheet to train."""
+"""A texture that repeats more often over the object cannot be trained."""
 
 
 @dataclass(frozen=True)
 class Atlas:
-    """A mesh whose trained faces share one square texture.
+    """A mesh whose trained faces share a square texture.
 
     Attributes:
-        mesh: the given mesh's triangles in their order, with their normals. The materials of all trained faces refer
-            to one texture array (roughness kept, metallic 0); kept faces have their own material and coordinates.
+        mesh: the given mesh's triangles in their order, with their normals. The materials of all trained faces share
+            a texture array (roughness kept, metallic 0); kept faces have their own material and coordinates.
         trained: (m,) bool per face.
         covered: (n, n) bool, texels that a trained face touches: the free parameters; row 0 at v = 1.
-        source: (n, n) int64, flat index of the texel that each texel takes its colour from: itself where covered, else
-            the nearest covered one, so that filters do not mix in what is no part of the object.
+        source: (n, n) int64, flat index of the nearest covered texel, whose colour each texel takes for the filters.
         unwrapped: whether the coordinates of the trained faces were made here; else they are the mesh's own.
     """
 
@@ -249,13 +229,13 @@ def make_atlas(
         keep: names of materials that keep their paint.
         keep_image: (h, w) bool in the mesh's own texture coordinates, row 0 at v = 1; a face mostly under True keeps
             its paint.
-        unwrap: whether to make new texture coordinates; by default only where the mesh's own cannot carry a texture:
-            several pictures share them, more than 5 % of the surface has no area on the texture, or they leave it.
-        corner_uv: (m, 3, 2) coordinates that an earlier call made, used instead of making them again.
+        unwrap: whether to make new texture coordinates; by default only if several pictures share the mesh's own, they
+            leave the texture, or over 5 % of the surface has no area on it.
+        corner_uv: (m, 3, 2) coordinates of an earlier call, used instead of making them again.
 
     Raises:
-        ToolkitError: n is out of range, `keep` or `keep_image` do not fit the mesh or keep all of it, `corner_uv` is of
-            another mesh, the mesh has no coordinates though `unwrap` is False, or xatlas is missing.
+        ToolkitError: n is out of range; `keep`, `keep_image` or `corner_uv` do not fit the mesh, or keep all of it; the
+            mesh has no coordinates though `unwrap` is False; or xatlas is missing.
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not SIDES_PX[0] <= n <= SIDES_PX[1]:
         raise ToolkitError(f"a texture's side: expected {SIDES_PX[0]} to {SIDES_PX[1]} texels, found {n}")
@@ -278,7 +258,7 @@ def make_atlas(
 
 
 def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
-    """The mesh with a texture on its trained faces.
+    """Return the mesh with a texture on its trained faces.
 
     Args:
         atlas: the object.
@@ -300,7 +280,7 @@ def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
 
 
 def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mesh:
-    """The mesh with a picture in its own texture coordinates, in place of its paint.
+    """Return the mesh with a picture in its own texture coordinates, in place of its paint.
 
     Args:
         mesh: the object.
@@ -313,26 +293,25 @@ def lay_picture(mesh: Mesh, pixels: np.ndarray, keep: Sequence[str] = ()) -> Mes
     worn = ~choose_kept(mesh, keep)
     if not _own_uv_serve(mesh, worn):
         raise ToolkitError(
-            "its texture coordinates do not carry one picture: they are missing, leave the picture, or several "
-            "pictures share them; keep the paint of the other materials, or lay it on the pieces as a pattern"
+            "its texture coordinates are missing, leave the picture, or belong to several pictures: keep the paint of "
+            "the other materials, or use the picture as a pattern on the pieces"
         )
     return _share_sheet(mesh, worn, pixels)
 
 
 def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
-    """The object's own paint as a texture of an atlas: the mean light of what falls on each texel.
+    """Return the object's own paint as a texture of an atlas: the mean light in each texel.
 
     Args:
         atlas: the object made ready.
-        mesh: as `make_atlas` was given it, whose triangles are the atlas' in their order.
+        mesh: mesh for `make_atlas`, with the atlas' triangles in their order.
 
     Returns:
-        (n, n, 3) uint8, sRGB-encoded, row 0 at v = 1; what no triangle covers has the colour of the nearest that one
-        does.
+        (n, n, 3) uint8, sRGB-encoded, row 0 at v = 1; uncovered texels have the colour of the nearest covered texel.
     """
     n, material = atlas.n, mesh.face_material
     worn = [mesh.materials[k].texture.reshape(-1, 3) for k in np.unique(material[atlas.trained])]
-    if worn and all((one == worn[0][0]).all() for one in worn):  # of one colour, wherever one looks
+    if worn and all((texels == worn[0][0]).all() for texels in worn):  # the same colour everywhere
         return np.tile(worn[0][0], (n, n, 1))
     light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
     own_uv = mesh.uv[mesh.faces].astype(np.float64)
@@ -364,8 +343,8 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
 
 
 def _weigh_corners(weights: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
-    """(f, s, 2) coordinates at barycentric weights (s, 3) of triangles (f, 3, 2)."""
-    # corner by corner along the samples: several times as fast as einsum, and the same to the last bit
+    """(f, s, 2) places at barycentric weights (s, 3) of triangles (f, 3, 2)."""
+    # corner by corner: several times as fast as einsum, and the same to the last bit
     a, b, c = (np.moveaxis(corner_uv[:, k], 1, 0)[..., None] * weights[:, k] for k in range(3))
     a += b
     a += c
@@ -373,12 +352,12 @@ def _weigh_corners(weights: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
 
 
 def dilate(texture: np.ndarray, atlas: Atlas) -> np.ndarray:
-    """A texture (n, n, …) whose uncovered texels have the colour of the nearest covered one."""
+    """Fill the uncovered texels of a texture (n, n, …) with the colour of the nearest covered texel."""
     return texture.reshape(atlas.n * atlas.n, *texture.shape[2:])[atlas.source]
 
 
 def _own_uv_serve(mesh: Mesh, trained: np.ndarray) -> bool:
-    """Whether the mesh's own texture coordinates can carry one texture on the trained faces."""
+    """Whether the mesh's own texture coordinates can carry a texture on the trained faces."""
     worn = [mesh.materials[i] for i in np.unique(mesh.face_material[trained])]
     if any(material.name == COLOURS for material in worn):
         return False
@@ -393,11 +372,11 @@ def _own_uv_serve(mesh: Mesh, trained: np.ndarray) -> bool:
 def _check_own_uv(mesh: Mesh, trained: np.ndarray) -> None:
     uv = mesh.uv[mesh.faces[trained]]
     if not np.isfinite(uv).all() or not (_uv_area(uv) > 0).any():
-        raise ToolkitError("the mesh has no texture coordinates of its own: let new ones be made")
+        raise ToolkitError("the mesh has no texture coordinates: let new coordinates be made")
     if np.ptp(uv.reshape(-1, 2), axis=0).max() > MOST_REPEATS:
         raise ToolkitError(
             f"the mesh's texture coordinates, from {uv.min():.3g} to {uv.max():.3g}, repeat the texture too often: "
-            "let new ones be made"
+            "let new coordinates be made"
         )
 
 
@@ -426,7 +405,7 @@ def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 
 
 def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
-    """The mesh with other texture coordinates; vertices are doubled where those of their faces differ."""
+    """Return the mesh with other texture coordinates; vertices whose faces differ in them are doubled."""
     index = mesh.faces.reshape(-1).astype(np.int64)
     bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
     first, inverse = group_rows([index, *bits.T])
@@ -438,7 +417,7 @@ def split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
 
 
 def _share_sheet(mesh: Mesh, trained: np.ndarray, sheet: np.ndarray) -> Mesh:
-    """The mesh with one array as the texture of all trained faces; a material of both sorts of faces becomes two."""
+    """Give all trained faces the same texture array; a material of both sorts of faces becomes two."""
     materials: list[Material] = []
     face_material = np.zeros(len(mesh.faces), np.int32)
     for index, material in enumerate(mesh.materials):

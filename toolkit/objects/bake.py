@@ -1,4 +1,4 @@
-"""A picture made anew, face by face: for colours that no look-up in the old picture gives."""
+"""Make a new picture face by face, for colours that no look-up in the old picture gives."""
 
 from collections.abc import Callable
 
@@ -16,12 +16,12 @@ AT_ONCE = 1 << 20
 def bake_faces(
     sides: np.ndarray, colour_at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A square block of texels for each face, whose corners lie in the middles of three of its corner texels.
+    """Make a square block of texels for each face, whose corners lie in the middles of three of its corner texels.
 
     Args:
-        sides: (m,) how many texels a side each face asks for.
-        colour_at: (n,) faces, (n, 3) weights of their corners -> (n, 3) linear light. Weights may be negative: beyond
-            the face's long side the blend goes on evenly.
+        sides: (m,) texels a side that each face asks for.
+        colour_at: (n,) faces, (n, 3) weights of their corners -> (n, 3) linear light. Weights beyond the face's long
+            side are negative.
 
     Returns:
         (m, 3, 2) float32 texture coordinates, v up; and the picture, (h, w, 3) uint8, sRGB-encoded.
@@ -36,9 +36,9 @@ def bake_faces(
     column, row = unfold(starts, depth)
     width, height = 1 << depth, int((row + 2**level).max())
     texture = np.zeros((height, width, 3), np.uint8)
-    for one in np.unique(level):
-        side = 1 << int(one)
-        chosen = np.flatnonzero(level == one)
+    for size in np.unique(level):
+        side = 1 << int(size)
+        chosen = np.flatnonzero(level == size)
         y, x = np.divmod(np.arange(side * side), side)
         weights = np.stack([1 - (x + y) / (side - 1), x / (side - 1), y / (side - 1)], axis=1)
         step = max(AT_ONCE // len(x), 1)

@@ -1,7 +1,4 @@
-"""Meshes for other programs: GLB in metres, OBJ and 3MF in millimetres, and an HTML page to turn one in.
-
-Before it is printed in 3D: whether a surface is closed, and how thick its walls are.
-"""
+"""Meshes for other programs: GLB in metres, OBJ and 3MF in millimetres, an HTML viewer, and a check for 3D printing."""
 
 from dataclasses import dataclass, replace
 from html import escape
@@ -12,7 +9,7 @@ from uuid import NAMESPACE_URL, uuid5
 import numpy as np
 from PIL import Image
 
-from toolkit.objects.mesh import Material, Mesh, cross_products, group_places, group_rows, load_open3d, make_ray_scene
+from toolkit.objects.mesh import Mesh, cross_products, group_places, group_rows, load_open3d, make_ray_scene
 from toolkit.objects.records import encode_png
 
 if TYPE_CHECKING:
@@ -21,17 +18,17 @@ if TYPE_CHECKING:
 
 SAMPLES = 20_000
 THIN_MM = 1.0
-"""What services for colour printing in gypsum, resin or nylon ask of a wall at least."""
+"""Thinnest wall of services for colour printing in gypsum, resin or nylon."""
 EDGE_DEG = 45.0
-"""Sides that stand to each other at more than this are an edge of the object, not the two sides of a wall."""
+"""Sides at a larger angle are an edge of the object, not the two sides of a wall."""
 STEP_MM = 1e-3
-"""A ray starts this far below the surface, so that it does not meet the triangle that it comes from."""
+"""A ray starts this far below the surface, so that it does not hit its own triangle."""
 
 
 def join_places(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices at one place joined into one: (n, 3) float32 places, (k, 3) int32 faces of them, (k,) rows of `faces`.
+    """Join vertices at the same place: (n, 3) float32 places, (k, 3) int32 faces of them, (k,) rows of `faces`.
 
-    Triangles two of whose corners fall together are left out.
+    Triangles with two corners at the same place are left out.
     """
     first, place = group_places(mesh.vertices)
     joined = place[mesh.faces]
@@ -41,12 +38,12 @@ def join_places(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Soundness:
-    """How a surface stands to being printed in 3D.
+    """Fitness of a surface for 3D printing.
 
     Attributes:
-        open_edges: edges of one triangle alone, where the surface has a border.
-        tangled_edges: edges of more than two triangles, or that two run through in one direction.
-        thinnest_mm: thickness that one place of a thousand falls below; None for a surface without an inside.
+        open_edges: edges of a single triangle, at a border of the surface.
+        tangled_edges: edges of more than two triangles, or of two in the same direction.
+        thinnest_mm: 0.1 % quantile of the walls' thickness; None for a surface without an inside.
         thin_share: share of the surface whose wall is under `THIN_MM`.
     """
 
@@ -57,17 +54,14 @@ class Soundness:
 
     @property
     def is_watertight(self) -> bool:
-        """Whether every edge joins two triangles that face one way."""
+        """Whether every edge joins two triangles that face the same way."""
         return self.open_edges == self.tangled_edges == 0
 
     def describe(self) -> str:
-        """One line for people."""
-        if self.is_watertight:
-            closed = "watertight"
-        else:
-            parts = [(self.open_edges, "open"), (self.tangled_edges, "tangled")]
-            counted = " and ".join(f"{count:,} {word} edges" for count, word in parts if count)
-            closed = f"not watertight ({counted}): let the printer's program repair it"
+        """Describe it in a line."""
+        parts = [(self.open_edges, "open"), (self.tangled_edges, "tangled")]
+        counted = " and ".join(f"{count:,} {word} edges" for count, word in parts if count)
+        closed = f"not watertight ({counted}): let the printer's program repair it" if counted else "watertight"
         if self.thinnest_mm is None:
             return f"{closed}; no walls to measure"
         thin = f", {100 * self.thin_share:.2g} % of them under {THIN_MM:g} mm" if self.thin_share else ""
@@ -75,21 +69,17 @@ class Soundness:
 
 
 def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
-    """Count the edges that are not closed, and measure the walls.
+    """Count the edges that are not closed, and measure the walls of a mesh in millimetres.
 
-    A wall's thickness at a place is the way of a ray from it straight inwards to where it leaves the object; parts that
-    overlap count as one. Rays are cast from `SAMPLES` places spread by area.
-
-    Args:
-        mesh: in millimetres.
-        seed: of the places.
+    A wall's thickness at a place is the length of a ray straight inwards, to where it leaves the object and all parts
+    that overlap. Rays are cast from `SAMPLES` places spread by area, drawn by `seed`.
     """
     faces = join_places(mesh)[1]
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     low, high = edges.min(axis=1), edges.max(axis=1)
     first, index = group_rows([low, high])
     count = np.bincount(index, minlength=len(first))
-    # two triangles that face one way run along their edge in opposite directions: the sum is 0
+    # two triangles that face the same way run along their edge in opposite directions: the sum is 0
     balance = np.bincount(index, np.where(edges[:, 0] == low, 1, -1), minlength=len(first))
     open_edges = int((count == 1).sum())
     tangled = int(((count > 2) | ((count == 2) & (balance != 0))).sum())
@@ -100,12 +90,8 @@ def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
 
 
 def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
-    """Thickness in mm of the wall below places drawn by area.
-
-    Places inside other parts, and those whose ray never leaves, are left out.
-    """
+    """Return wall thicknesses in mm below places drawn by area, but those inside other parts or without an exit."""
     o3d = load_open3d()
-
     cross = cross_products(mesh.vertices[mesh.faces])
     length = np.linalg.norm(cross, axis=1)
     normal = cross / np.maximum(length, 1e-20)[:, None]
@@ -119,10 +105,10 @@ def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
     ray, way, met = (found[key].numpy() for key in ("ray_ids", "t_hit", "primitive_ids"))
     order = np.lexsort([way, ray])
     ray, way, met = ray[order].astype(np.int64), way[order], met[order].astype(np.int64)
-    # one deep at the start; each surface met leaves a part (+1) or enters another (-1)
+    # inside a single part at the start; each surface on the way leaves a part (+1) or enters another (-1)
     facing = np.einsum("ij,ij->i", normal[met], -normal[face[ray]])
     leaves = np.where(facing > 0, 1, -1)
-    # a ray that starts one deep leaves once more than it enters; others start in another part, or leave by a hole
+    # such a ray leaves once more than it enters; others start in two parts, or leave by a hole
     net = np.bincount(ray, leaves, SAMPLES)
     sound = net[ray] == 1
     ray, way, facing, leaves = ray[sound], way[sound], facing[sound], leaves[sound]
@@ -139,19 +125,19 @@ MM_PER_M = 1000.0
 T_GLTF_WORLD = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)
 """Front +x -> +z, left +y -> +x, up +z -> +y: axes of glTF, and of USD with y up."""
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
-"""As the rig looks textures up: linear between texels and between levels of detail, and repeating."""
+"""The rig's look-up of textures: linear between texels and between levels of detail, and repeating."""
 
 
 def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = False) -> bytes:
-    """A binary glTF with one primitive per material; a picture that several materials share is embedded once.
+    """Write a binary glTF with a primitive for each material; a shared picture is embedded once.
 
-    Faces are drawn from both sides, as the rig does it.
+    Faces are drawn from both sides, as in the rig.
 
     Args:
         mesh: an object, in millimetres, or a world.
-        name: of the scene.
-        units_per_m: of the mesh's vertices; 1 where they are in metres.
-        lamps: whether what materials give off is written, as emissive textures.
+        name: name of the scene.
+        units_per_m: units of the mesh's vertices; 1 for metres.
+        lamps: whether the emission of materials is written, as emissive textures.
     """
     scene, looks = _make_scene(mesh, name, units_per_m, lamps)
 
@@ -172,7 +158,7 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
 def _make_scene(
     mesh: Mesh, name: str, units_per_m: float, lamps: bool = False
 ) -> "tuple[Scene, dict[str, tuple[str, int]]]":
-    """A piece for each material, y up and front to +z, and by the piece's name that of its material and its sheet."""
+    """Make a piece for each material, y up and front to +z, and by its name that of its material and its sheet."""
     import trimesh
 
     scene = trimesh.Scene(base_frame=name)
@@ -184,12 +170,15 @@ def _make_scene(
             continue
         used, inverse = np.unique(faces, return_inverse=True)
         known = id(material.texture) in sheets
-        unique = f"{material.name}-{index}"  # of two nodes with one name, trimesh keeps the last
+        unique = f"{material.name}-{index}"  # of two nodes with the same name, trimesh keeps the last
         looks[unique] = material.name, sheets.setdefault(id(material.texture), len(sheets))
+        emission = {}
+        if lamps and material.emission is not None and material.emission.any():
+            emission = {"emissiveTexture": Image.fromarray(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
         look = trimesh.visual.material.PBRMaterial(
             name=unique, baseColorTexture=None if known else Image.fromarray(material.texture),
             metallicFactor=float(material.metallic), roughnessFactor=float(material.roughness), doubleSided=True,
-            **(_emission_of(material) if lamps else {}),
+            **emission,
         )  # fmt: skip
         piece = trimesh.Trimesh(
             vertices=mesh.vertices[used] @ T_GLTF_WORLD.T / units_per_m, faces=inverse.reshape(-1, 3),
@@ -200,15 +189,8 @@ def _make_scene(
     return scene, looks
 
 
-def _emission_of(material: Material) -> dict[str, Any]:
-    """What a material gives off, as trimesh takes it."""
-    if material.emission is None or not material.emission.any():
-        return {}
-    return {"emissiveTexture": Image.fromarray(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
-
-
 def unit_normals(normals: np.ndarray) -> np.ndarray:
-    """Normals of length 1; those of faces without area, which have none, point up."""
+    """Scale normals to length 1; those of faces without area point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 1e-6, normals / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
 
@@ -234,10 +216,10 @@ TEXTURE_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dtexture"
 
 
 def to_3mf(mesh: Mesh, name: str) -> bytes:
-    """A 3MF package for colour 3D printers: one object in millimetres, z up, with a texture group for each picture.
+    """Write a 3MF package for colour 3D printers: an object in millimetres, z up, a texture group for each picture.
 
-    Vertices at one place are joined, so that a closed surface is closed in the file too; triangles that lose their area
-    by it are left out. The object stands in the corner of the bed. The same mesh gives the same bytes.
+    Vertices are joined as in `join_places`, so that a closed surface is closed in the file. The object stands in the
+    corner of the bed. The same mesh gives the same bytes.
 
     Source: 3MF core specification 1.3; materials and properties extension 1.2.
     """
@@ -250,9 +232,8 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
     picture_of = [id(material.texture) for material in mesh.materials]
     properties = np.zeros((len(joined), 4), np.uint32)  # the group, and a place of the picture for each corner
     for number, known in enumerate(dict.fromkeys(picture_of), start=1):
-        rows = np.flatnonzero(
-            np.isin(mesh.face_material[kept], [i for i, one in enumerate(picture_of) if one == known])
-        )
+        materials = [i for i, picture_id in enumerate(picture_of) if picture_id == known]
+        rows = np.flatnonzero(np.isin(mesh.face_material[kept], materials))
         if not len(rows):
             continue
         picture = mesh.materials[picture_of.index(known)].texture
@@ -293,20 +274,16 @@ font:15px/1.4 system-ui,sans-serif;background:#fffc;color:#1b1f24">{words}</p>""
 
 
 def make_turntable(mesh: Mesh, title: str, words: str) -> str | None:
-    """A page that shows a mesh turning until it is touched, then as it is dragged; None for a mesh too large for it.
+    """Return a page with a turning mesh that can be dragged, in trimesh's viewer; None for a mesh too large for it.
 
-    The viewer is the one that trimesh brings along, three.js inlined.
-
-    Args:
-        mesh: on the table; its front comes first.
-        title, words: of the page, and below the picture.
+    `title` is the page's, `words` stand below the picture.
     """
     if len(mesh.faces) > MOST_TRIANGLES:
         return None
     import trimesh
     from trimesh.viewer.notebook import scene_to_html
 
-    # metal shows what is round it, and here is nothing
+    # metal reflects its surroundings, and here are none
     dull = tuple(replace(material, metallic=0.0, roughness=max(material.roughness, 0.6)) for material in mesh.materials)
     scene = trimesh.load_scene(BytesIO(to_glb(replace(mesh, materials=dull), title)), file_type="glb")
     page = scene_to_html(scene)

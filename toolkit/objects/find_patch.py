@@ -1,4 +1,4 @@
-"""Which patch of a workspace is an object's."""
+"""Find an object's patch in a workspace."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from toolkit.objects.spec import ObjectSpec
 
 
 def find_patch(workspace: Workspace, item: TableObject) -> Patch:
-    """The patch of an object: the one that bears its name, else one trained for its class.
+    """Read the patch of an object: that of its name, else a patch trained for its class.
 
     Raises:
         ToolkitError: there is none, or its files do not match.
@@ -22,16 +22,12 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
     where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
     raise ToolkitError(
         f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
-        f"one with 'toolkit train-patch --object {item.name}{where}', or shoot "
-        "--variant unpatched"
+        f"it with 'toolkit train-patch --object {item.name}{where}', or shoot --variant unpatched"
     )
 
 
 def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
-    """The PNG that `find_patch` reads; None where the object has no patch.
-
-    Broken patches of other names are left out, see `read_usable`.
-    """
+    """Find the PNG of `find_patch`; None if the object has no patch. Broken patches of other names are left out."""
     patches = workspace.patches()
     for name in (spec.name, str(spec.class_name).replace(" ", "_")):
         if name in patches:
@@ -43,7 +39,7 @@ def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
 
 
 def next_patch(workspace: Workspace, own: Patch) -> Patch:
-    """The next patch by name that was trained for another class.
+    """Return the next patch by name that was trained for another class.
 
     Raises:
         ToolkitError: there is none.
@@ -54,4 +50,4 @@ def next_patch(workspace: Workspace, own: Patch) -> Patch:
     for _, other in read_usable(read_patch, {name: patches[name] for name in after}):
         if other.record.class_index != own.record.class_index:
             return other
-    raise ToolkitError("the variant wrong-patch needs a patch of another class: train one, or leave the variant out")
+    raise ToolkitError("the variant wrong-patch needs a patch of another class: train it, or leave the variant out")

@@ -1,13 +1,13 @@
-"""Triangles of a surface laid flat: relaxed as rigidly as possible, how far they are stretched, where they overlap.
+"""Triangles of a surface laid flat: as-rigid-as-possible relaxation, stretch and overlaps.
 
-A part of a surface that lies in the plane is a `Region`: which of its edges are joined, and what hangs together.
+A `Region` is a part of a surface in the plane, with the edges that are joined.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, cross_products, group_places, signed_areas
+from toolkit.objects.mesh import Mesh, connected_parts, cross_products, group_places, signed_areas
 
 THINNEST = 1e-3
 """Triangles flatter than this share of their base are taken to be this high: their angles are rounding."""
@@ -17,19 +17,17 @@ FLAT_MM2 = 1e-9
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh welded by place, and which triangles lie at which edge.
-
-    Edge i of a triangle runs from its corner i to the next.
+    """A mesh welded by place, with the neighbours of triangles. Edge i runs from a triangle's corner i to the next.
 
     Attributes:
         corners: (m, 3, 3) in mm, float64.
         faces: (m, 3) numbers of places.
         area: (m,) in mm².
         normals: (m, 3) unit, 0 for triangles without area.
-        neighbour: (m, 3) the triangle across each edge; -1 where there is none, more than one, or one turned over.
-        across: (m, 3) which edge of the neighbour it is.
-        length: (m, 3) of the edges.
-        apex: (m, 3, 2) the third corner as seen from each edge: how far along it, and how far from it.
+        neighbour: (m, 3) triangle across each edge; -1 for none, several, or a triangle that is turned over.
+        across: (m, 3) edge of that neighbour.
+        length: (m, 3) lengths of the edges.
+        apex: (m, 3, 2) third corner as seen from each edge: distance along it, and from it.
     """
 
     corners: np.ndarray
@@ -43,13 +41,13 @@ class Surface:
 
 
 def weld_surface(mesh: Mesh) -> Surface:
-    """The surface of a mesh, whose vertices at one place count as one."""
+    """Return the surface of a mesh, its vertices at the same place joined."""
     first, place = group_places(mesh.vertices)
     return make_surface(mesh.vertices[first], place[mesh.faces])
 
 
 def make_surface(places: np.ndarray, faces: np.ndarray) -> Surface:
-    """The surface of triangles (m, 3) between places (n, 3)."""
+    """Make the surface of triangles (m, 3) between places (n, 3)."""
     faces = faces.astype(np.int64)
     corners = places.astype(np.float64)[faces]
     weighted = cross_products(corners)
@@ -67,18 +65,18 @@ def make_surface(places: np.ndarray, faces: np.ndarray) -> Surface:
 
 
 def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) the triangle across each edge, and which of its edges; -1 where not exactly two meet as they should."""
+    """(m, 3) triangle across each edge, and the edge of it; -1 unless exactly two meet in opposite directions."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
     ranked = key[order]
     starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
     two = np.diff(starts, append=len(ranked)) == 2
-    one, other = order[starts[two]], order[starts[two] + 1]
-    fits = (start[one] == end[other]) & (start[one] != end[one])  # they run opposite ways: both face the same side
-    one, other = one[fits], other[fits]
+    edge, other = order[starts[two]], order[starts[two] + 1]
+    fits = (start[edge] == end[other]) & (start[edge] != end[edge])  # they run opposite ways: both face the same side
+    edge, other = edge[fits], other[fits]
     partner = np.full(len(start), -1)
-    partner[one], partner[other] = other, one
+    partner[edge], partner[other] = other, edge
     return np.where(partner >= 0, partner // 3, -1).reshape(-1, 3), (partner % 3).reshape(-1, 3)
 
 
@@ -89,7 +87,7 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
         corners: (k, 3, 3) of triangles in space.
         points_of: (k, 3) their points on the plane, each used.
         flat: (n, 2) where those begin.
-        steps: how many.
+        steps: number of steps.
 
     Returns:
         (n, 2).
@@ -130,7 +128,7 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
 
 
 def lay_triangles(corners: np.ndarray) -> np.ndarray:
-    """(k, 3, 2) triangles (k, 3, 3) each on a plane of its own: the first corner at 0, the second on the x axis."""
+    """Lay triangles (k, 3, 3) flat, each separately: (k, 3, 2) with the first corner at 0, the second on the x axis."""
     a, b, c = np.moveaxis(corners, 1, 0)
     base = np.maximum(np.linalg.norm(b - a, axis=1), 1e-9)
     along = ((c - a) * (b - a)).sum(axis=1) / base
@@ -140,7 +138,7 @@ def lay_triangles(corners: np.ndarray) -> np.ndarray:
 
 
 def edge_changes(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(k, 3) relative change of length of the edges of triangles (k, 3, 3) that lie at (k, 3, 2), without sign."""
+    """(k, 3) absolute relative change of edge lengths of triangles (k, 3, 3) laid flat as (k, 3, 2)."""
     solid = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     lying = np.linalg.norm(flat - np.roll(flat, -1, axis=1), axis=2)
     return np.abs(lying / np.maximum(solid, 1e-9) - 1)
@@ -153,14 +151,14 @@ def measure_stretch(corners: np.ndarray, flat: np.ndarray) -> float:
 
 
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
-    """The least of the values that those of this share of the weight do not exceed."""
+    """Return the least value that this share of the weight does not exceed."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][min(int(np.searchsorted(total, share * total[-1])), len(values) - 1)])
 
 
 def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """(k,) bool: triangles (k, 3, 2) that lie on another one; of each two the one that comes `later`, exactly."""
+    """(k,) bool: triangles (k, 3, 2) that overlap another; of each two, that which comes `later`."""
     import shapely
 
     over = np.zeros(len(flat), bool)
@@ -168,9 +166,9 @@ def find_overlaps(flat: np.ndarray, later: np.ndarray) -> np.ndarray:
     middle = flat.mean(axis=1, keepdims=True)
     real = np.flatnonzero(signed_areas(flat) > FLAT_MM2)
     shrunk = shapely.polygons(middle[real] + (flat[real] - middle[real]) * (1 - 1e-6))
-    one, other = shapely.STRtree(shrunk).query(shrunk, predicate="intersects")
-    one, other = real[one[one < other]], real[other[one < other]]
-    over[np.where(later[one] > later[other], one, other)] = True
+    row, other = shapely.STRtree(shrunk).query(shrunk, predicate="intersects")
+    row, other = real[row[row < other]], real[other[row < other]]
+    over[np.where(later[row] > later[other], row, other)] = True
     return over
 
 
@@ -235,7 +233,7 @@ def lie_together(
 
 
 def join_pairs(surface: Surface, region: Region, face: np.ndarray, edge: np.ndarray) -> Region:
-    """Join these edges of these rows and no others; corners that are one point then lie at their mean."""
+    """Join these edges of these rows and no others; joined corners move to their mean."""
     joined = np.zeros_like(region.joined)
     joined[face, edge] = True
     region = Region(region.faces, region.flat, joined)
@@ -246,18 +244,13 @@ def join_pairs(surface: Surface, region: Region, face: np.ndarray, edge: np.ndar
 
 
 def points_of(surface: Surface, region: Region) -> np.ndarray:
-    """(k, 3) numbers of the region's points: corners that joined edges make one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
+    """(k, 3) numbers of the region's points: joined corners have the same number."""
     face, edge = np.nonzero(region.joined)
     other = local_neighbours(surface, region)[face, edge]
     own = surface.across[region.faces[face], edge]
-    one = np.concatenate([3 * face + edge, 3 * face + (edge + 1) % 3])
-    two = np.concatenate([3 * other + (own + 1) % 3, 3 * other + own])
-    count = 3 * len(region.faces)
-    graph = coo_array((np.ones(len(one), np.int8), (one, two)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].reshape(-1, 3)
+    first = np.concatenate([3 * face + edge, 3 * face + (edge + 1) % 3])
+    second = np.concatenate([3 * other + (own + 1) % 3, 3 * other + own])
+    return connected_parts(3 * len(region.faces), first, second).reshape(-1, 3)
 
 
 def relax_region(surface: Surface, region: Region, steps: int) -> Region:
@@ -283,12 +276,7 @@ def largest_part(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarr
 
 def parts_of(surface: Surface, region: Region, kept: np.ndarray) -> np.ndarray:
     """(k,) the part of each face, of those that joined edges between kept ones hold together."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     face, edge = np.nonzero(region.joined)
     other = local_neighbours(surface, region)[face, edge]
     whole = kept[face] & kept[other]
-    count = len(kept)
-    graph = coo_array((np.ones(int(whole.sum()), np.int8), (face[whole], other[whole])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    return connected_parts(len(kept), face[whole], other[whole])

@@ -1,7 +1,7 @@
-"""Pieces that lie flat, grown over a surface: unrolled triangle by triangle, relaxed, and trimmed where they stretch.
+"""Grow flat pieces over a surface: unroll them triangle by triangle, relax, and trim where they stretch.
 
-After Sorkine et al. 2002, "Bounded-distortion piecewise mesh parameterization". What a cylinder or a cone is made of
-unrolls without stretch; where the two ends of the unrolled sheet meet again, they are not joined: that is its seam.
+After Sorkine et al. 2002, "Bounded-distortion piecewise mesh parameterization". Cylinders and cones unroll without
+stretch; the two ends of the unrolled sheet are not joined, but form a seam.
 """
 
 from dataclasses import dataclass, replace
@@ -29,57 +29,44 @@ from toolkit.objects.flatten import (
     weld_surface,
     worth_of,
 )
-from toolkit.objects.mesh import Mesh, load_open3d, signed_areas
+from toolkit.objects.mesh import Mesh, load_open3d, make_triangle_scene, signed_areas
 from toolkit.objects.trim import NARROWEST_MM, Limits, even_border, finish, leave_hidden, make_piece
 from toolkit.objects.unwrap import cut_charts, spread
 from toolkit.objects.wrap import FlatPiece
 
-MANY = 14_000
-"""A surface with more triangles is made coarse."""
-FEW = 8_000
-"""So many are aimed at."""
+MANY, FEW = 14_000, 8_000
+"""A surface with more triangles is simplified to about so many."""
 LIFT_MM = 0.3
-"""Nearest places are looked for from so far outside: of a thin wall's two sides the nearer is the own one."""
+"""Nearest places are searched from so far outside, to find the right side of a thin wall."""
 LEAST_COSINE = 0.3
-"""Between the normals of a triangle and the coarse one that it is taken to lie on."""
+"""Between the normals of a triangle and the coarse triangle below it."""
 RING = 1.35
 """A piece's radius grows by this factor before it is relaxed again."""
 CELL_MM = 1.0
-"""Overlaps are looked for on cells of this size, or of a 128th of the piece."""
+"""Overlaps are searched on cells of this size, or of a 128th of the piece."""
 LEAST_GAIN = 0.002
-"""Share of all value below which a piece is not worth a cut."""
+"""Least share of all value that is worth a piece."""
 SPARED = 0.85
-"""Share of the stretch that a coarse piece may have: what is finer adds to it."""
+"""Share of the stretch that a coarse piece may have: finer triangles add to it."""
 TRIED = 4
-"""Places that a next piece is grown from, of which the best is taken."""
+"""Seeds of a next piece, of which the best is taken."""
 ALONG = 3.0
 """A strip grows so much faster along its axis."""
 SMOOTH_DEG = 20.0
-"""Edges bent by less are crossed before others are: what is flat stays whole."""
+"""Edges bent by less are crossed first, so that flat parts stay whole."""
 
 
 @dataclass(frozen=True)
 class Coarse:
-    """A coarse surface.
-
-    Attributes:
-        surface: of it.
-        parent: (m,) the coarse triangle that each of the many lies on, -1 where there is none.
-    """
+    """A coarse surface, and (m,) the coarse triangle below each fine triangle, -1 for none."""
 
     surface: Surface
     parent: np.ndarray
 
 
 def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
-    """The coarse surface of those faces that pieces may have.
-
-    Args:
-        surface: with m faces.
-        allowed: (m,) bool.
-    """
+    """Return the coarse surface of the faces that pieces may have, (m,) bool."""
     o3d = load_open3d()
-
     rows = np.flatnonzero(allowed)
     used, faces = np.unique(surface.faces[rows], return_inverse=True)
     places = np.zeros((len(used), 3))
@@ -99,10 +86,7 @@ def make_coarse(surface: Surface, allowed: np.ndarray) -> Coarse:
 
 
 def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cut triangles (m, 3) at the middle of edges that are longer, until none is or there are many.
-
-    Neighbours stay edge to edge.
-    """
+    """Cut triangles (m, 3) at the middle of longer edges until there are none, or `most` faces."""
     while True:
         start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
         key = np.minimum(start, end) * len(places) + np.maximum(start, end)
@@ -133,27 +117,14 @@ def halve_long_edges(places: np.ndarray, faces: np.ndarray, longest: float, most
 
 def _find_nearest(coarse: Surface, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(k,) the coarse triangle nearest to each point that faces the same way, -1 where it does not."""
-    o3d = load_open3d()
-
-    scene = o3d.t.geometry.RaycastingScene()
-    vertices = coarse.corners.reshape(-1, 3).astype(np.float32)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices), o3d.core.Tensor(np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
-    )
-    lifted = (points + LIFT_MM * normals).astype(np.float32)
-    nearest = scene.compute_closest_points(o3d.core.Tensor(lifted))["primitive_ids"].numpy().astype(np.int64)
+    scene = make_triangle_scene(coarse.corners.reshape(-1, 3), np.arange(3 * len(coarse.faces)).reshape(-1, 3))
+    lifted = load_open3d().core.Tensor((points + LIFT_MM * normals).astype(np.float32))
+    nearest = scene.compute_closest_points(lifted)["primitive_ids"].numpy().astype(np.int64)
     return np.where((coarse.normals[nearest] * normals).sum(axis=1) > LEAST_COSINE, nearest, -1)
 
 
 def take_back(surface: Surface, coarse: Coarse, region: Region, free: np.ndarray) -> Region | None:
-    """The region of the many triangles that lie on a region of the coarse ones, each at its place on it.
-
-    Args:
-        surface: with m faces.
-        coarse: of it.
-        region: of coarse triangles.
-        free: (m,) faces that it may have.
-    """
+    """Return the region of fine triangles, of the `free` (m,), on a region of coarse triangles."""
     where = np.full(len(coarse.surface.faces), -1)
     where[region.faces] = np.arange(len(region.faces))
     row = np.where(coarse.parent >= 0, where[coarse.parent], -1)
@@ -170,25 +141,25 @@ def take_back(surface: Surface, coarse: Coarse, region: Region, free: np.ndarray
     from_first = surface.corners[faces] - under[row, :1]
     local = np.stack([np.einsum("kci,ki->kc", from_first, axis[row]) for axis in (x, y)], axis=2)
     flat = region.flat[row, :1] + local @ onto[row]
-    # neighbours are joined where their coarse triangles have a point of the region in common
+    # neighbours are joined if their coarse triangles share a point of the region
     fine = Region(faces, flat, np.zeros((len(faces), 3), bool))
     neighbour = local_neighbours(surface, fine)
     face, edge = np.nonzero(neighbour >= 0)
     point = points_of(coarse.surface, region)
-    one, other = point[row[face]], point[row[neighbour[face, edge]]]
-    near = (one[:, :, None] == other[:, None, :]).any(axis=(1, 2)) | lie_together(surface, fine, face, edge)
+    here, there = point[row[face]], point[row[neighbour[face, edge]]]
+    near = (here[:, :, None] == there[:, None, :]).any(axis=(1, 2)) | lie_together(surface, fine, face, edge)
     fine = join_pairs(surface, fine, face[near], edge[near])
     return take(surface, fine, largest_part(surface, fine, np.ones(len(faces), bool)))
 
 
 def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limits, count: int) -> list[FlatPiece]:
-    """At most `count` pieces with the most value, best first.
+    """Find at most `count` pieces with the most value, best first.
 
     Args:
-        mesh: in mm.
-        value: (m,) what each face is worth.
+        mesh: mesh in mm.
+        value: (m,) value of each face.
         allowed: (m,) faces that pieces may have.
-        limits: of each piece.
+        limits: limits of each piece.
         count: most pieces.
     """
     surface = weld_surface(mesh)
@@ -200,14 +171,14 @@ def find_pieces(mesh: Mesh, value: np.ndarray, allowed: np.ndarray, limits: Limi
     else:
         found = find_regions(surface, value, free, limits, count)
     found = [leave_hidden(surface, region, value, limits) for region in found]
-    found.sort(key=lambda one: -worth_of(one, value))
+    found.sort(key=lambda region: -worth_of(region, value))
     return [make_piece(surface, region, limits.sheet_mm) for region in found]
 
 
 def _find_coarsely(
     surface: Surface, coarse: Coarse, value: np.ndarray, free: np.ndarray, limits: Limits, count: int
 ) -> list[Region]:
-    """Regions that are looked for on the coarse surface, and finished on the fine one."""
+    """Find regions on the coarse surface, and finish them on the fine surface."""
     held = coarse.parent >= 0
     worth = np.bincount(coarse.parent[held], value[held], len(coarse.surface.faces))
     tighter = replace(limits, stretch=SPARED * limits.stretch)
@@ -240,31 +211,31 @@ def find_regions(surface: Surface, value: np.ndarray, free: np.ndarray, limits: 
             left = np.bincount(chart[free], value[free], int(chart.max()) + 1)
             in_vain = 0
             for k in np.argsort(-left, kind="stable"):
-                if sum(one is not None for one in grown.values()) >= TRIED or in_vain >= TRIED:
-                    break
-                if left[k] <= 0.5 * LEAST_GAIN * total:
+                is_enough = sum(region is not None for region in grown.values()) >= TRIED or in_vain >= TRIED
+                if is_enough or left[k] <= 0.5 * LEAST_GAIN * total:
                     break
                 if k not in grown:
                     grown[k] = grow_best(surface, _middle_of(surface, value, free & (chart == k)), free, value, limits)
                     in_vain += grown[k] is None
-            best = max(grown.values(), key=lambda one: worth_of(one, value), default=None)
+            best = max(grown.values(), key=lambda region: worth_of(region, value), default=None)
             if best is None or worth_of(best, value) < LEAST_GAIN * total:
                 break
             even = finish(surface, even_border(surface, best, free), value, limits)
             best = best if even is None else even
             found.append(best)
             free[best.faces] = False
-            # what lost faces grows again; what did not grow before may do so from another middle
+            # regions that lost faces grow again, and charts that changed have another middle
             changed = set(chart[best.faces].tolist())
             grown = {
-                k: one for k, one in grown.items() if (k not in changed if one is None else bool(free[one.faces].all()))
-            }
+                k: region for k, region in grown.items()
+                if (k not in changed if region is None else bool(free[region.faces].all()))
+            }  # fmt: skip
             bar.advance()
     return found
 
 
 def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
-    """The face nearest to the middle of what is worth most of the chosen ones."""
+    """Return the face nearest to the centre of value of the chosen faces."""
     rows = np.flatnonzero(chosen)
     middles = surface.corners[rows].mean(axis=1)
     weight = value[rows] + 1e-12
@@ -273,7 +244,7 @@ def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
 
 
 def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, limits: Limits) -> Region | None:
-    """The best of the pieces that grow from a seed, round or along an axis; None where none is wide enough."""
+    """Return the better of two pieces that grow from a seed, in all directions or along an axis, if wide enough."""
     best: Region | None = None
     most = 0.0
     for axis in (None, np.array([0.0, 0.0, 1.0])):
@@ -281,7 +252,7 @@ def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, 
         region = finish(surface, grown, value, limits)
         if worth_of(region, value) > most:
             best, most = region, worth_of(region, value)
-        if is_whole:  # nothing was left out for its stretch: another way round finds the same
+        if is_whole:  # no face was dropped for its stretch: growing along the axis finds the same
             break
     return best
 
@@ -289,15 +260,12 @@ def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, 
 def grow_piece(
     surface: Surface, seed: int, free: np.ndarray, limits: Limits, axis: np.ndarray | None = None
 ) -> tuple[Region, bool]:
-    """Grow a piece from a face over all free faces that it can lie on.
-
-    Returns:
-        The region, and whether it stopped for want of faces alone.
-    """
+    """Grow a piece from a face over the free faces; also return whether it stopped only for lack of faces."""
     distance = _measure_ways(surface, seed, free, axis)
     place = np.full(len(free), -1)  # of each face in the region
     blocked = ~free
-    region = Region(np.array([seed]), _lay_first(surface, seed)[None], np.zeros((1, 3), bool))
+    first = np.array([[0, 0], [surface.length[seed, 0], 0], surface.apex[seed, 0]])
+    region = Region(np.array([seed]), first[None], np.zeros((1, 3), bool))
     place[seed] = 0
     radius = 1.5 * float(np.sqrt(surface.area[seed])) + 1e-9
     reach = min(float(distance[np.isfinite(distance)].max()), float(np.hypot(*limits.sheet_mm)))
@@ -318,13 +286,8 @@ def grow_piece(
         radius *= RING
 
 
-def _lay_first(surface: Surface, seed: int) -> np.ndarray:
-    along, up = surface.apex[seed, 0]
-    return np.array([[0, 0], [surface.length[seed, 0], 0], [along, up]])
-
-
 def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarray | None) -> np.ndarray:
-    """(m,) mean way along edges from the seed to each free face's corners; with an axis, shorter along it."""
+    """(m,) mean distance along edges from the seed to each free face's corners; with an axis, shorter along it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -369,10 +332,10 @@ def _unroll(
             continue
         if not len(face):
             break
-        if not smooth.any():  # over a fold few at a time, that what is flat behind it comes from one side
+        if not smooth.any():  # few at a time over a fold, so that the flat part behind it comes from one side
             few = np.argsort(distance[face], kind="stable")[: 1 + len(face) // 50]
             parent, edge, face = parent[few], edge[few], face[few]
-        # of several edges that lead to a face, the one from the face nearest to the seed
+        # of several edges that lead to a face, that of the face nearest to the seed
         order = np.lexsort((distance[last[parent]], face))
         face, first = np.unique(face[order], return_index=True)
         parent, edge = parent[order][first], edge[order][first]
@@ -397,11 +360,7 @@ def _unroll(
 
 
 def _settle(surface: Surface, region: Region, stretch: float, radius: float, before: int) -> tuple[Region, np.ndarray]:
-    """Join, relax and trim a region until it stretches no more than it may; also gives the faces that were dropped.
-
-    Args:
-        before: so many faces, the first ones, had settled.
-    """
+    """Join, relax and trim a region to the allowed stretch; return the dropped faces. The first `before` settled."""
     dropped: list[np.ndarray] = []
     for attempt in range(6):
         region = join_edges(surface, region, stretch * radius)
@@ -420,7 +379,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
         bad |= _lies_double(surface, region)
         is_new = np.arange(len(area)) >= before
         if value > stretch:
-            # the worst of the new ones go, fewer each time as what is left relaxes
+            # the worst new faces go, fewer each time as the rest relaxes
             limit = max(stretch, weighted_percentile(worst, area, 0.85))
             bad |= (worst > limit) & (is_new | (attempt > 2))
             if not bad.any():
@@ -436,7 +395,7 @@ def _settle(surface: Surface, region: Region, stretch: float, radius: float, bef
 
 
 def _lies_double(surface: Surface, region: Region) -> np.ndarray:
-    """(k,) bool: faces in cells of the plane where another part of the surface, that came earlier, lies already."""
+    """(k,) bool: faces in cells of the plane with an earlier face of another part of the surface."""
     area = signed_areas(region.flat)
     cell = max(CELL_MM, float(np.sqrt(np.abs(area).sum())) / 128)
     samples = np.clip(np.ceil(2 * np.abs(area) / cell**2), 1, 4096).astype(np.int64)

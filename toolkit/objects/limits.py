@@ -1,4 +1,4 @@
-"""How much a mesh may ask for: what a file announces is looked at before anything is built of it."""
+"""Limits on meshes, checked on a file's own counts before anything is built."""
 
 from pathlib import Path
 

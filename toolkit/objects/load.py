@@ -1,6 +1,6 @@
 """From a spec to a mesh on the table: built-in objects and the user's own files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -15,8 +15,8 @@ from toolkit.core.rooms import ask_room, explain_missing, list_offers
 from toolkit.objects.gltf.reader import read_gltf
 from toolkit.objects.limits import check_faces
 from toolkit.objects.mesh import (
-    Material,
     Mesh,
+    check_finite,
     check_mesh,
     group_places,
     hash_mesh,
@@ -29,7 +29,7 @@ from toolkit.objects.mesh import (
 )
 from toolkit.objects.obj_file import read_obj
 from toolkit.objects.off_file import read_off
-from toolkit.objects.paint import Piece, paint_faces
+from toolkit.objects.paint import MeshPart, paint_faces
 from toolkit.objects.ply_file import read_ply
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
 from toolkit.objects.stl_file import read_stl
@@ -39,7 +39,7 @@ BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 GLTF_SUFFIXES = (".glb", ".gltf")
 SUFFIXES = (*GLTF_SUFFIXES, ".obj", ".ply", ".stl", ".off")
 MOST_BYTES = 7 << 28
-"""What a mesh with its pictures may take while it is read; with what is loaded already, under 2 GB."""
+"""Memory for reading a mesh with its pictures; with the program itself, under 2 GB."""
 EXTENTS = (1e-9, 1e12)
 """Longest side of a mesh in its file's unit, least and greatest."""
 OFF_CENTRE = 8
@@ -55,7 +55,7 @@ class TableObject:
 
     @property
     def name(self) -> str:
-        """The object's name."""
+        """Name of the object."""
         return self.spec.name
 
     @cached_property
@@ -69,7 +69,7 @@ class TableObject:
         return hash_shape(self.mesh)
 
     def has_shape(self, sha256: str) -> bool:
-        """Whether a record is of this shape: by today's hash or, of an older record, by the exact one."""
+        """Whether a record is of this shape, by today's hash or an older record's exact hash."""
         return sha256 == self.shape_sha256 or sha256 == hash_shape(self.mesh, is_exact=True)
 
 
@@ -87,8 +87,7 @@ def load_object(spec_file: Path) -> TableObject:
     spec = read_spec(spec_file)
     if not spec.mesh:
         raise ToolkitError(
-            f"{spec_file}: '{spec.name}' has no mesh, so it is judged in photographs, but cannot be rendered: "
-            "add 'mesh' and 'length_mm' to the file"
+            f"{spec_file}: '{spec.name}' has no mesh, so it cannot be rendered: add 'mesh' and 'length_mm' to the file"
         )
     if spec.mesh.startswith(BUILTIN_PREFIX):
         mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
@@ -98,19 +97,17 @@ def load_object(spec_file: Path) -> TableObject:
 
 
 def stand_upright(spec: ObjectSpec, mesh: Mesh) -> TableObject:
-    """The object of a spec whose mesh is read already."""
+    """Return the object of a spec with its mesh."""
     return TableObject(spec, place_on_table(turn_upright(mesh, spec.up, spec.front), spec.length_mm))
 
 
 def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) -> Mesh:
-    """A mesh of an object in millimetres, in whatever variant, as the thing that it is a model of, in metres.
-
-    A patch or texture on it grows with it.
+    """Scale an object's mesh from millimetres of the model to metres of the original, with its booster.
 
     Args:
-        mesh: the object, dressed or bare (`toolkit.rig.variants.apply_booster`).
-        spec: of the object; says how long model and original are.
-        length_m: longest side of the original. By default as the spec says, else that of the model.
+        mesh: the object, with a booster or without.
+        spec: spec with the lengths of model and original.
+        length_m: longest side of the original; by default the spec's, else that of the model.
     """
     if length_m is not None and not 0.001 <= length_m < 10_000:
         raise FieldError("expected 0.001 to 10000 m", {"length_m": length_m})
@@ -120,11 +117,7 @@ def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) 
 
 @lru_cache(maxsize=8)
 def build_mesh(name: str) -> Mesh:
-    """Build an object that a room models by hand.
-
-    Raises:
-        ToolkitError: there is none of this name, or its room is not installed.
-    """
+    """Build an object that a room models by hand; a `ToolkitError` if it is unknown or its room is missing."""
     what = f"{BUILTIN_PREFIX}{name}"
     if what not in list_offers():
         raise explain_missing(what) or one_of("built-in mesh", name, list(BUILTIN))
@@ -136,14 +129,12 @@ def read_mesh(path: Path) -> Mesh:
     """Read a user's mesh: geometry, texture coordinates and base colours; a file without them is plain grey.
 
     Raises:
-        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or
-            more than `toolkit.objects.load` or `MOST_BYTES` allow.
+        ToolkitError: no such file, an unknown kind, damaged, without faces, not finite, or larger
+            than `toolkit.objects.limits` or `MOST_BYTES` allow.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise ToolkitError(
-            f"{path}: cannot read a mesh from '{path.suffix}' files, expected one of {' '.join(SUFFIXES)}"
-        )
+        raise ToolkitError(f"{path}: cannot read a mesh from '{path.suffix}' files, expected {' '.join(SUFFIXES)}")
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or correct 'mesh' in the spec")
     try:
@@ -161,26 +152,26 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _build_mesh(path: Path) -> Mesh:
-    pieces = _read_pieces(path)
-    if not pieces:
+    parts = _read_parts(path)
+    if not parts:
         raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
-    pieces = _move_home(pieces, str(path))
-    painted = [_paint(pieces.pop(0), str(path)) for _ in range(len(pieces))]  # each in place of what trimesh holds
-    welded = [_weld(*painted.pop(0)) for _ in range(len(painted))]
+    parts = _move_home(parts, str(path))
+    # part by part, so that what the reader holds is freed
+    welded = [_weld(parts.pop(0)) for _ in range(len(parts))]
     solid = [mesh for mesh in welded if mesh is not None]
     if not solid:
         raise ToolkitError(f"{path}: every face has zero area: expected an object with an extent")
     return check_mesh(merge_meshes(solid), str(path))
 
 
-def _read_pieces(path: Path) -> list[Piece]:
-    pieces: list[Piece] = []
+def _read_parts(path: Path) -> list[MeshPart]:
+    parts: list[MeshPart] = []
     count = 0
     try:
-        for piece in READERS[path.suffix.lower()](path):
-            count += len(piece.faces)
+        for part in READERS[path.suffix.lower()](path):
+            count += len(part.faces)
             check_faces(path, count)
-            pieces.append(piece)
+            parts.append(part)
     except ToolkitError:
         raise
     except OSError as error:
@@ -192,35 +183,26 @@ def _read_pieces(path: Path) -> list[Piece]:
             f"{path}: not a readable {path.suffix} mesh: it is damaged, cut or of another kind: open it in Blender and "
             "export it again"
         ) from None
-    return pieces
+    return parts
 
 
-def _read_gltf(path: Path) -> Iterator[Piece]:
-    return (Piece(part.vertices, part.faces, (part.corner_uv, part.material)) for part in read_gltf(path))
-
-
-READERS: dict[str, Callable[[Path], Iterator[Piece]]] = {
-    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".off": read_off, **dict.fromkeys(GLTF_SUFFIXES, _read_gltf),
+READERS: dict[str, Callable[[Path], Iterable[MeshPart]]] = {
+    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".off": read_off, **dict.fromkeys(GLTF_SUFFIXES, read_gltf),
 }  # fmt: skip
-"""How each format is read."""
 
 
-def _move_home(pieces: list[Piece], source: str) -> list[Piece]:
+def _move_home(parts: list[MeshPart], source: str) -> list[MeshPart]:
     """Check coordinates and indices; a mesh far from the origin is moved there, for float32 would round it."""
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
-    for piece in pieces:
-        if piece.vertices.shape[1:] != (3,):
-            raise ToolkitError(f"{source}: vertices of {piece.vertices[0].size} numbers, expected 3: repair the mesh")
-        bad = int((~np.isfinite(piece.vertices)).any(axis=1).sum())
-        if bad:
-            raise ToolkitError(
-                f"{source}: {bad} of {len(piece.vertices)} vertices are NaN or infinite: repair the mesh"
-            )
-        count = len(piece.vertices)
-        if piece.faces.min() < 0 or piece.faces.max() >= count:
-            worst = piece.faces.max() if piece.faces.max() >= count else piece.faces.min()
+    for part in parts:
+        if part.vertices.shape[1:] != (3,):
+            raise ToolkitError(f"{source}: vertices of {part.vertices[0].size} numbers, expected 3: repair the mesh")
+        check_finite(part.vertices, source)
+        count = len(part.vertices)
+        if part.faces.min() < 0 or part.faces.max() >= count:
+            worst = part.faces.max() if part.faces.max() >= count else part.faces.min()
             raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {count}: repair the mesh")
-        low, high = np.minimum(low, piece.vertices.min(axis=0)), np.maximum(high, piece.vertices.max(axis=0))
+        low, high = np.minimum(low, part.vertices.min(axis=0)), np.maximum(high, part.vertices.max(axis=0))
     extent = float((high / 2 - low / 2).max()) * 2  # halved first: the difference of two huge numbers overflows
     if extent > 0 and not EXTENTS[0] <= extent <= EXTENTS[1]:
         raise ToolkitError(
@@ -228,8 +210,8 @@ def _move_home(pieces: list[Piece], source: str) -> list[Piece]:
             "scale it where it was made"
         )
     if max(np.abs(low).max(), np.abs(high).max()) <= OFF_CENTRE * extent:
-        return pieces
-    return [replace(piece, vertices=piece.vertices - (low + high) / 2) for piece in pieces]
+        return parts
+    return [replace(part, vertices=part.vertices - (low + high) / 2) for part in parts]
 
 
 def turn_upright(mesh: Mesh, up: str, front: str) -> Mesh:
@@ -252,18 +234,14 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _paint(piece: Piece, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Material]:
-    """Vertices as float32, faces, texture coordinates of their corners and material."""
-    vertices = piece.vertices.astype(np.float32)
-    return vertices, piece.faces, *paint_faces(piece.visual, vertices, piece.faces, source)
-
-
-def _weld(vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, material: Material) -> Mesh | None:
-    """A part as a mesh, None where no face has an area."""
-    # one position per place, so that smoothing crosses the seams that texture coordinates cut
+def _weld(part: MeshPart) -> Mesh | None:
+    """Make a mesh of a part; None if no face has an area."""
+    vertices = part.vertices.astype(np.float32)
+    corner_uv, material = paint_faces(part, vertices)
+    # vertices at the same place are joined, so that smoothing crosses the seams of texture coordinates
     first, place = group_places(vertices)
-    vertices, faces = vertices[first], place[faces]
-    # welding leaves triangles with two corners in one place
+    vertices, faces = vertices[first], place[part.faces]
+    # welding leaves triangles with two corners in the same place
     real = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     if not real.any():
         return None

@@ -1,8 +1,4 @@
-"""A textured triangle mesh: what every object is to the rig; its normals and hash, and the scene that rays meet.
-
-Open3D is loaded where it is used, without what the kit has no use for; equal rows of large tables are found by sorting
-a few packed integers instead of whole rows.
-"""
+"""A textured triangle mesh, its normals and hashes, and its scene for rays."""
 
 import hashlib
 import json
@@ -25,32 +21,30 @@ if TYPE_CHECKING:
 WORD = 63
 """Bits of a number that is sorted: a key, and behind it the row's own number."""
 PLACES = 1e6
-"""Vertices closer than the mesh's extent over this are at one place."""
+"""Vertices closer than the mesh's extent over this are at the same place."""
 UNUSED = {
     "open3d.ml": (),
     "open3d.visualization.draw_plotly": ("draw_plotly", "draw_plotly_server", "get_plotly_fig"),
 }
-"""Modules, with the names that others take from them: data sets to learn from, and a viewer for notebooks.
+"""Modules of Open3D that are not loaded, with names that others import from them.
 
-They bring scikit-learn, pandas and Dash: two thirds of what the import takes of a core, and half of its memory.
+They load scikit-learn, pandas and Dash: two thirds of the import's time, and half of its memory.
 """
 ORDINARY_FAN = 256
-"""Where more triangles than this meet, their normals are compared by cells of directions, not one by one."""
+"""Most triangles at a vertex whose normals are compared in pairs; of more, cells of directions are compared."""
 CELLS = 64
 """Cells of directions along each axis, each about 2 degrees wide."""
 AT_ONCE = 1_000_000
 """Corners that are worked on at once; bounds the memory."""
 GRAIN_MM, GRAIN_UV = 0.01, 1e-4
-"""Coordinates that differ by less are one shape: two machines' sines differ in the last bit."""
+"""Coordinates that differ by less are the same shape: two machines' sines differ in the last bit."""
 
 
 def group_rows(columns: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Which rows of a table of integers are equal.
-
-    As `np.unique(axis=0)` finds them, in the same order, many times as fast.
+    """Find equal rows of a table of integers, as `np.unique(axis=0)`, many times as fast.
 
     Args:
-        columns: (n,) integers each, the first one sorts first; taken one by one, so that a generator takes less memory.
+        columns: (n,) integers each, the first column sorts first; a generator takes less memory.
 
     Returns:
         (k,) the first row of each group, the groups in rising order; and (n,) the group of each row.
@@ -77,7 +71,7 @@ def group_rows(columns: Iterable[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rising_order(key: np.ndarray) -> np.ndarray:
-    """The order (n,) that sorts integers from 0 up, equal ones as they come."""
+    """Return the stable order (n,) that sorts integers from 0 up."""
     shift = len(key).bit_length()
     if len(key) == 0 or int(key.max()).bit_length() + shift > WORD:
         return np.argsort(key, kind="stable")
@@ -89,7 +83,7 @@ def rising_order(key: np.ndarray) -> np.ndarray:
 
 
 def _pack(columns: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """As few columns of integers from 0 up as sort like the given ones, short enough for `rising_order`."""
+    """Pack columns into as few columns of integers from 0 up, short enough for `rising_order`, that sort alike."""
     keys: list[np.ndarray] = []
     free = 0
     for column in columns:
@@ -110,24 +104,27 @@ def _pack(columns: Iterable[np.ndarray]) -> list[np.ndarray]:
 
 
 def group_places(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which vertices (n, 3) are at one place: within a millionth of the mesh's extent.
+    """Group vertices (n, 3) at the same place: within a millionth of the mesh's extent.
 
     Returns:
         (k,) the first vertex at each place, the places sorted by x, y, z; and (n,) the place of each vertex.
     """
-    extent = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    step, least = extent / PLACES, vertices.min(axis=0)
+    step = max(float(np.ptp(vertices, axis=0).max()), 1e-9) / PLACES
     # counted from the least, which fits into half the bytes
-    return group_rows(
-        [
-            (np.round(axis / step) - np.round(low / step)).astype(np.int32)
-            for axis, low in zip(vertices.T, least, strict=True)
-        ]
-    )
+    return group_rows([(np.round(axis / step) - np.round(axis.min() / step)).astype(np.int32) for axis in vertices.T])
+
+
+def connected_parts(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(count,) number of the connected part of each item, where items (k,) `first` and `second` are joined."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def load_open3d() -> Any:
-    """The module, as `import open3d` gives it, but for `UNUSED`; those can still be imported by their names."""
+    """Import Open3D without `UNUSED`; those can still be imported by their names."""
     stand_ins = {} if "open3d" in sys.modules else {name: ModuleType(name) for name in UNUSED}
     for name, module in stand_ins.items():
         vars(module).update(dict.fromkeys(UNUSED[name]))
@@ -160,10 +157,9 @@ def signed_areas(flat: np.ndarray) -> np.ndarray:
 def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 40.0) -> np.ndarray:
     """(m, 3, 3) unit normals per triangle corner: smooth across edges flatter than `crease_deg`, sharp across the rest.
 
-    Each corner averages the area-weighted normals of the triangles that share its position and lie within the crease
-    angle of its own triangle. Where more than `ORDINARY_FAN` meet, those that face one way within about 2 degrees
-    count as one, so that time and memory grow with the number of triangles. A triangle without area takes the mean of
-    all that meet there, and points up where there is none.
+    Each corner averages the area-weighted normals of the triangles at its position within the crease angle of its
+    triangle. If more than `ORDINARY_FAN` meet, normals within about 2 degrees count together, which bounds the cost. A
+    triangle without area takes the mean of all that meet there, or points up.
     """
     weighted = np.empty((len(faces), 3))
     for first in range(0, len(faces), AT_ONCE):
@@ -174,8 +170,10 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
     counts = np.diff(starts, append=len(order))
 
     normals = np.empty((len(order), 3))
-    # a fan is all corners at one place; each of its corners sums those of its fan within the crease
-    for first, last in _split(counts):
+    # a fan is all corners at the same place; each corner sums those of its fan within the crease
+    # runs of fans of about `AT_ONCE` corners each
+    cuts = np.flatnonzero(np.diff(np.cumsum(counts) // AT_ONCE)) + 1
+    for first, last in pairwise([0, *cuts.tolist(), len(counts)]):
         corners = order[starts[first] : starts[first] + int(counts[first:last].sum())]
         total = _sum_fans(weighted[corners // 3], counts[first:last], crease_deg)
         total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-20)
@@ -185,15 +183,8 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
     return normals.reshape(-1, 3, 3)
 
 
-def _split(counts: np.ndarray) -> list[tuple[int, int]]:
-    """Runs of fans, first and behind the last, of about `AT_ONCE` corners each."""
-    part = np.cumsum(counts) // AT_ONCE
-    edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(counts)]
-    return list(pairwise(edges))
-
-
 def _sum_fans(weighted: np.ndarray, counts: np.ndarray, crease_deg: float) -> np.ndarray:
-    """(n, 3) the sum for each corner of fans that lie one behind the other, of `counts` corners each."""
+    """(n, 3) sum for each corner of consecutive fans of `counts` corners each."""
     unit = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-20)
     starts = np.cumsum(counts) - counts
     fan = np.repeat(np.arange(len(counts)), counts)
@@ -220,8 +211,8 @@ def _sum_fans(weighted: np.ndarray, counts: np.ndarray, crease_deg: float) -> np
 def _compare_all(
     unit: np.ndarray, weighted: np.ndarray, starts: np.ndarray, counts: np.ndarray, cosine: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of some fans, and for each the sum of those of its fan that lie within the angle."""
-    # largest first, so that those that still have a step-th corner are always the leading ones
+    """Return the corners of some fans, and for each the sum of the corners of its fan within the angle."""
+    # largest first, so that fans with a step-th corner always lead
     largest_first = np.argsort(-counts, kind="stable")
     starts, counts = starts[largest_first], counts[largest_first]
     ends = np.cumsum(counts)
@@ -237,7 +228,7 @@ def _compare_all(
 
 
 def _compare_cells(unit: np.ndarray, weighted: np.ndarray, cosine: float) -> np.ndarray:
-    """(n, 3) as `_compare_all` for one fan: cells of directions are compared, as there are only so many of them."""
+    """(n, 3) sums as in `_compare_all` for a single fan, by cells of directions."""
     first, cell = group_rows(list(np.round((unit.T + 1) * (CELLS / 2)).astype(np.int64)))
     sums = np.stack([np.bincount(cell, axis, len(first)) for axis in weighted.T], axis=1)
     mean = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-20)
@@ -247,14 +238,14 @@ def _compare_cells(unit: np.ndarray, weighted: np.ndarray, cosine: float) -> np.
 
 @dataclass(frozen=True)
 class Material:
-    """How a surface answers light (glTF's metallic-roughness model).
+    """Reflection of a surface (glTF's metallic-roughness model).
 
     Attributes:
-        name: for people, and for masking parts of an object.
+        name: name for people, and for masking parts of an object.
         texture: base colour, HWC uint8, sRGB-encoded; row 0 is v = 1.
         roughness: 0 mirror … 1 matte.
         metallic: 0 dielectric … 1 metal.
-        emission: light given off where lamps are on, on the same coordinates: HWC uint8, sRGB-encoded; None is none.
+        emission: light of lamps, on the same coordinates: HWC uint8, sRGB-encoded.
     """
 
     name: str
@@ -274,7 +265,7 @@ class Mesh:
         uv: (n, 2) float32; u right, v up, (0, 0) the lower left corner of the texture.
         faces: (m, 3) int32, counter-clockwise seen from outside.
         face_material: (m,) int32, index into `materials`.
-        materials: at least one.
+        materials: materials of the faces.
     """
 
     vertices: np.ndarray
@@ -309,21 +300,21 @@ def place_on_table(mesh: Mesh, length_mm: float | None = None) -> Mesh:
 
 
 def merge_meshes(meshes: list[Mesh]) -> Mesh:
-    """One mesh with the triangles and materials of all, in order."""
+    """Merge meshes into a single mesh, in order."""
     vertex_starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     material_starts = np.cumsum([0, *(len(mesh.materials) for mesh in meshes)])
     return Mesh(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         normals=np.concatenate([mesh.normals for mesh in meshes]),
         uv=np.concatenate([mesh.uv for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, vertex_starts, strict=False)]).astype(
-            np.int32
-        ),
-        face_material=np.concatenate(
-            [m.face_material + start for m, start in zip(meshes, material_starts, strict=False)]
-        ).astype(np.int32),
+        faces=_concatenate_shifted([mesh.faces for mesh in meshes], vertex_starts),
+        face_material=_concatenate_shifted([mesh.face_material for mesh in meshes], material_starts),
         materials=tuple(material for mesh in meshes for material in mesh.materials),
     )
+
+
+def _concatenate_shifted(arrays: list[np.ndarray], starts: np.ndarray) -> np.ndarray:
+    return np.concatenate([array + start for array, start in zip(arrays, starts, strict=False)]).astype(np.int32)
 
 
 def mesh_from_corners(
@@ -342,7 +333,7 @@ def mesh_from_corners(
     """
     normals = corner_normals(vertices, faces, crease_deg).reshape(-1, 3).astype(np.float32)
     index, uv = faces.reshape(-1), corner_uv.reshape(-1, 2).astype(np.float32)
-    # rounded: corners that differ by float noise alone stay one vertex
+    # rounded: corners that differ by float noise alone stay a single vertex
     split = (
         np.round(axis * 1e5).astype(kind) for axes, kind in ((normals, np.int32), (uv, np.int64)) for axis in axes.T
     )
@@ -362,18 +353,23 @@ def check_mesh(mesh: Mesh, source: str) -> Mesh:
     """
     if len(mesh.faces) == 0:
         raise ToolkitError(f"{source}: the mesh has no faces (a point cloud?): export it with triangles")
-    bad = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
-    if bad:
-        raise ToolkitError(f"{source}: {bad} of {len(mesh.vertices)} vertices are NaN or infinite: repair the mesh")
+    check_finite(mesh.vertices, source)
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise ToolkitError(f"{source}: a face names vertex {mesh.faces.max()}, the mesh has {len(mesh.vertices)}")
     if not float(mesh.size_mm.max()) > 0:
-        raise ToolkitError(f"{source}: all vertices are at one point: expected an object with an extent")
+        raise ToolkitError(f"{source}: all vertices are at the same point: expected an object with an extent")
     return mesh
 
 
+def check_finite(vertices: np.ndarray, source: str) -> None:
+    """Raise a `ToolkitError` that names `source` if vertices (n, 3) are NaN or infinite."""
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise ToolkitError(f"{source}: {bad} of {len(vertices)} vertices are NaN or infinite: repair the mesh")
+
+
 def hash_mesh(mesh: Mesh) -> str:
-    """SHA-256 of all that a renderer makes of a mesh but its normals, 64 hex digits."""
+    """SHA-256 of a mesh without its normals, 64 hex digits."""
     digest = _hash_arrays((mesh.vertices, mesh.faces, mesh.uv, mesh.face_material))
     _add_paint(digest, mesh.materials)
     return digest.hexdigest()
@@ -395,13 +391,9 @@ def _add_paint(digest: "hashlib._Hash", materials: Iterable[Material]) -> None:
 
 
 def hash_shape(mesh: Mesh, is_exact: bool = False) -> str:
-    """SHA-256 of what a texture is trained for: triangles, texture coordinates and which part each belongs to.
+    """SHA-256 of triangles, texture coordinates and names of materials: what a texture is trained for.
 
-    Another livery or gloss on the same triangles has the same hash, and so has the same mesh built on another machine.
-
-    Args:
-        mesh: on the table, in mm.
-        is_exact: to the last bit, as older records have it.
+    Paint does not count. Coordinates are rounded, as machines differ; `is_exact`: to the last bit, for older records.
     """
 
     def round_off(values: np.ndarray, grain: float) -> np.ndarray:
@@ -423,7 +415,7 @@ GEOMETRY = ("vertices", "normals", "uv", "faces", "face_material")
 
 def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
     """A mesh as plain arrays, for `unpack_mesh`; materials that share a picture do so again."""
-    pictures = {id(one): one for m in mesh.materials for one in (m.texture, m.emission) if one is not None}
+    pictures = {id(image): image for m in mesh.materials for image in (m.texture, m.emission) if image is not None}
     number = {key: k for k, key in enumerate(pictures)}
     materials = [
         (m.name, m.roughness, m.metallic, number[id(m.texture)], None if m.emission is None else number[id(m.emission)])
@@ -437,7 +429,7 @@ def pack_mesh(mesh: Mesh) -> dict[str, np.ndarray]:
 
 
 def unpack_mesh(arrays: Mapping[str, np.ndarray]) -> Mesh:
-    """The mesh that `pack_mesh` packed."""
+    """Undo `pack_mesh`."""
     materials = [
         Material(name, arrays[f"picture {texture}"], roughness, metallic,
                  None if emission is None else arrays[f"picture {emission}"])
@@ -447,7 +439,7 @@ def unpack_mesh(arrays: Mapping[str, np.ndarray]) -> Mesh:
 
 
 def hash_triangles(mesh: Mesh) -> str:
-    """SHA-256 of where the triangles are and how they are shaded, whatever is painted on them."""
+    """SHA-256 of triangles and normals, without paint."""
     return _hash_arrays((mesh.vertices, mesh.normals, mesh.faces)).hexdigest()
 
 
@@ -459,22 +451,25 @@ def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":
 
 
 def make_ray_scene(mesh: Mesh) -> "RaycastingScene":
-    """Open3D's ray-casting scene (Embree) of a mesh."""
-    o3d = load_open3d()
+    """Return Open3D's ray-casting scene (Embree) of a mesh."""
+    return make_triangle_scene(mesh.vertices, mesh.faces)
 
+
+def make_triangle_scene(vertices: np.ndarray, faces: np.ndarray) -> "RaycastingScene":
+    """Return Open3D's ray-casting scene of triangles (m, 3) between vertices (n, 3)."""
+    o3d = load_open3d()
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
+        o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(faces.astype(np.uint32))),
     )
     return scene
 
 
 def cast_rays(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
-    """(...) float32 way of rays (..., 6), origin and direction, to what they meet first; inf where there is nothing.
+    """(...) float32 distance along rays (..., 6), origin and direction, to the first hit, in lengths of the direction.
 
-    The way is counted in lengths of the direction: between two points, from 0 to 1.
+    Rays without a hit have inf.
     """
     o3d = load_open3d()
-
     return scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays, np.float32)))["t_hit"].numpy()

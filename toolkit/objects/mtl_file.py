@@ -1,7 +1,9 @@
 """Material libraries of Wavefront OBJ files: colours, pictures with their options, and what is left out."""
 
 import codecs
+import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +14,7 @@ OPTIONS = {
     "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-o": 3,
     "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
 }  # fmt: skip
-"""Options before a picture's name, with how many values each has; of the vectors, the last two may be missing."""
+"""Options before a picture's name, with their numbers of values; the last two of a vector may be missing."""
 VECTORS = ("-o", "-s", "-t")
 PICTURES = ("map_", "bump", "disp", "decal", "refl", "norm")
 BYTE_ORDER_MARKS = (
@@ -30,7 +32,7 @@ class PictureMap:
         name: its path, as the library has it.
         scale: factor of the texture coordinates.
         offset: added to the scaled texture coordinates.
-        is_clamped: whether the picture's edge goes on outside it, instead of the picture again.
+        is_clamped: whether the picture's edge is extended, instead of repeating the picture.
     """
 
     name: str
@@ -44,13 +46,12 @@ class ObjMaterial:
     """A material of a library.
 
     Attributes:
-        folder: the library's, from which its pictures are named.
-        colour: Kd, sRGB-encoded, 0 to 1; None if the library gives none.
+        folder: folder of the library, to which names of pictures are relative.
+        colour: Kd, sRGB-encoded, 0 to 1, if any.
         picture: map_Kd.
         others: names of the pictures of other maps.
         shininess: Ns, the exponent of the highlight.
-        roughness: Pr.
-        metallic: Pm.
+        roughness, metallic: Pr and Pm.
         left_out: statements that change the look and are not used.
     """
 
@@ -65,14 +66,11 @@ class ObjMaterial:
 
 
 def decode_text(content: bytes) -> str:
-    r"""The text of an OBJ or MTL in any usual encoding, with `\n` at the ends of lines and continued lines joined.
-
-    Comments behind statements are gone; those that fill a line stay.
-    """
+    r"""Decode an OBJ or MTL in any usual encoding, with `\n` at line ends, lines joined, and no comments after code."""
     text = _decode(content).replace("\r\n", "\n").replace("\r", "\n").replace("\t", " ")
     # a comment may end in a backslash: it is no continuation
     text = re.sub(r"^( *[^#\s].*)\\ *\n", r"\1 ", text, flags=re.MULTILINE) if "\\" in text else text
-    # names may hold a # of their own, as in `skin#2`
+    # names may hold a #, as in `skin#2`
     return re.sub(r"^( *[^#\s].*?) +#(?: .*)?$", r"\1", text, flags=re.MULTILINE) if " #" in text else text
 
 
@@ -90,7 +88,7 @@ def _decode(content: bytes) -> str:
 
 
 def read_library(path: Path) -> dict[str, ObjMaterial]:
-    """The materials of a library by name; runs of spaces in names are one space."""
+    """Read the materials of a library by name; runs of spaces in names become a single space."""
     materials: dict[str, ObjMaterial] = {}
     material: ObjMaterial | None = None
     for line in decode_text(path.read_bytes()).split("\n"):
@@ -134,7 +132,7 @@ def _read_number(material: ObjMaterial, key: str, values: list[float]) -> None:
 
 
 def _read_colour(material: ObjMaterial, values: list[float]) -> tuple[float, float, float]:
-    """Kd as 0 to 1: one value is grey; some programs write 0 to 255."""
+    """Return Kd in 0 to 1: a single value is grey; some programs write up to 255."""
     red, green, blue = values[:3] if len(values) >= 3 else values[:1] * 3
     if max(red, green, blue) > 1:
         material.left_out.append("Kd over 1 (taken as 0 to 255)")
@@ -153,7 +151,7 @@ def _read_picture(material: ObjMaterial, rest: str) -> PictureMap | None:
 
 
 def _split_options(rest: str) -> tuple[dict[str, list[str]], str]:
-    """Options with their values, and the picture's name, in which spaces are kept."""
+    """Split options with their values from the picture's name, which may hold spaces."""
     options: dict[str, list[str]] = {}
     while match := re.match(r"(-[A-Za-z]+) +(?=\S)", rest):
         key = match[1].lower()
@@ -169,23 +167,23 @@ def _split_options(rest: str) -> tuple[dict[str, list[str]], str]:
 
 
 def _numbers(words: list[str]) -> list[float]:
-    """The leading words that are finite numbers."""
+    """Return the leading words that are finite numbers."""
     found: list[float] = []
     for word in words:
         try:
             value = float(word)
         except ValueError:
             break
-        if abs(value) == float("inf") or value != value:
+        if not math.isfinite(value):
             break
         found.append(value)
     return found
 
 
 def find_libraries(obj: Path, text: str) -> tuple[list[Path], list[str]]:
-    """The material libraries that an OBJ of this text names, and the names of those that are not there.
+    """Find the material libraries that an OBJ of this text names, and the names of missing libraries.
 
-    A line is one name, with its spaces, or, if there is no such file, several names.
+    A line is a name, with its spaces, or, if there is no such file, several names.
 
     Raises:
         ToolkitError: a name leaves the folder.
@@ -193,18 +191,13 @@ def find_libraries(obj: Path, text: str) -> tuple[list[Path], list[str]]:
     found: dict[Path, None] = {}
     missing: list[str] = []
     for line in re.findall(r"^ *mtllib +(.*?) *$", text, re.MULTILINE):
-        whole = line.strip('"')
-        for name in [whole] if _is_there(obj.parent, whole) else whole.split():
+        names = [line.strip('"')]
+        with suppress(ToolkitError):
+            names = names if find_named(obj.parent, names[0]) is not None else names[0].split()
+        for name in names:
             library = find_named(obj.parent, name)
             if library is None:
                 missing.append(name)
             else:
                 found[library] = None
     return list(found), missing
-
-
-def _is_there(folder: Path, name: str) -> bool:
-    try:
-        return find_named(folder, name) is not None
-    except ToolkitError:
-        return False

@@ -11,16 +11,15 @@ MOST_TAILS = 8
 
 
 def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None:
-    r"""The file in `root` or below that a mesh means by `name`; None if there is none.
+    r"""Find the file in `root` or below that a mesh means by `name`, if any.
 
-    The path is tried as written, then with `\` as `/`, then without its first part, its first two and so on: exporters
-    write the absolute paths of their own machine. If no file has that exact name, letter case is ignored where only
-    one file matches.
+    The path is tried as written, then with `\` as `/`, then without its first parts, as exporters write absolute paths
+    of another machine. Letter case is ignored if only a single file then matches.
 
     Args:
         root: the mesh's folder; nothing outside it is found.
-        name: as the file has it.
-        beside: a folder below `root` that is looked into first: the material library's.
+        name: name in the file.
+        beside: a folder below `root` that is searched first: the material library's.
 
     Raises:
         ToolkitError: the path leaves `root`, and no file in `root` has its last part as its name.
@@ -49,7 +48,7 @@ def find_named(root: Path, name: str, beside: Path | None = None) -> Path | None
 
 
 def _match_case(folder: Path, name: str) -> list[Path]:
-    """Files below `folder` whose path is `name` but for letter case and for how accents are encoded."""
+    """Find files below `folder` whose path is `name` but for letter case and the encoding of accents."""
     found = [folder]
     for part in Path(name).parts:
         if part in ("/", ".."):

@@ -1,8 +1,8 @@
-"""A whole surface as a paper model: nets that are cut out, folded and glued, with a tab at each edge that is glued.
+"""A whole surface as a paper model: nets that are cut out, folded and glued, with a tab at each glued edge.
 
-A net grows over the longest edges first, so that little is cut: the minimum perimeter heuristic of Straub and Prautzsch
-2011, "Creating optimized cut-out sheets for paper models from meshes". Where a triangle would lie on another one, or
-off the sheet, the next net begins.
+A net grows over the longest edges first, so that little is cut (minimum perimeter heuristic: Straub and Prautzsch 2011,
+"Creating optimized cut-out sheets for paper models from meshes"). A new net begins if triangles would overlap or leave
+the sheet.
 """
 
 import heapq
@@ -20,25 +20,19 @@ from toolkit.objects.trim import make_piece, turn_to_fit
 from toolkit.objects.wrap import FlatPiece, SeamRecord, TabRecord
 
 MOST_FACES = 2_000
-"""Nobody folds more."""
+"""Most triangles that a person folds."""
 FOLD_DEG = 1.0
 """Edges of a net that are bent by more are folded."""
 FLAT_COSINE = 1 - 1e-6
 TAB_MM, LEAST_TAB_MM = 7.0, 2.0
-"""Depth of a glue tab, and the least where there is little room."""
+"""Depth of a glue tab, and the least depth."""
 HAIR = 1e-6
-"""Triangles are drawn in by this share before they are compared, so that neighbours do not touch."""
+"""Triangles are shrunk by this share before they are compared, so that neighbours do not touch."""
 
 
 @dataclass(frozen=True)
 class Tab:
-    """A glue tab.
-
-    Attributes:
-        piece: index of the net that it is on.
-        edge: face and edge of the mesh that it stands on.
-        outline: (4, 2) in mm of the net, from the end of the edge back to its beginning on the outer side.
-    """
+    """A glue tab of a net, on an edge of a face of the mesh; `outline` (4, 2) in mm begins at the end of the edge."""
 
     piece: int
     edge: Edge
@@ -46,11 +40,11 @@ class Tab:
 
 
 def unfold(surface: Surface, sheet_mm: tuple[float, float]) -> list[FlatPiece]:
-    """All faces as nets that fold without stretch, largest first; faces larger than the sheet are left out.
+    """Unfold all faces into nets without stretch, largest first; faces larger than the sheet are left out.
 
     Args:
-        surface: in mm.
-        sheet_mm: largest net, with a tab's depth taken off all round.
+        surface: surface in mm.
+        sheet_mm: sides of the sheet, which also holds the tabs.
 
     Raises:
         ToolkitError: more triangles than a hand folds, or more nets than a wrap has pieces.
@@ -73,14 +67,14 @@ def unfold(surface: Surface, sheet_mm: tuple[float, float]) -> list[FlatPiece]:
         found.append(region)
     if len(found) > MOST_PIECES:
         raise ToolkitError(f"{len(found)} nets, of which a wrap has {MOST_PIECES} at most: take a larger --sheet-mm")
-    found.sort(key=lambda one: -float(surface.area[one.faces].sum()))
+    found.sort(key=lambda region: -float(surface.area[region.faces].sum()))
     return [make_piece(surface, region, (wide, high)) for region in found]
 
 
 def _grow_net(
     surface: Surface, seed: int, left: np.ndarray, first: np.ndarray, sheet_mm: tuple[float, float]
 ) -> Region:
-    """A net over as many of the faces that are left as lie beside each other on the sheet."""
+    """Grow a net over as many of the remaining faces as fit beside each other on the sheet."""
     faces, flats = [seed], np.empty((int(left.sum()), 3, 2))
     flats[0] = first
     queue: list[tuple[float, int, int, int]] = []  # minus the edge's length, the face behind it, row, edge
@@ -112,7 +106,7 @@ def _grow_net(
 
 
 def _turn_over(surface: Surface, flat: np.ndarray, face: int, edge: int) -> np.ndarray:
-    """(3, 2) where the neighbour across an edge of a face that lies at `flat` comes to lie."""
+    """(3, 2) place of the neighbour across an edge of a face at `flat`."""
     other, own = surface.neighbour[face, edge], int(surface.across[face, edge])
     start, end = flat[(edge + 1) % 3], flat[edge]
     along = (end - start) / np.linalg.norm(end - start)
@@ -123,39 +117,37 @@ def _turn_over(surface: Surface, flat: np.ndarray, face: int, edge: int) -> np.n
     return turned
 
 
-def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(k,) bool: which of the triangles or quadrilaterals (k, c, 2) a convex polygon (c, 2) lies on, by their sides."""
+def _overlap(polygon: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(k,) bool: triangles or quadrilaterals (k, c, 2) that overlap a convex polygon (c, 2), by separating axes."""
     apart = np.zeros(len(others), bool)
-    for polygons in (one[None], others):
+    for polygons in (polygon[None], others):
         sides = np.roll(polygons, -1, axis=1) - polygons
         across = np.stack([sides[..., 1], -sides[..., 0]], axis=-1)
         across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
-        mine = np.einsum("kai,ci->kac", across, one)
+        mine = np.einsum("kai,ci->kac", across, polygon)
         theirs = np.einsum("kai,kci->kac", np.broadcast_to(across, (len(others), *across.shape[1:])), others)
-        # a line between them that has each on a side of its own (separating axes)
         gap = np.maximum(theirs.min(axis=2) - mine.max(axis=2), mine.min(axis=2) - theirs.max(axis=2))
-        apart |= (gap >= -HAIR * np.ptp(one, axis=0).max()).any(axis=1)
+        apart |= (gap >= -HAIR * np.ptp(polygon, axis=0).max()).any(axis=1)
     return ~apart
 
 
 def find_tabs(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[list[Tab], int]:
-    """A glue tab for each pair of edges that meet when folded, on the side that has more room.
-
-    Returns:
-        The tabs, and how many pairs have none for want of room.
-    """
+    """Find a glue tab for each pair of edges that meet when folded, on the side with more room; count pairs without."""
     owner, flat = spread_pieces(surface, pieces)
     joined = find_joined(surface, owner, flat)
-    taken = [piece.flat_mm for piece in pieces]  # what tabs must not lie on
+    taken = [piece.flat_mm for piece in pieces]  # tabs must not overlap them
     tabs: list[Tab] = []
     missed = 0
     face, edge = np.nonzero((owner >= 0)[:, None] & (surface.neighbour >= 0) & ~joined)
-    for one in sorted(zip(face.tolist(), edge.tolist(), strict=True), key=lambda at: (-surface.length[at], at)):
-        other = int(surface.neighbour[one]), int(surface.across[one])
-        if owner[other[0]] < 0 or one > other:
+    for here in sorted(zip(face.tolist(), edge.tolist(), strict=True), key=lambda at: (-surface.length[at], at)):
+        other = int(surface.neighbour[here]), int(surface.across[here])
+        if owner[other[0]] < 0 or here > other:
             continue
-        sides = [(at, _fit_tab(surface, flat, at, taken[owner[at[0]]])) for at in (one, other)]
-        (at, outline) = max(sides, key=lambda side: -1.0 if side[1] is None else _depth(side[1]))
+        sides = [(at, _fit_tab(surface, flat, at, taken[owner[at[0]]])) for at in (here, other)]
+        # the deeper tab
+        (at, outline) = max(
+            sides, key=lambda side: -1.0 if side[1] is None else float(np.linalg.norm(side[1][1] - side[1][2]))
+        )
         if outline is None:
             missed += 1
             continue
@@ -169,16 +161,19 @@ def find_tabs(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[list[Tab],
 def name_tabs(
     surface: Surface, pieces: Sequence[FlatPiece], seams: Sequence[Sequence[SeamRecord]]
 ) -> list[list[TabRecord]]:
-    """The tabs of each net, named as the seams that they are glued at; says how many edges go without one."""
+    """Return the tabs of each net, named as the seams that they are glued at; a notice counts edges without a tab."""
+    import shapely
+
     tabs, missed = find_tabs(surface, pieces)
     owner, _ = spread_pieces(surface, pieces)
     records: list[list[TabRecord]] = [[] for _ in pieces]
     for tab in tabs:
         meets = int(owner[surface.neighbour[tab.edge]]) + 1
         middle = tab.outline[:2].mean(axis=0)
-        # the seam that runs along the edge that the tab stands on
+        # the seam nearest to the tab's edge
         near = [seam for seam in seams[tab.piece] if seam.piece == meets]
-        letter = min(near, key=lambda seam: _way_to(seam, middle)).letter if near else ""
+        lines = [shapely.LineString([seam.from_mm, seam.middle_mm, seam.to_mm]) for seam in near]
+        letter = near[int(np.argmin(shapely.distance(lines, shapely.Point(middle))))].letter if near else ""
         points = [(round(float(x), 4), round(float(y), 4)) for x, y in tab.outline]
         records[tab.piece].append(TabRecord(piece=meets, letter=letter, outline_mm=points))
     if missed:
@@ -186,18 +181,8 @@ def name_tabs(
     return records
 
 
-def _way_to(seam: SeamRecord, point: np.ndarray) -> float:
-    """Distance, mm, from a point to the line from a seam's beginning over its middle to its end."""
-    import shapely
-
-    return float(shapely.LineString([seam.from_mm, seam.middle_mm, seam.to_mm]).distance(shapely.Point(point)))
-
-
 def _fit_tab(surface: Surface, flat: np.ndarray, at: Edge, taken: np.ndarray) -> np.ndarray | None:
-    """(4, 2) the deepest tab on an edge that lies on nothing; None where there is no room.
-
-    It is no deeper than the face that it is glued to, and slopes by 45° or more, so that tabs at a corner do not meet.
-    """
+    """(4, 2) deepest tab on an edge without overlap, if there is room, sloped by 45° so that tabs do not meet."""
     start, end = flat[at[0], at[1]], flat[at[0], (at[1] + 1) % 3]
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
@@ -210,12 +195,7 @@ def _fit_tab(surface: Surface, flat: np.ndarray, at: Edge, taken: np.ndarray) ->
         outline = np.stack([
             end, start, start + depth * (along + out), end + depth * (out - along)
         ])  # fmt: skip
-        # counter-clockwise as the faces are, a hair off the edge that it stands on
+        # counter-clockwise as the faces are, slightly off the edge
         if not _overlap(outline + 1e-4 * out, taken).any():
             return outline
     return None
-
-
-def _depth(outline: np.ndarray) -> float:
-    """Return how far a tab reaches out."""
-    return float(np.linalg.norm(outline[1] - outline[2])) / np.sqrt(2)

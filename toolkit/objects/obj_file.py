@@ -13,13 +13,13 @@ from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 from toolkit.core.text import list_some
-from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
+from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.imaging.read import read_texture
 from toolkit.objects.limits import check_corners
 from toolkit.objects.mesh import Material
-from toolkit.objects.mtl_file import ObjMaterial, PictureMap, decode_text, find_libraries, read_library
+from toolkit.objects.mtl_file import ObjMaterial, decode_text, find_libraries, read_library
 from toolkit.objects.named_files import find_named
-from toolkit.objects.paint import Paint, Piece, plain_paint
+from toolkit.objects.paint import MeshPart, Paint, plain_paint, solid_texture, tint_texture
 from toolkit.objects.polygons import is_fan, triangulate, triangulate_polygon
 
 MOST_OBJ_MATERIALS = 4_000
@@ -35,8 +35,8 @@ NOT_READ = {
 MIXED_FACE = re.compile(r"^ *f [^\n]*(?: |/)-", re.MULTILINE)
 
 
-def read_obj(path: Path) -> Iterator[Piece]:
-    """The parts of an OBJ, one for each material.
+def read_obj(path: Path) -> Iterator[MeshPart]:
+    """Read the parts of an OBJ, a part for each material.
 
     Raises:
         ToolkitError: too many materials, or a picture that does not decode; names the file.
@@ -55,12 +55,12 @@ def read_obj(path: Path) -> Iterator[Piece]:
         if len(corners):
             counts = np.full(len(corners), corners.shape[1])
             faces = corners.reshape(-1)[triangulate(vertices, corners.reshape(-1), counts)]
-            yield Piece(vertices, faces, painter.paint(part, vertices))
-    painter.say_left_out()
+            yield MeshPart(vertices, faces, painter.paint(part, vertices))
+    say_left_out(path, painter.left_out)
 
 
 def list_obj_names(path: Path) -> tuple[list[Path], list[str]]:
-    """The files that an OBJ and its libraries name, and the names of those that are not there.
+    """List the files that an OBJ and its libraries name, and the names of missing files.
 
     Raises:
         ToolkitError: a name leaves the folder.
@@ -80,7 +80,7 @@ def list_obj_names(path: Path) -> tuple[list[Path], list[str]]:
 
 
 def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
-    """The file's text in the plain form that trimesh reads, and the materials of its libraries."""
+    """Return the file's text in the plain form that trimesh reads, and the materials of its libraries."""
     with open_plain(path) as file:
         text = decode_text(file.read())
     libraries, missing = find_libraries(path, text)
@@ -112,7 +112,7 @@ def _read_text(path: Path) -> tuple[str, dict[str, ObjMaterial]]:
 
 
 def _find_materials(materials: dict[str, ObjMaterial], used: set[str]) -> list[str]:
-    """The names that are used and not there; those that differ from one material in letter case alone are added."""
+    """Return names without a material; a name that differs from a material in letter case only is added."""
     missing = []
     for name in sorted(used - set(materials)):
         alike = [material for known, material in materials.items() if known.casefold() == name.casefold()]
@@ -124,7 +124,7 @@ def _find_materials(materials: dict[str, ObjMaterial], used: set[str]) -> list[s
 
 
 def say_left_out(path: Path, features: list[str]) -> None:
-    """One note on stderr, once in a process, with the features of a file that are not used; none if there are none."""
+    """Print a note, once in a process, on the features of a file that are not used, if there are any."""
     features = list(dict.fromkeys(features))
     if features:
         notice_once(f"note: {path}: left out: {list_some(features, MOST_NOTES)}")
@@ -133,11 +133,11 @@ def say_left_out(path: Path, features: list[str]) -> None:
 def _plain_faces(text: str) -> str:
     """Corners counted from the last vertex get absolute numbers; corners without texture coordinates get (0, 0).
 
-    trimesh counts backwards from the end of the file, and drops all texture coordinates of a part if one is missing.
+    trimesh counts backwards from the end of the file, and drops all texture coordinates of a part if any is missing.
     """
     starts = re.findall(r"^f +(\S+)", text, re.MULTILINE)
-    is_mixed = len({_form(start) for start in starts}) > 1
-    if not is_mixed and not MIXED_FACE.search(text):
+    forms = {tuple(bool(part) for part in start.rstrip("/").split("/")) for start in starts}
+    if len(forms) < 2 and not MIXED_FACE.search(text):
         return text
     counts = {"v": 0, "vt": 0, "vn": 0}
     lines = text.split("\n")
@@ -177,27 +177,17 @@ def _split_faces(path: Path, text: str) -> str:
     return "\n".join(lines)
 
 
-def _form(corner: str) -> tuple[bool, ...]:
-    return tuple(bool(part) for part in corner.rstrip("/").split("/"))
-
-
 def _plain_corner(corner: str, counts: dict[str, int], dummy: int) -> str:
-    """A corner as vertex/uv, or as the vertex alone if the file has no texture coordinates."""
-    parts = corner.split("/")
-    vertex, uv = (_absolute(part, counts[key]) for part, key in zip([*parts, ""][:2], ("v", "vt"), strict=True))
+    """Return a corner as vertex/uv, or as the vertex alone if the file has no texture coordinates."""
+    numbers = [int(part or 0) for part in [*corner.split("/"), ""][:2]]
+    # a negative number counts from the last
+    vertex, uv = (number + (counts[key] + 1) * (number < 0) for number, key in zip(numbers, ("v", "vt"), strict=True))
     return f"{vertex}/{uv or dummy}" if dummy else str(vertex)
-
-
-def _absolute(index: str, count: int) -> int:
-    if not index:
-        return 0
-    number = int(index)
-    return number if number >= 0 else count + 1 + number
 
 
 @dataclass
 class _Painter:
-    """The paint of the parts of one OBJ; each picture is decoded once."""
+    """The paint of the parts of an OBJ; each picture is decoded once."""
 
     path: Path
     materials: dict[str, ObjMaterial]
@@ -206,12 +196,8 @@ class _Painter:
         self.pictures: dict[Path, np.ndarray] = {}
         self.left_out: list[str] = []
 
-    def say_left_out(self) -> None:
-        say_left_out(self.path, self.left_out)
-
-    def paint(self, part: dict[str, Any], vertices: np.ndarray) -> Any:
-        """The paint of one part: its material's picture or colour, times its vertices' colours; else plain grey."""
-        from trimesh.visual import ColorVisuals
+    def paint(self, part: dict[str, Any], vertices: np.ndarray) -> Paint | np.ndarray:
+        """Return a part's material, or its vertices' colours times the material's; else plain grey."""
         from trimesh.visual.color import to_rgba
 
         visual, colours = part.get("visual"), part.get("vertex_colors")
@@ -228,7 +214,7 @@ class _Painter:
             if picture is None:
                 colours = to_rgba(np.asarray(colours))[:, :3]
                 tint = None if material is None else material.colour
-                return ColorVisuals(vertex_colors=colours if tint is None else tint_picture(colours, tint))
+                return colours if tint is None else tint_texture(colours, _light_of(tint))
             self.left_out.append("colours of vertices below a picture")
         if material is None:
             return plain_paint(uv, len(vertices))
@@ -253,38 +239,27 @@ class _Painter:
         if picture is None or material.picture is None:
             uv, plain = plain_paint(uv, len(uv))
             if colour is not None:
-                plain = replace(plain, texture=tint_picture(np.full((4, 4, 3), 255, np.uint8), colour))
+                plain = replace(plain, texture=tint_texture(solid_texture((255, 255, 255)), _light_of(colour)))
             return uv, replace(plain, roughness=roughness, metallic=material.metallic)
-        uv, picture = _lay_out(material.picture, uv, picture)
+        uv = (uv * np.array(material.picture.scale) + np.array(material.picture.offset)).astype(np.float32)
+        if material.picture.is_clamped and (uv.min() < 0 or uv.max() > 1):
+            uv, picture = _clamp_picture(uv, picture)
         # black under a picture is a colour that was never set: it would blacken the picture
         if colour is not None and min(colour) < 1 and max(colour) > 0:
-            picture = tint_picture(picture, colour)
+            picture = tint_texture(picture, _light_of(colour))
         return uv, Material("material", picture, roughness, material.metallic)
 
 
-def tint_picture(picture: np.ndarray, colour: tuple[float, float, float]) -> np.ndarray:
-    """(..., 3) uint8 sRGB times a colour, 0 to 1, sRGB-encoded: the product of their light."""
-    import cv2
-
-    light = LINEAR_OF_CODE[np.round(np.multiply(colour, 255)).astype(np.uint8)]
-    table = np.round(linear_to_srgb(LINEAR_OF_CODE[:, None] * light) * 255).astype(np.uint8)
-    return np.asarray(cv2.LUT(np.atleast_3d(picture).reshape(-1, 1, 3), table[None])).reshape(picture.shape)
+def _light_of(colour: tuple[float, float, float]) -> np.ndarray:
+    return LINEAR_OF_CODE[np.round(np.multiply(colour, 255)).astype(np.uint8)]
 
 
-def _lay_out(how: PictureMap, uv: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Texture coordinates (n, 2) and the picture with a map's scale, offset and clamping."""
-    uv = (uv * np.array(how.scale) + np.array(how.offset)).astype(np.float32)
-    if not how.is_clamped or (uv.min() >= 0 and uv.max() <= 1):
-        return uv, picture
-    return clamp_picture(uv, picture)
-
-
-def clamp_picture(uv: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Texture coordinates (n, 2) and a picture whose edge is drawn out as far as they reach."""
+def _clamp_picture(uv: np.ndarray, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Extend a picture's edge as far as the texture coordinates (n, 2) reach, and return both."""
     height, width = picture.shape[:2]
     uv = np.clip(uv, -CLAMPED_TILES, 1 + CLAMPED_TILES)
     low, high = np.minimum(uv.min(axis=0), 0), np.maximum(uv.max(axis=0), 1)
-    # one texel more on each side, so that look-ups between texels stay inside
+    # a texel more on each side, so that look-ups between texels stay inside
     left, bottom = (np.ceil(-low * [width, height]) + 1).astype(int)
     right, top = (np.ceil((high - 1) * [width, height]) + 1).astype(int)
     larger = np.pad(picture, ((top, bottom), (left, right), (0, 0)), mode="edge")

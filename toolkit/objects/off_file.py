@@ -11,22 +11,20 @@ from toolkit.core.files import open_plain
 from toolkit.objects.limits import check_corners, check_faces
 from toolkit.objects.mtl_file import decode_text
 from toolkit.objects.obj_file import say_left_out
-from toolkit.objects.paint import PLAIN_COLOUR, Piece, plain_paint, to_codes
+from toolkit.objects.paint import PLAIN_COLOUR, MeshPart, plain_paint, to_codes
 from toolkit.objects.polygons import triangulate
 
 HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 BINARY = re.compile(rb"\s*\w*OFF +BINARY")
 
 
-def read_off(path: Path) -> Iterator[Piece]:
-    """The mesh of an OFF: its colours of faces, else of vertices, else plain grey.
+def read_off(path: Path) -> Iterator[MeshPart]:
+    """Read the mesh of an OFF with its colours of faces, else of vertices, else plain grey.
 
     Raises:
         ToolkitError: it is binary, or of four dimensions or more.
         Exception: the text is no OFF.
     """
-    from trimesh.visual import ColorVisuals
-
     with open_plain(path) as file:
         content = file.read()
     if BINARY.match(content):
@@ -61,19 +59,15 @@ def read_off(path: Path) -> Iterator[Piece]:
     of_faces = _read_colours([row[1 + count :] for row, count in zip(polygons, counts, strict=True)])
     if of_faces is None and any(len(row) == 2 + count for row, count in zip(polygons, counts, strict=True)):
         say_left_out(path, ["colours of faces (numbers of a table)"])
-    visual = plain_paint(None, len(vertices)) if of_vertices is None else ColorVisuals(vertex_colors=of_vertices)
+    paint = plain_paint(None, len(vertices)) if of_vertices is None else of_vertices
     if of_faces is not None:
         say_left_out(path, ["colours of vertices below those of faces"] if of_vertices is not None else [])
-        owner = np.repeat(np.arange(face_count), counts)[triangles[:, 0]]
-        visual = ColorVisuals(face_colors=of_faces[owner])
-    yield Piece(vertices, corner_vertex[triangles], visual)
+        paint = of_faces[np.repeat(np.arange(face_count), counts)[triangles[:, 0]], None]
+    yield MeshPart(vertices, corner_vertex[triangles], paint)
 
 
 def _read_colours(rows: list[list[str]]) -> np.ndarray | None:
-    """(n, 3) uint8 of what stands behind each row's numbers: red, green, blue and perhaps alpha; None if nothing does.
-
-    Rows without a colour are plain grey.
-    """
+    """(n, 3) uint8 colours at the end of each row, which may have alpha; rows without are plain grey, all: None."""
     there = [number for number, row in enumerate(rows) if len(row) >= 3]
     if not there:
         return None

@@ -1,48 +1,41 @@
-"""The paint of a user's mesh as one texture: its picture, its colours per face or vertex, or one plain colour."""
+"""The paint of a user's mesh as a texture: its picture, its colours per face or vertex, or a plain colour."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
-from toolkit.imaging.read import decode_texture
 from toolkit.objects.bake import unfold
 from toolkit.objects.mesh import Material, cross_products
-
-if TYPE_CHECKING:
-    from trimesh.visual import ColorVisuals, TextureVisuals
-    from trimesh.visual.material import PBRMaterial, SimpleMaterial
-
-    Visuals = ColorVisuals | TextureVisuals
 
 PLAIN_COLOUR = (168, 170, 173)
 """sRGB of a mesh that comes without texture or colours."""
 COLOURS = "colours"
-"""Name of the material whose texture was made from colours: its texture coordinates are no sheet to train."""
+"""Name of the material whose texture was made from colours: its texture coordinates cannot be trained on."""
 BLENDED = 40_000
-"""Up to so many faces, colours of vertices are blended over each; smaller faces have one colour each, their mean."""
+"""Most faces over which colours of vertices are blended; in larger meshes each face has their mean."""
 MOST_COLOURS = 2_000_000
 """With more, the last bit of each channel is left out."""
 LIKE = 4
 """Texels a side for each colour of a palette, so that look-ups between texels stay inside."""
-
-
 Paint = tuple[np.ndarray, Material]
 """Texture coordinates (n, 2) of vertices or (m, 3, 2) of the corners of faces, and the material."""
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A part of a file: vertices (n, 3) float64 in the scene's axes, faces (m, 3), its paint or trimesh's visuals."""
+class MeshPart:
+    """A part of a file: vertices (n, 3) float64 in the scene's axes, faces (m, 3), and its paint.
+
+    Instead of paint it may have colours, uint8 sRGB: (n, 3) of the vertices, or (m, 1, 3) of the faces.
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
-    visual: "Visuals | Paint | None"
+    paint: Paint | np.ndarray
 
 
 def to_codes(colours: np.ndarray) -> np.ndarray:
-    """(n, 3) uint8 of colours as programs write them: 0 to 255, fractions up to 1, or 16 bits."""
+    """Convert colours in 0 to 255, in fractions up to 1, or of 16 bits to (n, 3) uint8."""
     values = colours.astype(np.float64)
     most = np.nan_to_num(values).max(initial=0)
     if colours.dtype.kind == "f" and most <= 1:
@@ -53,102 +46,60 @@ def to_codes(colours: np.ndarray) -> np.ndarray:
 
 
 def plain_paint(uv: np.ndarray | None, count: int) -> Paint:
-    """Plain grey for `count` vertices, on their own texture coordinates (n, 2) if they have some."""
+    """Return plain grey for `count` vertices, on their own texture coordinates (n, 2) if they have some."""
     if uv is None:
         return np.zeros((count, 2), np.float32), plain_material()
     return uv, Material("material", solid_texture(PLAIN_COLOUR))
 
 
-def paint_faces(
-    visual: "Visuals | Paint | None", vertices: np.ndarray, faces: np.ndarray, source: str
-) -> tuple[np.ndarray, Material]:
-    """(m, 3, 2) texture coordinates of the corners of faces (m, 3) of vertices (n, 3), and the material.
-
-    A picture counts where the mesh has texture coordinates; else colours of vertices, blended over each face, or of
-    faces, times the material's base colour; else that alone; else plain grey.
-
-    Raises:
-        ToolkitError: a picture that does not decode, or is far too large; names `source`.
-    """
-    from trimesh.visual import TextureVisuals
-
-    if isinstance(visual, tuple):
-        own, material = visual
-        return (own if own.ndim == 3 else own[faces]), material
-    pbr, uv = (_to_pbr(visual.material), visual.uv) if isinstance(visual, TextureVisuals) else (None, None)
-    if pbr is not None and uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
-        image = pbr.baseColorTexture
-        picture = None if image is None else decode_texture(image, source)
-        return np.asarray(uv, np.float32)[faces], _material(pbr, picture)
-    plain = plain_material() if pbr is None else _material(pbr, None)
-    colours = _corner_colours(visual, vertices, faces)
-    if colours is None:
-        return np.zeros((len(faces), 3, 2), np.float32), plain
-    if pbr is not None and (tint := _tint(pbr)) is not None:
-        colours = (colours * tint).astype(np.uint8)
-    return paint_colours(colours, vertices, faces, (0.6 if pbr is None else plain.roughness, plain.metallic))
+def paint_faces(part: MeshPart, vertices: np.ndarray) -> Paint:
+    """Return (m, 3, 2) texture coordinates of the corners of a part's faces, and its material."""
+    if isinstance(part.paint, tuple):
+        uv, material = part.paint
+        return (uv if uv.ndim == 3 else uv[part.faces]), material
+    colours = np.repeat(part.paint, 3, axis=1) if part.paint.ndim == 3 else part.paint[part.faces]
+    return paint_colours(colours, vertices, part.faces, (0.6, 0.0))
 
 
 def paint_colours(
     colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]
 ) -> tuple[np.ndarray, Material]:
-    """(m, 3, 2) texture coordinates and the material of colours (m, 3, 3) uint8 of the corners, sRGB-encoded.
+    """Make texture coordinates of the corners and the material of their colours, (m, 3, 3) uint8 sRGB.
 
     `gloss` is roughness and metalness.
     """
     if len(faces) > BLENDED:
-        colours = _mean_colours(colours)
+        # the mean of light: a mean of codes would be too dark
+        mean = sum(LINEAR_OF_CODE[colours[:, corner]] for corner in range(3)) / 3
+        colours = np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
     even = bool((colours == colours[:, :1]).all())
     corner_uv, texture = _spread_palette(colours[:, 0]) if even else _blend_corners(colours, vertices, faces)
     return corner_uv, Material(COLOURS, texture, *gloss)
 
 
 def plain_material() -> Material:
-    """What a mesh without colours is made of."""
+    """Return the material of a mesh without colours."""
     return Material("plain", solid_texture(PLAIN_COLOUR), roughness=0.45)
 
 
 def tint_texture(texture: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """A picture (h, w, 3) uint8, sRGB-encoded, times (3,) linear factors; itself where they are 1."""
+    """Multiply colours (..., 3) uint8, sRGB-encoded, by (3,) linear factors."""
     import cv2
 
     if (factor == 1).all():
         return texture
     codes = np.round(linear_to_srgb(LINEAR_OF_CODE[:, None] * factor) * 255).astype(np.uint8)
-    return np.asarray(cv2.LUT(texture, codes[None]))
-
-
-def _corner_colours(visual: "Visuals | None", vertices: np.ndarray, faces: np.ndarray) -> np.ndarray | None:
-    """(m, 3, 3) uint8 colours of the corners, None where there are none."""
-    from trimesh.visual import ColorVisuals
-    from trimesh.visual.color import to_rgba
-
-    if isinstance(visual, ColorVisuals):
-        if visual.kind == "face":
-            return np.repeat(np.asarray(visual.face_colors)[:, None, :3], 3, axis=1)
-        found = visual.vertex_colors if visual.kind == "vertex" else None
-    else:
-        found = getattr(visual, "vertex_attributes", {}).get("color")
-    if found is None or len(found) != len(vertices):
-        return None
-    return to_rgba(np.asarray(found))[:, :3][faces]
-
-
-def _mean_colours(colours: np.ndarray) -> np.ndarray:
-    """(m, 1, 3) uint8 mean light of the corners (m, 3, 3)."""
-    # of light: a mean of codes would be too dark
-    mean = sum(LINEAR_OF_CODE[colours[:, corner]] for corner in range(3)) / 3
-    return np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
+    return np.asarray(cv2.LUT(texture.reshape(-1, 1, 3), codes[None])).reshape(texture.shape)
 
 
 def solid_texture(colour: tuple[int, int, int]) -> np.ndarray:
-    """A picture of one sRGB colour."""
+    """Return a picture of a single sRGB colour."""
     return np.full((4, 4, 3), colour, np.uint8)
 
 
 def _spread_palette(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3) of the faces become one block of texels for each that differs."""
-    # one number per colour: unique rows would be compared as bytes, many times slower
+    """Make a block of texels for each different colour of the faces (m, 3)."""
+    # a number for each colour: unique rows would be compared as bytes, many times slower
     code = colours.astype(np.int64) @ [1 << 16, 1 << 8, 1]
     _, first, index = np.unique(code, return_index=True, return_inverse=True)
     if len(first) > MOST_COLOURS:
@@ -163,10 +114,10 @@ def _spread_palette(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (m, 3, 3) of the corners become 2 × 2 texels for each face, between which look-ups blend them.
+    """Make 2 × 2 texels for each face, between which look-ups blend the colours of its corners (m, 3, 3).
 
-    The corners lie in the middles of three texels; the fourth is such that the blend is even. Faces that are near each
-    other and face one way lie near each other on the texture, so that it can be shrunk.
+    The corners lie in the middles of three texels; the fourth makes the blend even. Neighbours that face the same way
+    are near each other on the texture, so that it can be shrunk.
     """
     count = len(faces)
     level = max(int(np.ceil(np.log2(count) / 2)), 1)
@@ -185,7 +136,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
 
 
 def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(m,) the faces in an order in which neighbours that face one way come together: a Z-order curve in space."""
+    """(m,) faces along a Z-order curve in space, so that neighbours that face the same way come together."""
     corners = vertices[faces].astype(np.float64)
     normal = cross_products(corners)
     axis = np.abs(normal).argmax(axis=1)
@@ -199,36 +150,3 @@ def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         for dimension in range(3):
             code |= (cell[:, dimension] >> bit & 1) << (3 * bit + dimension)
     return np.argsort(code, kind="stable")
-
-
-def _material(pbr: "PBRMaterial", picture: np.ndarray | None) -> Material:
-    """A picture, or else one colour, tinted by the base colour, with roughness and metalness."""
-    import cv2
-
-    tint = _tint(pbr)
-    if picture is None:
-        picture = solid_texture(PLAIN_COLOUR if tint is None else (255, 255, 255))
-    if tint is not None:
-        picture = np.asarray(cv2.LUT(picture, (np.arange(256)[:, None] * tint).clip(0, 255).astype(np.uint8)[None]))
-    return Material(
-        pbr.name or "material",
-        picture,
-        roughness=0.6 if pbr.roughnessFactor is None else float(pbr.roughnessFactor),
-        metallic=0.0 if pbr.metallicFactor is None else float(pbr.metallicFactor),
-    )
-
-
-def _tint(pbr: "PBRMaterial") -> np.ndarray | None:
-    """(3,) base colour, 1 is white; None where the file gives none."""
-    factor = pbr.baseColorFactor
-    return None if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
-
-
-def _to_pbr(material: "PBRMaterial | SimpleMaterial") -> "PBRMaterial":
-    from trimesh.visual.material import SimpleMaterial
-
-    pbr = material.to_pbr() if hasattr(material, "to_pbr") else material
-    own = pbr.baseColorTexture is None and tuple(np.asarray(material.main_color)[:3]) != (102, 102, 102)
-    if isinstance(material, SimpleMaterial) and not own:
-        pbr.baseColorFactor = None  # trimesh's own default grey, not the file's
-    return pbr

@@ -10,11 +10,7 @@ from toolkit.objects.records import COMMAND, Texture, TexturedObjectRecord
 
 
 def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
-    """What the record says of an object, if the object is still the one that the texture was trained on.
-
-    Raises:
-        ToolkitError: the texture is not for it, or its mesh changed.
-    """
+    """Return the record of an object; a `ToolkitError` if the texture is not for it, or its mesh changed."""
     name, again = texture.record.name, f"train again with '{COMMAND} --object {item.name}'"
     entry = texture.record.entry(item.name)
     if entry is None:
@@ -31,11 +27,7 @@ def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
 
 
 def fit_texture(item: TableObject, texture: Texture) -> Atlas:
-    """The atlas that a texture was trained on, rebuilt from the object's mesh and what is stored beside the texture.
-
-    Raises:
-        ToolkitError: as `check_fit`.
-    """
+    """Rebuild the atlas that a texture was trained on; raises as `check_fit`."""
     entry = check_fit(item, texture)
     return make_atlas(
         item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name),
@@ -44,5 +36,5 @@ def fit_texture(item: TableObject, texture: Texture) -> Atlas:
 
 
 def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mesh:
-    """The object with pixels (n, n, 3) uint8 sRGB where a texture of it has its own; raises as `check_fit`."""
+    """Paint the object with pixels (n, n, 3) uint8 sRGB in the place of a texture; raises as `check_fit`."""
     return apply_texture(fit_texture(item, texture), pixels)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,8 @@ from toolkit.objects.limits import check_corners
 from toolkit.objects.mesh import Material
 from toolkit.objects.named_files import find_named
 from toolkit.objects.obj_file import say_left_out
-from toolkit.objects.paint import Paint, Piece, plain_paint, to_codes
+from toolkit.objects.paint import MeshPart, Paint, plain_paint, to_codes
 from toolkit.objects.polygons import triangulate
-
-if TYPE_CHECKING:
-    from toolkit.objects.paint import Visuals
 
 END = b"end_header"
 MOST_HEADER_BYTES = 1 << 20
@@ -35,8 +32,8 @@ ALIASES = {
 """Properties by the names that some programs give them, and as trimesh knows them."""
 
 
-def read_ply(path: Path) -> Iterator[Piece]:
-    """The parts of a PLY, one for each picture.
+def read_ply(path: Path) -> Iterator[MeshPart]:
+    """Read the parts of a PLY, a part for each picture.
 
     A `TextureFile` comment names a picture; the faces' `texnumber` counts these comments from 0.
 
@@ -52,8 +49,12 @@ def read_ply(path: Path) -> Iterator[Piece]:
     pictures = [find_named(path.parent, name) for name in names]
     missing = [name for name, file in zip(names, pictures, strict=True) if file is None]
     say_left_out(path, [f"{name} (not there)" for name in missing])
-    plain = io.BytesIO(header + _read_body(content) if header else content)
-    made = load_ply(plain, fix_texture=False, skip_materials=True)
+    if header:
+        head, _, body = content.partition(END)
+        # the header's lines may end in \r
+        body = b"\n" + body[1:] if head[:4] == b"ply\r" and head[4:5] != b"\n" else body
+        content = header + END + body
+    made = load_ply(io.BytesIO(content), fix_texture=False, skip_materials=True)
     del content
     raw = made["metadata"]["_ply_raw"]
     say_left_out(path, [f"element {name}" for name in raw if name not in KNOWN_ELEMENTS])
@@ -67,7 +68,7 @@ def read_ply(path: Path) -> Iterator[Piece]:
         return
     if any(pictures):
         say_left_out(path, [f"{picture.name} (the file has no texture coordinates)" for picture in pictures if picture])
-    yield Piece(surface.vertices, surface.corner_vertex[surface.triangles], _paint_plain(raw, surface))
+    yield MeshPart(surface.vertices, surface.corner_vertex[surface.triangles], _paint_plain(raw, surface))
 
 
 @dataclass(frozen=True)
@@ -91,16 +92,8 @@ class _Surface:
     picture: np.ndarray | None
 
 
-def _read_body(content: bytes) -> bytes:
-    r"""All behind the header, which may end in `\r`, from `end_header` on."""
-    head, end, body = content.partition(END)
-    if head[:4] == b"ply\r" and head[4:5] != b"\n":
-        body = b"\n" + body[1:]
-    return end + body
-
-
 def list_ply_names(path: Path) -> tuple[list[Path], list[str]]:
-    """The pictures that a PLY names, and the names of those that are not there.
+    """List the pictures that a PLY names, and the names of missing pictures.
 
     Raises:
         ToolkitError: a name leaves the folder.
@@ -113,7 +106,7 @@ def list_ply_names(path: Path) -> tuple[list[Path], list[str]]:
 
 
 def _read_header(content: bytes) -> tuple[bytes, list[str]]:
-    """The lines above `end_header` as trimesh knows them, and the pictures they name; empty if there are none."""
+    """Return the header as trimesh knows it, and the pictures that it names; empty without a header."""
     if END not in content[:MOST_HEADER_BYTES]:
         return b"", []
     text = content.partition(END)[0].removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace")
@@ -132,7 +125,7 @@ def _read_header(content: bytes) -> tuple[bytes, list[str]]:
 
 
 def _column(data: Any, *names: str) -> np.ndarray | None:
-    """The first of these properties that an element has; lists lie in the second field of a binary file's."""
+    """Return the first of these properties that an element has; a binary file's lists lie in the second field."""
     known = (data if isinstance(data, dict) else getattr(data, "dtype", np.dtype(float)).names) or ()
     for name in names:
         if name in known:
@@ -160,7 +153,7 @@ def _read_surface(path: Path, raw: dict[str, Any]) -> _Surface:
 
 
 def _flatten(lists: np.ndarray) -> np.ndarray:
-    """The numbers of all lists, one behind the other."""
+    """Concatenate the numbers of all lists."""
     return np.concatenate(lists) if lists.dtype == object else np.ravel(lists)
 
 
@@ -179,13 +172,13 @@ def _read_uv(face: Any, vertex: Any, corner_vertex: np.ndarray) -> np.ndarray | 
     return None
 
 
-def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: list[Path | None]) -> Iterator[Piece]:
-    """One part for each picture; faces of a number that is no picture's are plain grey."""
+def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: list[Path | None]) -> Iterator[MeshPart]:
+    """Yield a part for each picture; faces with the number of no picture are plain grey."""
     numbers = np.zeros(len(surface.triangles), np.int64)
     if surface.picture is not None and len(pictures) > 1:
         numbers = surface.picture[surface.corner_face[surface.triangles[:, 0]]]
     elif len(pictures) > 1:
-        say_left_out(path, [f"{one.name} (no face has a texnumber)" for one in pictures[1:] if one])
+        say_left_out(path, [f"{file.name} (no face has a texnumber)" for file in pictures[1:] if file])
     there = [number for number, picture in enumerate(pictures) if picture is not None]
     numbers = np.where(np.isin(numbers, there), numbers, -1)
     for number in np.unique(numbers):
@@ -195,19 +188,17 @@ def _split_by_picture(path: Path, surface: _Surface, uv: np.ndarray, pictures: l
         if picture is not None:
             roughness = (2 / 3) ** 0.25  # as of an OBJ whose material says nothing of it
             paint = uv[corners], Material("material", read_texture(picture), roughness)
-        yield Piece(surface.vertices[surface.corner_vertex[corners]], np.arange(len(corners)).reshape(-1, 3), paint)
+        yield MeshPart(surface.vertices[surface.corner_vertex[corners]], np.arange(len(corners)).reshape(-1, 3), paint)
 
 
-def _paint_plain(raw: dict[str, Any], surface: _Surface) -> "Visuals | Paint":
-    """Colours of the vertices, or of the faces; else plain grey."""
-    from trimesh.visual import ColorVisuals
-
+def _paint_plain(raw: dict[str, Any], surface: _Surface) -> Paint | np.ndarray:
+    """Return colours of the vertices, or of the faces; else plain grey."""
     colours = _read_colours(raw, "vertex")
     if colours is not None:
-        return ColorVisuals(vertex_colors=colours)
+        return colours
     colours = _read_colours(raw, "polygon")
     if colours is not None:
-        return ColorVisuals(face_colors=colours[surface.corner_face[surface.triangles[:, 0]]])
+        return colours[surface.corner_face[surface.triangles[:, 0]], None]
     uv = None
     if surface.uv is not None:
         uv = np.zeros((len(surface.vertices), 2), np.float32)

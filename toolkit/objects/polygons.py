@@ -4,12 +4,12 @@ import numpy as np
 
 
 def triangulate(vertices: np.ndarray, corner_vertex: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The triangles of a mesh's polygons: triangles first, then quadrilaterals, then all others.
+    """Triangulate a mesh's polygons: triangles first, then quadrilaterals, then all others.
 
     Args:
         vertices: (n, 3).
         corner_vertex: (c,) the vertex of each corner, polygon by polygon.
-        counts: (f,) how many corners each polygon has; one of less than 3 has no surface.
+        counts: (f,) number of corners of each polygon; with less than 3 it has no surface.
 
     Returns:
         (m, 3) numbers of corners.
@@ -42,7 +42,7 @@ def is_fan(places: np.ndarray) -> np.ndarray:
 
 
 def triangulate_polygon(places: np.ndarray) -> np.ndarray:
-    """(k - 2, 3) corners of the triangles of one polygon (k, 3), wound as it is."""
+    """(k - 2, 3) corners of the triangles of a polygon (k, 3), in its direction."""
     count = len(places)
     if is_fan(places[None])[0]:
         return np.stack([np.zeros(count - 2, np.int64), *(np.arange(1, count - 1) + step for step in (0, 1))], axis=1)
@@ -61,7 +61,7 @@ def triangulate_polygon(places: np.ndarray) -> np.ndarray:
 
 
 def _find_ear(ring: np.ndarray) -> int:
-    """A corner of a counter-clockwise polygon (k, 2) that can be cut off: it is convex, and no other lies within."""
+    """Find a corner of a counter-clockwise polygon (k, 2) that can be cut off: convex, and without others inside."""
     before, behind = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     turn = _cross(ring - before, behind - ring)
     hollow = ring[turn <= 0]

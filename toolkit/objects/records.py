@@ -1,8 +1,7 @@
-"""The files of what is put on an object: a patch or a texture, each a picture with a record beside it."""
+"""Files of patches and textures: a picture, and a record beside it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from toolkit.core.console import notice
+from toolkit.core.console import notice_once
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.text import FileName, Label
@@ -53,7 +52,7 @@ class NetworkRecord(BaseModel):
 
 
 class BoosterRecord(BaseModel):
-    """How a trained picture came to be.
+    """The training of a picture.
 
     Attributes:
         name: file name without suffix.
@@ -93,7 +92,7 @@ def encode_png(pixels: np.ndarray) -> bytes:
 
 
 def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
-    """Pixels of a PNG, (h, w, 3) uint8, or (h, w) with mode `L`; `file` is named where it cannot be decoded."""
+    """Decode a PNG, (h, w, 3) uint8, or (h, w) with mode `L`; errors name `file`."""
     try:
         with open_image(file, content) as image:
             return np.asarray(image.convert(mode))
@@ -102,10 +101,10 @@ def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
 
 
 def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
-    """The bytes of a file whose hash is in a record.
+    """Read a file whose hash is in a record.
 
     Raises:
-        ToolkitError: it cannot be read, or is not the one that was recorded.
+        ToolkitError: it cannot be read, or its hash differs.
     """
     content = read_bytes(file, MOST_RECORDED_BYTES)
     found = sha256_bytes(content)
@@ -118,7 +117,7 @@ def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
 
 
 def read_picture(png_file: Path, model: type[Record], command: str) -> tuple[np.ndarray, Record]:
-    """A square picture and its record, checked against each other; `command` makes them.
+    """Read a square picture and its record, checked against each other; `command` makes them.
 
     Returns:
         (n, n, 3) uint8 sRGB pixels, and the record.
@@ -144,7 +143,7 @@ TAPE_MARGIN_MM = 5.0
 
 
 class PatchRecord(BoosterRecord):
-    """How a patch came to be: the fields of `BoosterRecord` and its side on paper at the default scale, millimetres."""
+    """Record of a patch: the fields of `BoosterRecord` and its side on paper at the default scale, millimetres."""
 
     size_mm: float = Field(gt=0)
 
@@ -195,9 +194,7 @@ def read_patch(png_file: Path) -> Patch:
 def read_usable(
     read: Callable[[Path], Read], known: Mapping[str, Path], own: str | None = None
 ) -> Iterator[tuple[str, Read]]:
-    """Each name with what `read` makes of its file, in their order, `own` first.
-
-    A broken one is left out, and named on stderr once in a process: somebody else's must not stop a search.
+    """Read the file of each name, in their order, `own` first; a notice, once in a process, names broken files.
 
     Raises:
         ToolkitError: `own` is broken.
@@ -208,35 +205,29 @@ def read_usable(
         except ToolkitError as error:
             if name == own:
                 raise
-            _leave_out(str(error))
+            notice_once(f"left out: {error}")
         else:
             yield name, made
-
-
-@lru_cache(maxsize=1024)
-def _leave_out(reason: str) -> None:
-    notice(f"left out: {reason}")
 
 
 COMMAND = "toolkit train-texture"
 UV_MEMBER = "corner_uv"
 MAX_ARRAY_BYTES = 1 << 29
-"""More than 20 million triangles: what unpacks to more is no table of theirs."""
+"""More than 20 million triangles."""
 KEEP_LEVEL = 128
 
 
 class TexturedObjectRecord(BaseModel):
-    """An object that a texture was trained on, and what it takes to dress it again.
+    """An object that a texture was trained on.
 
     Attributes:
-        name: of the object.
+        name: name of the object.
         mesh_sha256: `hash_shape` of its mesh on the table.
         unwrapped: whether its texture coordinates were made for the texture, and are stored; else they are its own.
         keep: names of the materials that keep their paint.
-        keep_image_sha256: of the PNG that says where else it keeps its paint; None without one.
-        uv_sha256: of the stored coordinates; None where the object's own are used.
-        glb_sha256: of the dressed object as it was exported, None where it was not. Not checked: other programs may
-            save it again.
+        keep_image_sha256: hash of the PNG with other places that keep their paint, if any.
+        uv_sha256: hash of the stored coordinates, if any.
+        glb_sha256: hash of the exported object with the texture, if any. Not checked: other programs may save it again.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -256,7 +247,7 @@ class TexturedObjectRecord(BaseModel):
 
 
 class TextureRecord(BoosterRecord):
-    """How a texture came to be, and on which objects it goes."""
+    """The training of a texture, and its objects."""
 
     name: FileName
     objects: list[TexturedObjectRecord] = Field(min_length=1)
@@ -269,7 +260,7 @@ class TextureRecord(BoosterRecord):
         return objects
 
     def entry(self, name: str) -> TexturedObjectRecord | None:
-        """What is recorded of an object, None where the texture is not for it."""
+        """Return the record of an object; None if the texture is not for it."""
         return next((item for item in self.objects if item.name == name), None)
 
 
@@ -279,7 +270,7 @@ class Texture:
 
     Attributes:
         pixels: (n, n, 3) uint8, sRGB-encoded; row 0 is v = 1.
-        record: how it came to be.
+        record: its training.
         corner_uv: by object, (m, 3, 2) float32 texture coordinates of each triangle's corners, where they are stored.
         keep_images: by object, (h, w) bool in the mesh's own texture coordinates, true where its paint is kept.
     """
@@ -309,13 +300,13 @@ def write_texture(
     folder: Path, pixels: np.ndarray, record: dict[str, Any], corner_uv: Mapping[str, np.ndarray] | None = None,
     keep_images: Mapping[str, np.ndarray] | None = None, glbs: Mapping[str, bytes] | None = None,
 ) -> Texture:  # fmt: skip
-    """Write a texture, what its objects need, and last its record: a crash before that is told by `read_texture`.
+    """Write a texture, the files of its objects, and last its record: `read_texture` reports a crash before that.
 
     Args:
         folder: `rig/textures` of a workspace.
         pixels: (n, n, 3) uint8 sRGB.
-        record: the fields of `TextureRecord` except n_px and png_sha256; `objects` lists dicts with the fields of
-            `TexturedObjectRecord` except `unwrapped` and the hashes of files, which follow from the arguments below.
+        record: the fields of `TextureRecord` without n_px and png_sha256; `objects` lists dicts of
+            `TexturedObjectRecord` without `unwrapped` and the hashes, which follow from the arguments below.
         corner_uv: by object, (m, 3, 2), for objects that were unwrapped.
         keep_images: by object, (h, w) bool, true keeps the paint.
         glbs: by object, the file to export.
@@ -327,11 +318,11 @@ def write_texture(
     kept = {name: encode_png(np.where(mask, np.uint8(255), np.uint8(0))) for name, mask in masks.items()}
     png = encode_png(pixels)
     objects = [
-        one | {
-            "unwrapped": one["name"] in coordinates, "uv_sha256": _hash(coordinates, one["name"]),
-            "keep_image_sha256": _hash(kept, one["name"]), "glb_sha256": _hash(glbs, one["name"]),
+        item | {
+            "unwrapped": item["name"] in coordinates, "uv_sha256": _hash(coordinates, item["name"]),
+            "keep_image_sha256": _hash(kept, item["name"]), "glb_sha256": _hash(glbs, item["name"]),
         }
-        for one in record["objects"]
+        for item in record["objects"]
     ]  # fmt: skip
     fields = record | {"objects": objects, "n_px": pixels.shape[0], "png_sha256": sha256_bytes(png)}
     full = TextureRecord.model_validate(fields)
@@ -346,14 +337,14 @@ def write_texture(
 
 
 def read_texture(png_file: Path) -> Texture:
-    """Read a texture and what its objects need, each file checked against the record.
+    """Read a texture and the files of its objects, each checked against the record.
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
 
     Example:
         >>> texture = tk.read_texture(tk.make_workspace(Path("space")).textures()["racer"])
-        >>> texture.pixels.shape, [one.name for one in texture.record.objects]
+        >>> texture.pixels.shape, [item.name for item in texture.record.objects]
         ((200, 200, 3), ['racer'])
     """
     png_file = Path(png_file)
@@ -386,7 +377,7 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack_arrays(content: bytes, file: Path, names: Sequence[str], what: str) -> list[np.ndarray]:
-    """The arrays of these names out of an .npz file.
+    """Read the arrays of these names from an .npz file.
 
     Raises:
         ToolkitError: it is no such file, or unpacks to more than is meant; names `file` and `what` it should be.
@@ -396,7 +387,7 @@ def unpack_arrays(content: bytes, file: Path, names: Sequence[str], what: str) -
             members = [archive.getinfo(f"{name}.npy") for name in names]
             for member in members:
                 if member.file_size > MAX_ARRAY_BYTES or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                    raise ValueError(f"unpacks to {member.file_size >> 20} MiB, or is packed in a way of its own")
+                    raise ValueError(f"unpacks to {member.file_size >> 20} MiB, or is packed in an unknown way")
             return [np.load(BytesIO(archive.read(member)), allow_pickle=False) for member in members]
     # what NumPy, zipfile and zlib raise on damaged or hostile bytes
     except (ValueError, KeyError, OSError, EOFError, MemoryError, BadZipFile, ZlibError, RuntimeError) as error:
@@ -412,7 +403,7 @@ def _unpack_uv(content: bytes, file: Path) -> np.ndarray:
             f"{file}: expected floats (triangles, 3, 2), found {getattr(corner_uv, 'dtype', type(corner_uv).__name__)} "
             f"{shape}: train again"
         )
-    # what keeps its paint keeps coordinates of its own, which may lie anywhere
+    # faces that keep their paint keep their own coordinates, which may lie anywhere
     if not np.isfinite(corner_uv).all():
         raise ToolkitError(f"{file}: expected finite texture coordinates, found NaN or infinity: train again")
     return corner_uv.astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""Where pieces meet: which edge of one belongs to which of another, and along which lines a piece is folded."""
+"""Seams, at which edges of pieces meet, and lines along which a piece is folded."""
 
 from collections.abc import Iterable, Sequence
 
@@ -17,16 +17,11 @@ SAME_MM = 1e-6
 
 
 def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamRecord]]:
-    """The seams of each piece, each with a letter that stands on both of its sides.
-
-    Args:
-        surface: of the mesh.
-        pieces: of it, in their order.
-    """
+    """Find the seams of each piece, each with a letter for both of its sides."""
     owner, flat = spread_pieces(surface, pieces)
     joined = find_joined(surface, owner, flat)
     loops = [_walk_round(surface, piece.faces, joined) for piece in pieces]
-    # a run is a stretch of one loop that meets one other piece; both sides' runs together make the seam
+    # a run is a stretch of a loop that meets the same piece; both sides' runs make the seam
     run = np.full((*owner.shape, 3), -1)
     count = 0
     for around in loops:
@@ -62,7 +57,7 @@ def find_seams(surface: Surface, pieces: Sequence[FlatPiece]) -> list[list[SeamR
 def find_folds(
     surface: Surface, piece: FlatPiece, least_deg: float = FOLD_DEG
 ) -> tuple[list[tuple[Point, Point]], list[tuple[Point, Point]]]:
-    """Edges inside a piece that are bent by more, from and to in mm; and those of them that are valleys."""
+    """Find edges inside a piece that are bent by more, from and to in mm; and those that are valleys."""
     owner, flat = spread_pieces(surface, [piece])
     joined = find_joined(surface, owner, flat)
     face, edge = np.nonzero(joined[piece.faces])
@@ -71,7 +66,7 @@ def find_folds(
     cosine = (surface.normals[face] * surface.normals[other]).sum(axis=1)
     sharp = (face < other) & (cosine < np.cos(np.radians(least_deg)))
     face, edge, other = face[sharp], edge[sharp], other[sharp]
-    # a valley's other face rises above this one
+    # a valley's other face rises above this face
     apex = surface.corners[other, (surface.across[face, edge] + 2) % 3]
     rises = ((apex - surface.corners[face, edge]) * surface.normals[face]).sum(axis=1) > 0
     lines = [(_point(flat[f, e]), _point(flat[f, (e + 1) % 3])) for f, e in zip(face, edge, strict=True)]
@@ -79,13 +74,7 @@ def find_folds(
 
 
 def find_joined(surface: Surface, owner: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(m, 3) bool: edges whose two faces are of one piece and lie together on it.
-
-    Args:
-        surface: with m faces.
-        owner: (m,) the piece of each face, -1 where it has none.
-        flat: (m, 3, 2) where they lie on it.
-    """
+    """(m, 3) bool: edges whose two faces are together on the same piece; `owner` and `flat` as of `spread_pieces`."""
     face, edge = np.nonzero((surface.neighbour >= 0) & (owner >= 0)[:, None])
     other, own = surface.neighbour[face, edge], surface.across[face, edge]
     gap = np.abs(flat[face, edge] - flat[other, (own + 1) % 3]).max(axis=1)
@@ -99,7 +88,7 @@ Edge = tuple[int, int]
 
 
 def spread_pieces(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) index of the piece of each face of the mesh, -1 where there is none, and (m, 3, 2) where it lies on it."""
+    """(m,) index of the piece of each face of the mesh, -1 for none, and (m, 3, 2) its place on the piece."""
     owner, flat = np.full(len(surface.faces), -1), np.zeros((len(surface.faces), 3, 2))
     for number, piece in enumerate(pieces):
         owner[piece.faces], flat[piece.faces] = number, piece.flat_mm
@@ -107,7 +96,7 @@ def spread_pieces(surface: Surface, pieces: Sequence[FlatPiece]) -> tuple[np.nda
 
 
 def _walk_round(surface: Surface, faces: np.ndarray, joined: np.ndarray) -> list[list[Edge]]:
-    """The loops of edges round a piece, each face and edge, in the order in which they follow each other."""
+    """Return the loops of edges round a piece, each face and edge, in order."""
     rows, edges = np.nonzero(~joined[faces])
     left = set(zip(faces[rows].tolist(), edges.tolist(), strict=True))
     loops = []
@@ -127,7 +116,7 @@ def _walk_round(surface: Surface, faces: np.ndarray, joined: np.ndarray) -> list
 
 
 def _split_loop(loop: list[Edge], labels: Sequence[object]) -> list[list[Edge]]:
-    """Parts of a loop that have one label each; the one that runs through its beginning is whole."""
+    """Split a loop into parts of the same label; the part across its beginning stays whole."""
     cuts = [k for k in range(len(loop)) if labels[k] != labels[k - 1]]
     if not cuts:
         return [loop]
@@ -143,11 +132,11 @@ def _partner(surface: Surface, owner: np.ndarray, edge: Edge) -> int:
 
 
 def _seam_of(surface: Surface, owner: np.ndarray, run: np.ndarray, edge: Edge) -> tuple[int, int] | None:
-    """Numbers of the two runs that meet at an edge, None where no piece is across it."""
+    """Return the numbers of the two runs that meet at an edge; None without a piece across it."""
     if _partner(surface, owner, edge) < 0:
         return None
-    one, two = int(run[edge]), int(run[surface.neighbour[edge], surface.across[edge]])
-    return min(one, two), max(one, two)
+    runs = int(run[edge]), int(run[surface.neighbour[edge], surface.across[edge]])
+    return min(runs), max(runs)
 
 
 def _point(place: Iterable[float]) -> Point:

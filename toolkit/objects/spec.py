@@ -1,4 +1,4 @@
-"""`rig/objects/NAME.toml`: what an object is, where the sheets with its patch go, and how large a patch is printed."""
+"""`rig/objects/NAME.toml`: an object's class and mesh, the places of its patch, and the patch's printed size."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +22,6 @@ from toolkit.core.rooms import explain_missing
 from toolkit.core.text import FileName, LabelOrIndex, is_file_name
 from toolkit.core.workspace import Workspace
 
-"""How large a patch comes out of the printer."""
-
 BASE_DPI = 72.0
 SCALE = 2.5
 """The paper prints at 250 %; it names no resolution, 72 dpi is the PDF's own unit."""
@@ -39,7 +37,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]
 Material = Literal["paper", "film", "vinyl"]
 STRETCH: dict[Material, float] = {"paper": 0.01, "film": 0.03, "vinyl": 0.08}
-"""By how much what is stuck on may be stretched or squeezed before it tears or wrinkles."""
+"""Largest stretch of a piece before it tears or wrinkles."""
 MOST_PIECES = 99
 """Largest number of pieces of a wrap."""
 Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
@@ -47,19 +45,16 @@ BUILTIN_PREFIX = "builtin:"
 MOST_SPEC_BYTES = 1 << 20
 MOST_SHEETS = 12
 UNKNOWN_MM = 1.0
-"""Stands for the length of an object without a mesh, which nothing measures."""
+"""Length of an object without a mesh, which is never used."""
 
 
 def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
-    """The axes that point up and to the front where a spec does not name them.
-
-    glTF's specification states y and z. No other format states any: those stand as the rig does, z up and front x.
-    """
+    """Return the default axes up and to the front: y and z for glTF, as specified, else the rig's, z and x."""
     return ("y", "z") if Path(mesh).suffix.lower() in (".glb", ".gltf") else ("z", "x")
 
 
 class PatchMount(BaseModel):
-    """Where the printed sheet is taped.
+    """Place of the printed sheet.
 
     Attributes:
         at: side of the object with the patch, in the world's axes (front +x, left +y, top +z).
@@ -87,7 +82,7 @@ class ObjectSpec(BaseModel):
         world_length_m: longest side of the real thing, for outdoor worlds.
         up: axis of the mesh that points up; by default as in `axes_of_format`.
         front: axis of the mesh that points to the front; by default as in `axes_of_format`.
-        mounts: place of the patch: one sheet, or one for each table `[[patch]]`.
+        mounts: places of the patch: a sheet for each table `[patch]` or `[[patch]]`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -126,17 +121,17 @@ class ObjectSpec(BaseModel):
 
     @property
     def real_length_m(self) -> float:
-        """Longest side of what it is a model of; a `ToolkitError` where the spec does not say it."""
+        """Longest side of the real thing; a `ToolkitError` without it in the spec."""
         if self.world_length_m is None:
             raise ToolkitError(
                 f"object '{self.name}' has no real size, which weather and worlds need: add world_length_m, the length "
-                "in metres of what it is a model of, to its spec"
+                "of the real thing in metres, to its spec"
             )
         return self.world_length_m
 
     @property
     def metres_per_mm(self) -> float:
-        """Scale from the model to what it is a model of; raises as `real_length_m`."""
+        """Scale from the model to the real thing; raises as `real_length_m`."""
         return self.real_length_m / self.length_mm
 
     def sizes_mm(self, default_mm: float) -> tuple[float, ...]:
@@ -144,11 +139,11 @@ class ObjectSpec(BaseModel):
         return tuple(mount.size_mm or default_mm for mount in self.mounts)
 
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
-        """The same object with its patch printed at another size on every sheet, millimetres."""
+        """Return the object with its patch printed at another size on every sheet, mm."""
         return self.with_mounts([mount.model_copy(update={"size_mm": size_mm}) for mount in self.mounts])
 
     def with_mounts(self, mounts: Sequence[PatchMount]) -> "ObjectSpec":
-        """The same object with its sheets in other places."""
+        """Return the object with its sheets in other places."""
         return self.model_copy(update={"mounts": tuple(mounts)})
 
 
@@ -156,7 +151,7 @@ AXES = "x, y, z, -x, -y or -z"
 
 
 class ObjectRequest(Config):
-    """What is known of a new object; what is None follows from the mesh and its format.
+    """Settings of a new object; None follows from the mesh and its format.
 
     Example:
         >>> tk.ObjectRequest(class_name="crate", length_mm=300.0).length_mm
@@ -164,7 +159,7 @@ class ObjectRequest(Config):
     """
 
     class_name: Annotated[LabelOrIndex, Flag("--class", metavar="NAME", typed=str)] = Field(
-        description="What it should be recognised as: an ImageNet category, or your classifier's."
+        description="Class to recognise: an ImageNet category, or a label of your classifier."
     )
     name: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
         None, description="Name of the object. Default: the file's."
@@ -176,8 +171,8 @@ class ObjectRequest(Config):
     ] = Field(None, description="Longest side of the real object. Default: a glTF's own size, else 200.")
     print_side: Annotated[Side | None, Flag(metavar="SIDE", typed=Side)] = Field(
         None,
-        description="Where its patch goes: top, front, back, left or right. Default: top if it lies flat there, else "
-        "a side where it does.",
+        description="Side for its patch: top, front, back, left or right. Default: top if the patch fits flat there, "
+        "else a side where it does.",
     )
     size_mm: Annotated[
         Annotated[float, Field(ge=1, lt=100_000)] | None,
@@ -185,8 +180,8 @@ class ObjectRequest(Config):
         Flag(metavar="MM", typed=float),
     ] = Field(
         None,
-        description="Side of its printed patch. Default: 88, or a third of a small object. Made smaller where it does "
-        "not lie flat.",
+        description="Side of its printed patch. Default: 88, or a third of a small object; smaller if it does not fit "
+        "flat.",
     )
     up: Annotated[Axis | None, Flag(metavar="AXIS", typed=Axis)] = Field(
         None, description=f"The mesh's axis that points up: {AXES}. Default: by format."
@@ -198,10 +193,10 @@ class ObjectRequest(Config):
 
 
 def read_spec(path: Path) -> ObjectSpec:
-    """Read one object spec, with the file's name for its own.
+    """Read an object spec, named as its file.
 
     Raises:
-        ToolkitError: a field is wrong, or the name in the file, or the file's, is none; the message says which.
+        ToolkitError: a field is wrong, or the name in the file or of the file cannot be used.
     """
     spec, name = read_toml(path, ObjectSpec), Path(path).stem
     if spec.name not in ("", name):
@@ -215,7 +210,7 @@ def read_spec(path: Path) -> ObjectSpec:
 
 
 def names_with_mesh(workspace: Workspace) -> list[str]:
-    """The names of all objects that can be rendered, sorted; a notice tells of the others.
+    """Return the names of all objects that can be rendered, sorted; a notice names the others.
 
     Raises:
         ToolkitError: a spec is broken, or no object can be rendered.
@@ -229,22 +224,17 @@ def names_with_mesh(workspace: Workspace) -> list[str]:
         notice(f"note: left out, modelled by a room that is not installed: {', '.join(lost)}")
     names = [name for name, mesh in meshes.items() if mesh and name not in lost]
     if not names:
-        raise ToolkitError("no object can be rendered: add one of your own with 'toolkit add MESH --class NAME'")
+        raise ToolkitError("no object can be rendered: add your own with 'toolkit add MESH --class NAME'")
     return names
 
 
 def is_lost(mesh: str) -> bool:
-    """Whether a spec's mesh is modelled by a room of the kit that is not installed."""
+    """Whether a spec's mesh is modelled by a room that is not installed."""
     return mesh.startswith(BUILTIN_PREFIX) and explain_missing(mesh) is not None
 
 
 def write_mounts(spec_file: Path, written: Path, mounts: Sequence[PatchMount]) -> Path:
-    """Write a spec with other places for its sheets; all else stays as it is, comments outside `[patch]` too.
-
-    Args:
-        spec_file: the spec as it is.
-        written: where to; another file for an object of the package.
-        mounts: the places, one for each sheet.
+    """Write a spec with other places for its sheets to the file `written`; all else stays, comments too.
 
     Raises:
         ToolkitError: the spec is broken, or the disk is full or read-only.

@@ -3,7 +3,6 @@
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,19 +10,16 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 from toolkit.objects.limits import check_faces
 from toolkit.objects.mtl_file import decode_text
-from toolkit.objects.paint import PLAIN_COLOUR, Paint, Piece, plain_paint
-
-if TYPE_CHECKING:
-    from trimesh.visual import ColorVisuals
+from toolkit.objects.paint import PLAIN_COLOUR, MeshPart, plain_paint
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER_BYTES = 80
 OWN = 0x8000
-"""The bit by which a facet says whether it has a colour of its own: set in VisCAM's files, clear in Magics's."""
+"""Bit of a facet with its own colour: set in VisCAM's files, clear in Magics's."""
 
 
-def read_stl(path: Path) -> Iterator[Piece]:
-    """The solids of an STL, in the colours that VisCAM, SolidView or Magics gave them, else plain grey.
+def read_stl(path: Path) -> Iterator[MeshPart]:
+    """Read the solids of an STL, in the colours of VisCAM, SolidView or Magics, else plain grey.
 
     Raises:
         ToolkitError: a binary file ends too early.
@@ -48,7 +44,8 @@ def read_stl(path: Path) -> Iterator[Piece]:
         return
     vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
     colours = _read_colours(content[:HEADER_BYTES], facets["attribute"])
-    yield Piece(vertices, np.arange(len(vertices)).reshape(-1, 3), _paint(colours, len(vertices)))
+    paint = plain_paint(None, len(vertices)) if colours is None else colours[:, None]
+    yield MeshPart(vertices, np.arange(len(vertices)).reshape(-1, 3), paint)
 
 
 def _is_text(content: bytes) -> bool:
@@ -58,20 +55,14 @@ def _is_text(content: bytes) -> bool:
     return not is_exact and b"facet" in decode_text(content[: 1 << 12]).lower().encode()
 
 
-def _read_text(content: bytes) -> Iterator[Piece]:
+def _read_text(content: bytes) -> Iterator[MeshPart]:
     from trimesh.exchange.stl import load_stl_ascii
 
     made = load_stl_ascii(io.StringIO(decode_text(content)))
     for solid in made["geometry"].values() if "geometry" in made else (made,):
         vertices, faces = np.asarray(solid["vertices"], np.float64), np.asarray(solid["faces"], np.int64)
         if len(faces):
-            yield Piece(vertices, faces, plain_paint(None, len(vertices)))
-
-
-def _paint(colours: np.ndarray | None, count: int) -> "ColorVisuals | Paint":
-    from trimesh.visual import ColorVisuals
-
-    return plain_paint(None, count) if colours is None else ColorVisuals(face_colors=colours)
+            yield MeshPart(vertices, faces, plain_paint(None, len(vertices)))
 
 
 def _read_colours(header: bytes, attribute: np.ndarray) -> np.ndarray | None:
@@ -81,7 +72,7 @@ def _read_colours(header: bytes, attribute: np.ndarray) -> np.ndarray | None:
     own = attribute & OWN > 0
     _, is_magics, rest = header.partition(b"COLOR=")
     if is_magics and len(rest) >= 3:
-        # zeros are what programs write that give the whole solid one colour
+        # programs that give the whole solid a single colour write zeros
         solid = own | (attribute == 0)
         return np.where(solid[:, None], np.frombuffer(rest[:3], np.uint8), codes)
     if not own.any():

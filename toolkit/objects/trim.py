@@ -1,4 +1,4 @@
-"""A piece that has grown, trimmed to what can be printed, cut out and stuck on."""
+"""Trim a piece that has grown, so that it can be printed, cut out and stuck on."""
 
 from dataclasses import dataclass
 
@@ -24,33 +24,26 @@ from toolkit.objects.unwrap import spread
 from toolkit.objects.wrap import FlatPiece
 
 NARROWEST_MM = 12.0
-"""A hand does not place a narrower piece."""
+"""Narrowest piece that a hand places."""
 NECK_MM = 8.0
-"""What is narrower than this is cut off a piece."""
+"""Narrower parts are cut off a piece."""
 PIXEL_MM = 0.5
 SAME_MM = 1e-3
-"""Corners closer than this are one."""
-TURNS = 12
-LONGEST, CORNERS = 6, 64
-"""Angles between 0 and 180 degrees at which a sheet is laid over what is larger than it; how many of the longest edges
-it is laid along besides; and how many places across and up it is tried at."""
+"""Corners closer than this are the same."""
+TURNS, LONGEST, CORNERS = 12, 6, 64
+"""Tries of a sheet over a larger piece: angles in half a turn, longest edges to lie along, and places each way."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a piece must keep to.
-
-    Attributes:
-        stretch: largest.
-        sheet_mm: sides of the sheet that it is cut from.
-    """
+    """Limits of a piece: the largest stretch, and the sides of its sheet."""
 
     stretch: float
     sheet_mm: tuple[float, float]
 
 
 def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) -> Region | None:
-    """Cut off what is too narrow, too large or lies double, and relax for good; None where no wide part is left."""
+    """Cut off parts that are too narrow, too large or overlap, and relax; None if no wide part is left."""
     steps = 40
     while len(region.faces) > 0:
         region = relax_region(surface, region, steps) if len(region.faces) > 1 else region
@@ -59,7 +52,7 @@ def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) 
         bad = (signed_areas(region.flat) <= 0) & (area > FLAT_MM2)
         if weighted_percentile(change.reshape(-1), np.repeat(area, 3), 0.95) > limits.stretch:
             bad |= worst > max(limits.stretch, weighted_percentile(worst, area, 0.95))
-        # worked out at ever higher cost, so only where what is cheaper has found nothing
+        # each check costs more than those before, so it runs only if they found nothing
         bad = bad if bad.any() else _off_sheet(region.flat, value[region.faces] + 1e-9 * area, limits.sheet_mm)
         bad = bad if bad.any() else _on_necks(region.flat)
         bad = bad if bad.any() else find_overlaps(region.flat, np.arange(len(area)))
@@ -73,20 +66,14 @@ def finish(surface: Surface, region: Region, value: np.ndarray, limits: Limits) 
 
 
 EVEN_MM = 12.0
-"""A tooth in a piece's edge goes where that saves so many millimetres squared of piece for each of its cut."""
+"""A tooth in a piece's edge is removed if its area is under so many millimetres times the saved cut."""
 EVEN_DEG = 30.0
-"""Edges bent by more are where a piece should end."""
+"""A piece should end at edges bent by more."""
 PASSES = 4
 
 
 def even_border(surface: Surface, region: Region, free: np.ndarray) -> Region:
-    """Fill notches between two faces of a piece's edge, and take off teeth: what is left is cut with scissors.
-
-    Args:
-        surface: in mm.
-        region: finished.
-        free: (m,) bool, faces that it may have.
-    """
+    """Fill notches in a finished piece's edge with `free` faces (m,), and remove teeth, for scissors."""
     for _ in range(PASSES):
         before = len(region.faces)
         region = _fill_notches(surface, region, free)
@@ -103,14 +90,14 @@ def even_border(surface: Surface, region: Region, free: np.ndarray) -> Region:
 
 
 def _is_smooth(surface: Surface, faces: np.ndarray) -> np.ndarray:
-    """(k, 3) bool: edges of faces behind which the surface goes on without a bend."""
+    """(k, 3) bool: edges of faces across which the surface does not bend."""
     other = surface.neighbour[faces]
     bend = (surface.normals[faces][:, None] * surface.normals[other]).sum(axis=2)
     return (other >= 0) & (bend > np.cos(np.radians(EVEN_DEG)))
 
 
 def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
-    """With the free faces that two joined neighbours hold by all three corners."""
+    """Add the free faces that two joined neighbours hold by all three corners."""
     place = np.full(len(surface.faces), -1)
     place[region.faces] = np.arange(len(region.faces))
     face, count = np.unique(surface.neighbour[region.faces][_is_smooth(surface, region.faces)], return_counts=True)
@@ -136,28 +123,21 @@ def _fill_notches(surface: Surface, region: Region, free: np.ndarray) -> Region:
 
 
 HIDDEN_MM2 = 100.0
-"""What no camera sees is left off a piece from this size on."""
+"""Larger hidden parts are removed from a piece."""
 LOST = 0.01
-"""Share of a piece's value that it may lose with that."""
+"""Share of a piece's value that it may lose by that."""
 
 
 def leave_hidden(surface: Surface, region: Region, value: np.ndarray, limits: Limits) -> Region:
-    """Take off what is worth nothing, such as the ground of a pot, but for what holds the rest together.
-
-    Args:
-        surface: in mm.
-        region: finished.
-        value: (m,) what each face is worth.
-        limits: of the piece.
-    """
+    """Remove faces without value (m,), such as the ground of a pot, but for those that hold the rest together."""
     hidden, area = value[region.faces] <= 0, surface.area[region.faces]
     part = parts_of(surface, region, hidden)
     size = np.bincount(part, np.where(hidden, area, 0))
     least = (1 - LOST) * worth_of(region, value)
     rows = np.arange(len(area))
-    for one in np.flatnonzero(size >= HIDDEN_MM2):
+    for number in np.flatnonzero(size >= HIDDEN_MM2):
         kept = np.zeros(len(area), bool)
-        kept[rows] = part[rows] != one
+        kept[rows] = part[rows] != number
         trial = largest_part(surface, region, kept)
         rows = trial if float(value[region.faces[trial]].sum()) >= least else rows
     if len(rows) == len(area):
@@ -169,14 +149,14 @@ def leave_hidden(surface: Surface, region: Region, value: np.ndarray, limits: Li
 
 
 def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float]) -> np.ndarray:
-    """(k,) bool: faces beyond the sheet, laid where it holds most value."""
+    """(k,) bool: faces beyond the sheet in the place with most value on it."""
     if turn_to_fit(flat, sheet_mm)[1]:
         return np.zeros(len(flat), bool)
     best, most = np.ones(len(flat), bool), 0.0
     for angle in _list_turns(flat):
         turned = turn(flat, -angle)
         low, high = turned.min(axis=1), turned.max(axis=1)
-        # a best sheet can be moved until its left and its lower side touch a face each: such corners are tried
+        # the best sheet can be moved until its left and lower sides each touch a face: such corners are tried
         corners = [_thin_out(np.unique(low[:, axis])) for axis in range(2)]
         sums = np.zeros((len(corners[0]) + 1, len(corners[1]) + 1))
         # each face counts at all corners whose sheets hold it, a rectangle of them (summed as a table, Crow 1984)
@@ -200,7 +180,7 @@ def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float
 
 
 def _list_turns(flat: np.ndarray) -> np.ndarray:
-    """Angles at which a sheet is laid, radians: a fan of them, and along the longest edges."""
+    """Return the angles of a sheet to try, radians: a fan of them, and along the longest edges."""
     edges = (np.roll(flat, -1, axis=1) - flat).reshape(-1, 2)
     longest = edges[np.argsort(-np.linalg.norm(edges, axis=1), kind="stable")[:LONGEST]]
     along = np.arctan2(longest[:, 1], longest[:, 0])
@@ -214,10 +194,10 @@ def _thin_out(places: np.ndarray) -> np.ndarray:
 
 
 def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) -> FlatPiece:
-    """A region as a piece, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
+    """Make a piece of a region, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
     order = np.argsort(region.faces)
     faces, flat = region.faces[order], turn_to_fit(region.flat[order], sheet_mm)[0]
-    # of the four ways round, the one on which up is most nearly upwards
+    # of the four quarter turns, that with up most nearly upwards
     middles, height = flat.mean(axis=1), surface.corners[faces, :, 2].mean(axis=1)
     climb = (surface.area[faces] * (height - height.mean())) @ (middles - middles.mean(axis=0))
     flat = turn(flat, np.pi / 2 * round(np.arctan2(climb[0], climb[1]) / (np.pi / 2)))
@@ -226,13 +206,13 @@ def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) 
 
 
 def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.ndarray, bool]:
-    """A piece (k, 3, 2) turned so that its box is smallest, and whether that fits on the sheet, either way round."""
+    """Turn a piece (k, 3, 2) so that its box is smallest, and return whether it fits on the sheet, either way round."""
     from scipy.spatial import ConvexHull
 
     hull = flat.reshape(-1, 2)
     hull = hull[ConvexHull(hull).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
-    # the smallest box has a side along one of the hull's (Freeman and Shapira 1975)
+    # the smallest box has a side along a side of the hull (Freeman and Shapira 1975)
     angles = np.arctan2(sides[:, 1], sides[:, 0])
     boxes = np.ptp(np.stack([turn(hull, -angle) for angle in angles]), axis=1)
     fits = np.all(np.sort(boxes, axis=1) <= np.sort(np.array(sheet_mm)) + 1e-6, axis=1)

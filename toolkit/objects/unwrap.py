@@ -1,4 +1,4 @@
-"""Texture coordinates for meshes that have none: flat pieces that face one way each, packed by xatlas."""
+"""Texture coordinates for meshes that have none: flat pieces that each face a direction, packed by xatlas."""
 
 import io
 import os
@@ -9,13 +9,12 @@ import numpy as np
 
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.mesh import cross_products, flat_areas, group_places
+from toolkit.objects.mesh import connected_parts, cross_products, flat_areas, group_places
 
 FINE = 32
 """A piece is looked at on a grid of about so many cells a side."""
 JUMP = 4.0
-"""Heights in one cell that differ by more cells than this are two surfaces: the steepest faces climb 5 in 1, but two
-samples in a cell are mostly closer than its side."""
+"""Heights in a cell that differ by more cells than this are two surfaces."""
 WORTH_A_LOOK = 1e-3
 """Smaller pieces, as a share of the surface, stay whole."""
 TOLERATED = 0.02
@@ -23,7 +22,7 @@ TOLERATED = 0.02
 
 
 def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Which pieces cover themselves.
+    """Find the pieces that cover themselves.
 
     Args:
         flat: (m, 3, 2) the corners' places as seen along the piece's direction.
@@ -51,7 +50,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     if float(count) * float(width[0]) * float(width[1]) > 2**62:  # pieces of wildly different sizes: leave them whole
         return np.zeros(count, bool)
     key = (of * width[0] + grid[:, 0] - low[0]) * width[1] + grid[:, 1] - low[1]
-    # sorted by cell, then height: two samples of a cell one after the other, far apart, are two surfaces
+    # sorted by cell, then height: consecutive samples of a cell that are far apart are two surfaces
     order = np.lexsort((level, key))
     key, level, of = key[order], level[order], of[order]
     gap = (np.diff(key) == 0) & (np.diff(level) > JUMP * cell[of[1:]])
@@ -76,26 +75,25 @@ def spread(count: int) -> np.ndarray:
 
 DIRECTIONS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 FACING = 0.45
-"""A face may go to a direction that its normal leans this close to (cosine), for the sake of smooth borders."""
+"""Least cosine between a face's normal and its direction, for smooth borders."""
 LEANING = 0.2
-"""The same for the faces of pieces too small to stand alone."""
+"""The same for faces of pieces that are too small to stand alone."""
 AGREE = 0.5
-"""What it is worth, as a cosine, that all neighbours face the same way."""
+"""Weight, as a cosine, of neighbours that all face the same way."""
 MOST_CUTS = 8
-"""Pieces that lie over themselves are halved so often at most."""
+"""Most halvings of pieces that cover themselves."""
 
 
 def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cut a mesh into connected pieces, each of which faces one way, and project each along its mean normal.
+    """Cut a mesh into connected pieces that each face a direction, and project each along its mean normal.
 
     Args:
-        vertices: (n, 3), one per place (welded).
+        vertices: (n, 3), welded.
         faces: (m, 3).
-        least_area: pieces smaller than this join a neighbour where they lean its way, in the vertices' unit squared.
+        least_area: smaller pieces join a neighbour in whose direction they lean, in the vertices' unit squared.
 
     Returns:
-        (m,) the piece of each face, 0 … count − 1; and (m, 3, 2) each corner's place on its piece, in the vertices'
-        unit, counter-clockwise as seen from outside.
+        (m,) piece of each face, from 0; and (m, 3, 2) places of the corners on it, counter-clockwise from outside.
     """
     corners = vertices[faces].astype(np.float64)
     weighted = cross_products(corners)
@@ -112,7 +110,7 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
 def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(k, 2) faces that share an edge, and (k,) the edge's length; of more than two at an edge, each with the next."""
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1).astype(np.int64)
-    key = edges[:, 0] * len(vertices) + edges[:, 1]  # one number per edge, which sorts faster than pairs
+    key = edges[:, 0] * len(vertices) + edges[:, 1]  # a number for each edge sorts faster than pairs
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     pairs = np.stack([order[same], order[same + 1]], axis=1) // 3
@@ -121,7 +119,7 @@ def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _choose_directions(unit: np.ndarray, pairs: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """(m,) index of the direction each face belongs to: the one it faces, unless its neighbours outvote it."""
+    """(m,) index of each face's direction: as it faces, unless its neighbours outvote it."""
     m, count = len(unit), len(DIRECTIONS)
     cosine = unit @ DIRECTIONS.T
     facing = cosine.argmax(axis=1)
@@ -139,22 +137,15 @@ def _choose_directions(unit: np.ndarray, pairs: np.ndarray, length: np.ndarray) 
 
 
 def _pieces(facing: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(m,) connected faces of one direction (or any other label), numbered from 0."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
+    """(m,) connected faces of the same direction (or any other label), numbered from 0."""
     joined = pairs[facing[pairs[:, 0]] == facing[pairs[:, 1]]]
-    graph = coo_array((np.ones(len(joined), np.int8), (joined[:, 0], joined[:, 1])), shape=(len(facing),) * 2)
-    return connected_components(graph, directed=False)[1]
+    return connected_parts(len(facing), joined[:, 0], joined[:, 1])
 
 
 def _join_small(
     facing: np.ndarray, unit: np.ndarray, area: np.ndarray, pairs: np.ndarray, length: np.ndarray, least_area: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Connected pieces and where they face; those under `least_area` join a neighbour.
-
-    It is the one they share the longest border with, if they lean its way.
-    """
+    """Join pieces under `least_area` to the neighbour with the longest border, if they lean in its direction."""
     piece = _pieces(facing, pairs)
     for _ in range(6):
         count = int(piece.max()) + 1
@@ -162,7 +153,7 @@ def _join_small(
         lean = np.ones((count, len(DIRECTIONS)))
         np.minimum.at(lean, piece[area > 0], unit[area > 0] @ DIRECTIONS.T)
         way = np.zeros(count, np.int64)
-        # all faces of a piece face one way: any of them says it
+        # all faces of a piece have the same direction
         way[piece] = facing
         a, b = piece[np.concatenate([pairs, pairs[:, ::-1]])].T
         key, inverse = np.unique(a * count + b, return_inverse=True)
@@ -171,7 +162,7 @@ def _join_small(
         fit = (a != b) & (size[a] < least_area) & (size[a] <= size[b]) & (lean[a, way[b]] >= LEANING)
         a, b, border = a[fit], b[fit], border[fit]
         goes, receives = np.arange(count), np.zeros(count, bool)
-        # smallest first, each to its longest border; one that has received another stays for this round
+        # smallest first, each to its longest border; a piece that has received another stays for this round
         for i in np.lexsort((-border, size[a])):
             if goes[a[i]] == a[i] and goes[b[i]] == b[i] and not receives[a[i]]:
                 goes[a[i]] = b[i]
@@ -199,7 +190,7 @@ def _cut_winding(
         middle = height.mean(axis=1)
         np.minimum.at(low, piece, middle)
         np.maximum.at(high, piece, middle)
-        # label 2k below and 2k + 1 above the middle: `_pieces` joins what is connected with one label
+        # label 2k below and 2k + 1 above the middle: `_pieces` joins what is connected and labelled alike
         upper = winding & (middle > ((low + high) / 2)[piece])
         piece = _pieces(2 * piece + upper, pairs)
     return piece
@@ -208,7 +199,7 @@ def _cut_winding(
 def _flatten(
     corners: np.ndarray, unit: np.ndarray, weighted: np.ndarray, piece: np.ndarray, facing: np.ndarray
 ) -> np.ndarray:
-    """(m, 3, 2) each corner on its piece, seen along its mean normal or its direction: what suits the worst face."""
+    """(m, 3, 2) corners on their piece, along its mean normal or its direction, whichever suits its worst face."""
     count = int(piece.max()) + 1
     mean = np.stack([np.bincount(piece, weighted[:, axis], count) for axis in range(3)], axis=1)
     mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
@@ -233,13 +224,12 @@ SMALL_PX = 4
 
 
 def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """Flatten every triangle onto a square texture, at one scale.
+    """Flatten every triangle onto a square texture, at the same scale; the same input gives the same coordinates.
 
-    The same input gives the same coordinates. Pieces lie 2 texels apart, less where there are so many of them that
-    little else would be left of the texture.
+    Pieces are 2 texels apart, or less if there are very many.
 
     Args:
-        vertices: (v, 3) positions; those at one place count as one.
+        vertices: (v, 3) positions; those at the same place are joined.
         faces: (m, 3).
         n: side of the texture in texels.
 
@@ -256,7 +246,7 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     # a guess at the scale before packing: pieces fill about 60 % of the sheet
     texel = np.sqrt(surface / (0.6 * n * n))
     chart, flat = cut_charts(places, welded, least_area=(SMALL_PX * texel) ** 2)
-    # a corner is shared within a piece and cut between pieces: one number for the pair
+    # a corner is shared within a piece and cut between pieces: a number for the pair
     key = (chart.astype(np.int64)[:, None] * len(places) + welded).reshape(-1)
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
     points, triangles = flat.reshape(-1, 2)[first], inverse.reshape(-1, 3)
@@ -269,14 +259,13 @@ PADDING_PX = 2
 FAIR_SCALE = 0.4
 """With texels smaller than this share of the ideal, the space between pieces goes first."""
 _KEPT: list[object] = []
-"""Atlases, which are not given back."""
+"""Atlases, which are never freed."""
 
 
 def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) -> np.ndarray:
     """Move and turn flat pieces, at the largest scale at which they fit on a sheet.
 
-    An atlas of xatlas that is given back waits for its threads, now and then for ever: they are woken once, without the
-    lock that keeps the call from being missed. A process that ends at once gives nothing back.
+    Freeing an atlas of xatlas may wait for its threads for ever. A child process packs, and ends without freeing it.
 
     Args:
         points: (k, 2) in any unit.
@@ -297,7 +286,6 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
         )
     given = io.BytesIO()
     np.savez(given, points=points, triangles=triangles, chart=chart, n=n)
-    # in a process of its own: xatlas's threads can keep one waiting at its end
     done = run_python("from toolkit.objects.unwrap import _serve; _serve()", given.getvalue())
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
@@ -307,8 +295,7 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
 
 
 def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) -> np.ndarray:
-    """As `pack_pieces`, in this process."""
-    # the scale at which the pieces' area is the sheet's; bisection then finds the largest share of it that fits
+    """Pack in this process: bisection finds the largest scale that fits, as a share of that of equal areas."""
     ideal = n / np.sqrt(max(flat_areas(points[triangles]).sum(), 1e-30))
     best, best_scale = None, 0.0
     for padding in range(PADDING_PX, -1, -1):
@@ -331,7 +318,7 @@ def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) 
 
 
 def _try_pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, padding: int) -> tuple[np.ndarray, int]:
-    """Pieces in texels, moved and turned into one sheet, and that sheet's side."""
+    """Return pieces in texels, moved and turned into a sheet, and that sheet's side."""
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -348,7 +335,7 @@ def _try_pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, padd
 
 
 def _serve() -> None:
-    """Pack what comes in, send it out, and end without giving atlases back."""
+    """Pack the standard input, write the result, and end without freeing atlases."""
     code = 1
     try:
         with np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False) as given:

@@ -1,4 +1,4 @@
-"""A mesh as USDZ, which phones, Omniverse and Blender open: one file with its pictures, in metres, y up."""
+"""A mesh as USDZ, for phones, Omniverse and Blender: a single file with its pictures, in metres, y up."""
 
 import os
 from pathlib import Path
@@ -14,17 +14,13 @@ from toolkit.objects.mesh import Mesh
 from toolkit.objects.records import encode_png
 
 MADE_S = 946_728_000
-"""Time that a package's files bear, seconds since 1970: noon of 1 January 2000, whenever they are written."""
+"""Time of a package's files, seconds since 1970: noon of 1 January 2000, so that bytes do not change."""
 
 
 def to_usdz(mesh: Mesh, name: str) -> bytes:
-    """A USDZ package: a mesh for each material, with USD's own preview surface; the same mesh gives the same bytes.
+    """Write a USDZ package of an object in millimetres: a mesh for each material, with USD's own preview surface.
 
-    Faces are drawn from both sides, as the rig does it.
-
-    Args:
-        mesh: in millimetres, on the table.
-        name: of the object.
+    Faces are drawn from both sides, as in the rig. The same mesh gives the same bytes.
 
     Raises:
         ToolkitError: usd-core is not installed.
@@ -64,7 +60,7 @@ def to_usdz(mesh: Mesh, name: str) -> bytes:
 
 
 def _import_usd() -> Any:
-    """The modules of OpenUSD that are used here, as attributes of one."""
+    """Import the modules of OpenUSD that are used here, as attributes of `pxr`."""
     try:
         import pxr
         from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt  # noqa: F401
@@ -76,7 +72,7 @@ def _import_usd() -> Any:
 
 
 def _add_piece(usd: Any, stage: Any, place: Any, mesh: Mesh, rows: np.ndarray) -> Any:
-    """The faces of one material."""
+    """Add the faces of a material."""
     used, corners = np.unique(mesh.faces[rows], return_inverse=True)
     points = (mesh.vertices[used] @ T_GLTF_WORLD.T / MM_PER_M).astype(np.float32)
     piece = usd.UsdGeom.Mesh.Define(stage, place)
@@ -97,7 +93,7 @@ def _add_piece(usd: Any, stage: Any, place: Any, mesh: Mesh, rows: np.ndarray) -
 
 
 def _add_look(usd: Any, stage: Any, place: Any, picture: str, material: Any) -> Any:
-    """A material with a picture, looked up by the texture coordinates `st`."""
+    """Add a material with a picture, looked up by the texture coordinates `st`."""
     kinds = usd.Sdf.ValueTypeNames
 
     def shader(name: str, kind: str, **inputs: tuple[Any, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""Wraps: flat pieces that are stuck on an object; their canvas, and the folder that they are kept in."""
+"""Wraps: flat pieces that are stuck on an object, their canvas and their folder."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,13 +50,12 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class FlatPiece:
-    """A part of an object's surface that lies flat.
+    """A part of an object's surface, laid flat.
 
     Attributes:
         faces: (k,) int32, rows of the object's mesh.
-        flat_mm: (k, 3, 2) float64, where each face's corners lie on the flat piece: mm, x right, y up, seen from
-            outside, so that triangles are counter-clockwise; the piece's box begins at (0, 0). Corners at one point of
-            the surface that are joined inside the piece have equal coordinates.
+        flat_mm: (k, 3, 2) float64 places of the faces' corners on the piece: x right, y up, from (0, 0), seen from
+            outside, so that triangles are counter-clockwise. Joined corners have equal coordinates.
         stretch: 95th percentile, weighted by area, of the relative change of edge length on flattening (0.03: 3 %).
     """
 
@@ -80,14 +79,14 @@ class FlatPiece:
         return float(flat_areas(self.flat_mm).sum())
 
     def outline(self) -> "Polygon":
-        """What is cut out, in mm, with its holes."""
+        """Return the outline of the cut in mm, with its holes."""
         return self._outline
 
     @cached_property
     def _outline(self) -> "Polygon":
         import shapely
 
-        # rounded to a millionth of a millimetre: corners that are one point are one in every bit
+        # rounded to a millionth of a millimetre: the same corners have the same bits
         triangles = shapely.polygons(np.round(self.flat_mm[flat_areas(self.flat_mm) > 0], 6))
         whole = shapely.coverage_union_all(triangles)
         if not whole.is_valid or whole.geom_type != "Polygon":
@@ -101,10 +100,10 @@ class SeamRecord(BaseModel):
     """A part of a piece's edge that meets another piece, or the piece itself.
 
     Attributes:
-        piece: number of the one that it meets.
-        letter: the same on both.
-        from_mm, to_mm: its ends on this piece, counter-clockwise round it.
-        middle_mm: the point of the edge half way between.
+        piece: number of the other piece.
+        letter: letter on both pieces.
+        from_mm, to_mm: its ends on this piece, counter-clockwise.
+        middle_mm: point of the edge halfway between.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -119,9 +118,9 @@ class TabRecord(BaseModel):
     """A glue tab of a net.
 
     Attributes:
-        piece: number of the one that it is glued under.
-        letter: the same as at the seam there; empty where the seam is too short for one.
-        outline_mm: four points; the first two are the ends of the edge that it stands on, where it is folded back.
+        piece: number of the piece that it is glued under.
+        letter: letter of the seam there; empty if the seam is too short.
+        outline_mm: four points; it is folded back at the edge between the first two.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -135,16 +134,15 @@ class PieceRecord(BaseModel):
 
     Attributes:
         number: from 1, best first.
-        map_index: which piece of `pieces.npz` it is, where others of the plan were dropped; None: number - 1.
-        origin_px: column and row of the canvas, from its lower left, where the piece's box begins.
-        width_mm, height_mm, area_mm2: of the flat piece.
-        stretch: see `FlatPiece`.
-        outline_mm: rings of points, the outer one first.
-        seams: where it meets others.
-        folds_mm: edges where it is bent sharply, from and to.
-        valleys_mm: those of them where it is bent towards who looks at it; the others are mountain folds.
-        tabs: of a net, outside the outline; the box is without them.
-        png_sha256: of its picture.
+        map_index: index in `pieces.npz` if other pieces of the plan were dropped; None: number - 1.
+        origin_px: column and row of the canvas, from its lower left, at the corner of the piece's box.
+        width_mm, height_mm, area_mm2, stretch: see `FlatPiece`.
+        outline_mm: rings of points, the outer ring first.
+        seams: seams with other pieces.
+        folds_mm: edges that are bent sharply, from and to.
+        valleys_mm: folds towards the viewer; the others are mountain folds.
+        tabs: tabs of a net, outside the outline and the box.
+        png_sha256: hash of its picture.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -162,14 +160,19 @@ class PieceRecord(BaseModel):
     tabs: list[TabRecord] = []
     png_sha256: str = Field(pattern=SHA256)
 
+    @property
+    def index(self) -> int:
+        """Index in `pieces.npz`."""
+        return self.number - 1 if self.map_index is None else self.map_index
+
 
 class RankedPiece(BaseModel):
-    """A piece of the plan in the order in which each next one adds most.
+    """A piece of the plan, in the order of their gain.
 
     Attributes:
-        number: in the plan.
-        recognised: share of views in which the networks know the object with it and those before it.
-        mean_log_prob: of the class, in those views.
+        number: number in the plan.
+        recognised: share of correct views with it and the pieces before it.
+        mean_log_prob: mean log-probability of the class in those views.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -179,7 +182,7 @@ class RankedPiece(BaseModel):
 
 
 class WrapTraining(BaseModel):
-    """How what is on the pieces came to be: as `BoosterRecord`, the misfit that was drawn, and the pieces' ranks."""
+    """Training of the pieces' picture: as `BoosterRecord`, the misfit that was drawn, and the pieces' ranks."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     class_index: int = Field(ge=0)
@@ -197,9 +200,9 @@ class PictureRecord(BaseModel):
     """A picture that existed before the wrap.
 
     Attributes:
-        name: of its file, or of the wrap that it was.
-        sha256: of the file; of a wrap, of its map.
-        pattern_mm: length of its longer side where it repeats; None where it lies in the object's texture coordinates.
+        name: name of its file, or of another wrap.
+        sha256: hash of the file, or of the wrap's map.
+        pattern_mm: length of its longer side if it repeats; None if it is in the object's texture coordinates.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -212,20 +215,20 @@ class WrapRecord(BaseModel):
     """A wrap's plan, and how it was trained.
 
     Attributes:
-        name: of its folder.
-        object: what it is for.
-        class_name: what it was trained for, None before.
+        name: name of its folder.
+        object: name of the object.
+        class_name: class of the training, None before.
         mesh_sha256: `hash_shape` of the object's mesh on the table.
-        material: what the pieces are cut from.
-        stretch_allowed: of each piece.
+        material: material of the pieces.
+        stretch_allowed: largest stretch of each piece.
         covered: share of the surface that random cameras see.
         covered_surface: share of the whole surface.
-        texel_mm: pitch of the canvas, and n_px its side.
+        texel_mm, n_px: pitch of the canvas, and its side.
         pieces: best first.
-        plan: all pieces as they were planned, where some were dropped.
-        map_sha256: of `pieces.npz`.
-        booster: None before training.
-        picture: what is on it, where that existed already; not written where there is none.
+        plan: all pieces as they were planned, if some were dropped.
+        map_sha256: hash of `pieces.npz`.
+        booster: the training, None before.
+        picture: a picture that existed before; not written without any.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -252,7 +255,7 @@ class WrapRecord(BaseModel):
 
     @property
     def what_is_on_it(self) -> str | None:
-        """Words on a wrap that is not trained: its picture's name, or the object's own paint; None for one that is."""
+        """Picture of an untrained wrap in words: its picture's name, or the object's own paint; else None."""
         if self.booster is not None:
             return None
         return "the object's own paint" if self.picture is None else self.picture.name
@@ -281,13 +284,13 @@ class WrapRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Wrap:
-    """A plan of pieces and what is on them.
+    """A plan of pieces and their picture.
 
     Attributes:
-        record: sizes, places on the canvas, how it was trained.
+        record: sizes, places on the canvas, training.
         pieces: best first.
-        pixels: (n, n, 3) uint8 sRGB canvas on which all lie unrotated, row 0 is v = 1; the object's own paint before
-            training. None where nothing was drawn yet.
+        pixels: (n, n, 3) uint8 sRGB canvas of all pieces, not rotated, row 0 is v = 1; the object's own paint before
+            training. None: nothing was drawn yet.
     """
 
     record: WrapRecord
@@ -295,7 +298,7 @@ class Wrap:
     pixels: np.ndarray | None = None
 
     def corner_uv(self, faces_count: int) -> np.ndarray:
-        """(m, 3, 2) float32 where the corners of all faces of the mesh lie on the canvas, NaN off the pieces."""
+        """(m, 3, 2) float32 places of the corners of all faces of the mesh on the canvas, NaN off the pieces."""
         record = self.record
         uv = np.full((faces_count, 3, 2), np.nan, np.float32)
         for piece, at in zip(self.pieces, record.pieces, strict=True):
@@ -303,27 +306,24 @@ class Wrap:
         return uv
 
     def picture(self, index: int) -> np.ndarray:
-        """(h, w, 3) uint8 what is on piece `index`, counted from 0, with its bleed; a texel is `texel_mm`."""
+        """(h, w, 3) uint8 picture of piece `index`, from 0, with its bleed; a texel is `texel_mm`."""
         if self.pixels is None:
             raise ToolkitError(f"wrap '{self.record.name}' has no picture yet: train it with 'toolkit train-wrap'")
         return self.pixels[_rows_columns(self.record, self.record.pieces[index])]
 
 
 def choose_pieces(wrap: Wrap, numbers: Sequence[int], covered: tuple[float, float]) -> Wrap:
-    """A wrap of some of its pieces, numbered in this order; what met the others meets nothing.
+    """Return a wrap of the pieces with these numbers, best first, without seams to the others.
 
-    Args:
-        wrap: with all of them.
-        numbers: of those that stay, best first.
-        covered: shares of what cameras see, and of the surface, that they cover.
+    `covered` is the share of the surface that cameras see, and of the whole surface, that they cover.
     """
     new = {number: place for place, number in enumerate(numbers, 1)}
     records = []
     for number in numbers:
-        one = wrap.record.pieces[number - 1]
-        seams = [seam.model_copy(update={"piece": new[seam.piece]}) for seam in one.seams if seam.piece in new]
-        index = number - 1 if one.map_index is None else one.map_index
-        records.append(one.model_copy(update={"number": new[number], "seams": seams, "map_index": index}))
+        piece = wrap.record.pieces[number - 1]
+        seams = [seam.model_copy(update={"piece": new[seam.piece]}) for seam in piece.seams if seam.piece in new]
+        changed = {"number": new[number], "seams": seams, "map_index": piece.index}
+        records.append(piece.model_copy(update=changed))
     changes = {"pieces": records, "plan": wrap.record.pieces, "covered": covered[0], "covered_surface": covered[1]}
     return replace(
         wrap, record=wrap.record.model_copy(update=changes), pieces=tuple(wrap.pieces[number - 1] for number in numbers)
@@ -331,24 +331,18 @@ def choose_pieces(wrap: Wrap, numbers: Sequence[int], covered: tuple[float, floa
 
 
 def dress_mesh(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> Mesh:
-    """The mesh with a canvas on the wrap's pieces, its own paint elsewhere.
-
-    Args:
-        mesh: of the object that the wrap was made for.
-        wrap: of it.
-        canvas: (n, n, 3) uint8 sRGB of any size, row 0 is v = 1.
-    """
+    """Put a canvas, (n, n, 3) uint8 sRGB of any size, row 0 is v = 1, on the pieces of the wrap of a mesh."""
     corner_uv = wrap.corner_uv(len(mesh.faces))
     on_pieces = np.isfinite(corner_uv).all(axis=(1, 2))
     corner_uv[~on_pieces] = mesh.uv[mesh.faces[~on_pieces]]
     split = split_vertices(mesh, corner_uv)
     material = np.where(on_pieces, len(mesh.materials), mesh.face_material).astype(np.int32)
-    # as the printed sheet is: no gloss of the object's own
+    # without the object's gloss, as a printed sheet
     return replace(split, face_material=material, materials=(*mesh.materials, SurfaceMaterial("wrap", canvas)))
 
 
 def bleed_texels(texel_mm: float) -> int:
-    """Texels round a piece that are printed beyond its cut: `BLEED_MM`, and no less than filters reach."""
+    """Return the texels round a piece that are printed beyond its cut: `BLEED_MM`, and the reach of filters."""
     return max(2, int(np.ceil(BLEED_MM / texel_mm - 1e-9)))
 
 
@@ -364,10 +358,10 @@ def _rows_columns(record: WrapRecord, piece: PieceRecord) -> tuple[slice, slice]
 
 
 def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple[int, int]]]:
-    """The side of the smallest square canvas that pieces fit on unturned, and where their boxes begin.
+    """Return the side of the smallest square canvas for pieces, not rotated, in texels, and the corner of each.
 
     Returns:
-        The side in texels, and column and row from the lower left for each.
+        The side, and column and row from the lower left for each.
 
     Raises:
         FieldError: they need more than `MOST_TEXELS`.
@@ -404,43 +398,41 @@ def fits_canvas(sizes_mm: Sequence[Point], texel_mm: float) -> bool:
 
 
 def write_wrap(folder: Path, wrap: Wrap) -> Wrap:
-    """Write a wrap's folder, and last its record: a crash before that is told by `read_wrap`.
+    """Write a wrap's folder, and last its record: `read_wrap` reports a crash before that.
 
     Args:
         folder: `print/wraps/NAME` of a workspace.
-        wrap: with pixels; the hashes in its record are written anew. The map of a wrap that had more pieces stays.
+        wrap: a wrap with pixels; its hashes are replaced. The map of a wrap that had more pieces stays.
 
     Returns:
-        The wrap as `read_wrap` gives it.
+        The wrap, as from `read_wrap`.
     """
     folder, record = Path(folder), wrap.record
-    is_part = any(one.map_index is not None for one in record.pieces)
+    is_part = any(piece.map_index is not None for piece in record.pieces)
     table = (folder / MAP_FILE).read_bytes() if is_part else pack_arrays({
         "faces": np.concatenate([piece.faces for piece in wrap.pieces]).astype(np.int32),
         "flat_mm": np.concatenate([piece.flat_mm for piece in wrap.pieces]).astype(np.float64),
         "piece": np.repeat(np.arange(len(wrap.pieces), dtype=np.int32), [len(piece.faces) for piece in wrap.pieces]),
     })  # fmt: skip
     pictures = [encode_png(wrap.picture(i)) for i in range(len(wrap.pieces))]
-    pieces = [
-        one.model_copy(update={"png_sha256": sha256_bytes(png)})
-        for one, png in zip(record.pieces, pictures, strict=True)
-    ]
+    hashes = [{"png_sha256": sha256_bytes(png)} for png in pictures]
+    pieces = [piece.model_copy(update=new) for piece, new in zip(record.pieces, hashes, strict=True)]
     full = record.model_copy(update={"pieces": pieces, "map_sha256": sha256_bytes(table)})
     if not is_part:
         write_bytes(folder / MAP_FILE, table)
-    for one, png in zip(pieces, pictures, strict=True):
-        write_bytes(folder / piece_name(one.number), png)
+    for piece, png in zip(pieces, pictures, strict=True):
+        write_bytes(folder / piece_name(piece.number), png)
     write_json(folder / RECORD_FILE, full.model_dump(mode="json"))
     return Wrap(full, wrap.pieces, _put_together(full, [wrap.picture(i) for i in range(len(wrap.pieces))]))
 
 
 def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = False) -> Wrap:
-    """Read a wrap, each file checked against its record; its pieces alone where its pictures are not asked for.
+    """Read a wrap, each file checked against its record.
 
     Args:
         folder: `print/wraps/NAME` of a workspace.
-        with_pixels: read what is on the pieces.
-        whole_plan: with those that were dropped, of which there are no pictures.
+        with_pixels: read the pictures of the pieces.
+        whole_plan: return all planned pieces, without pictures.
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
@@ -455,32 +447,31 @@ def read_wrap(folder: Path, *, with_pixels: bool = True, whole_plan: bool = Fals
     content = read_recorded(file, record.map_sha256, "map of pieces")
     faces, flat_mm, piece = unpack_arrays(content, file, ["faces", "flat_mm", "piece"], "map of pieces")
     _check_map(file, record, faces, flat_mm=flat_mm, piece=piece)
-    pieces = tuple(
-        FlatPiece(faces[piece == i].astype(np.int32), flat_mm[piece == i].astype(np.float64), one.stretch)
-        for one in record.pieces
-        for i in [one.number - 1 if one.map_index is None else one.map_index]
-    )
-    for one, part in zip(record.pieces, pieces, strict=True):
-        if abs(part.width_mm - one.width_mm) > 0.01 or abs(part.height_mm - one.height_mm) > 0.01:
+    pieces = []
+    for at in record.pieces:
+        own = piece == at.index
+        pieces.append(FlatPiece(faces[own].astype(np.int32), flat_mm[own].astype(np.float64), at.stretch))
+        width, height = pieces[-1].width_mm, pieces[-1].height_mm
+        if abs(width - at.width_mm) > 0.01 or abs(height - at.height_mm) > 0.01:
             raise ToolkitError(
-                f"{file}: piece {one.number} is {part.width_mm:.2f} × {part.height_mm:.2f} mm, its record says "
-                f"{one.width_mm:.2f} × {one.height_mm:.2f}: make the wrap again"
+                f"{file}: piece {at.number} is {width:.2f} × {height:.2f} mm, in its record {at.width_mm:.2f} × "
+                f"{at.height_mm:.2f}: make the wrap again"
             )
     if not with_pixels or whole_plan:
-        return Wrap(record, pieces)
+        return Wrap(record, tuple(pieces))
     pictures = []
-    for one in record.pieces:
-        png = inside(folder, piece_name(one.number))
-        picture = decode_png(read_recorded(png, one.png_sha256), png)
-        wide, high = texel_box((one.width_mm, one.height_mm), record.texel_mm)
+    for at in record.pieces:
+        png = inside(folder, piece_name(at.number))
+        picture = decode_png(read_recorded(png, at.png_sha256), png)
+        wide, high = texel_box((at.width_mm, at.height_mm), record.texel_mm)
         if picture.shape != (high, wide, 3):
             raise ToolkitError(f"{png}: expected {wide}×{high} px, found {picture.shape[1]}×{picture.shape[0]}")
         pictures.append(picture)
-    return Wrap(record, pieces, _put_together(record, pictures))
+    return Wrap(record, tuple(pieces), _put_together(record, pictures))
 
 
 def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
-    """The wrap of an object, see `wrap_folder`.
+    """Read the wrap of an object, see `wrap_folder`.
 
     Raises:
         ToolkitError: there is none, it is broken, or it is of another mesh.
@@ -494,10 +485,10 @@ def find_wrap(workspace: Workspace, item: TableObject) -> Wrap:
 
 
 def wrap_folder(workspace: Workspace, item: TableObject) -> Path | None:
-    """Folder of an object's wrap: the one of its name, else the first whose record names it; None where none does.
+    """Return the folder of an object's wrap: that of its name, else the first whose record names it, if any.
 
-    Of those that come with the package only one that fits: the user's own object may have a shipped one's name. Broken
-    wraps of other names are left out, see `read_usable`.
+    A shipped wrap must fit, as a user's object may have a shipped object's name. Broken wraps of other names are left
+    out, see `read_usable`.
     """
     known = dict(sorted(workspace.wraps().items()))
     for name, record in read_usable(lambda folder: read_json(folder / RECORD_FILE, WrapRecord), known, item.name):
@@ -513,7 +504,7 @@ def hash_wrap(record: WrapRecord) -> str:
 
 
 def check_wrap(wrap: Wrap, item: TableObject) -> None:
-    """A `ToolkitError` where a wrap is of another mesh than an object's."""
+    """Raise a `ToolkitError` if a wrap is of another mesh than an object's."""
     faces = max(int(piece.faces.max()) for piece in wrap.pieces)
     if not item.has_shape(wrap.record.mesh_sha256) or faces >= len(item.mesh.faces):
         raise ToolkitError(
@@ -542,11 +533,11 @@ def _check_map(file: Path, record: WrapRecord, faces: np.ndarray, flat_mm: np.nd
     for name, (array, shape, kind) in shapes.items():
         if array.shape != shape or array.dtype.kind not in kind:
             raise ToolkitError(f"{file}: '{name}' is {array.dtype} of shape {array.shape}: make the wrap again")
-    numbers = [one.number - 1 if one.map_index is None else one.map_index for one in record.pieces]
+    numbers = [at.index for at in record.pieces]
     there = np.unique(piece)
-    is_part = any(one.map_index is not None for one in record.pieces)
-    if len(set(numbers)) < len(numbers) or not (np.isin(numbers, there).all() if is_part else
-                                                np.array_equal(there, numbers)):  # fmt: skip
+    is_part = any(at.map_index is not None for at in record.pieces)
+    fits = np.isin(numbers, there).all() if is_part else np.array_equal(there, numbers)
+    if len(set(numbers)) < len(numbers) or not fits:
         raise ToolkitError(f"{file}: its pieces are not the {len(numbers)} of {RECORD_FILE}: make the wrap again")
     if faces.min() < 0 or len(np.unique(faces)) < count:
         raise ToolkitError(f"{file}: a face is negative, or on two pieces: make the wrap again")

@@ -1,12 +1,10 @@
-"""A PDF to draw on in millimetres: embedded fonts, words that keep inside their room, shapes, arrows and dimensions."""
+"""A PDF to draw on in millimetres: embedded fonts, words that fit their room, shapes, arrows and dimensions."""
 
 from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from importlib.util import find_spec
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +26,7 @@ from reportlab.pdfgen.canvas import Canvas as ReportLabCanvas
 from reportlab.pdfgen.pathobject import PDFPathObject
 
 from toolkit import __version__
+from toolkit.imaging.plots import font_file
 from toolkit.objects.spec import MM_PER_INCH
 from toolkit.printing.page import Paper, Rect
 
@@ -50,22 +49,11 @@ SRGB_IMAGES = "ImageRGB"
 """The document's name for the colour space of its pictures."""
 
 
-def _font_file(dejavu: str, vera: str) -> str:
-    """Matplotlib's DejaVu Sans, which knows most alphabets, else ReportLab's own Vera, its Latin ancestor."""
-    # looked up and not imported: that would take longer than making the page
-    spec = find_spec("matplotlib")
-    if spec is not None and spec.origin is not None:
-        file = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / dejavu
-        if file.is_file():
-            return str(file)
-    return vera
-
-
 @cache
 def _register_fonts() -> None:
     # embedded, since print shops refuse PDFs whose fonts are not
-    registerFont(TTFont(PLAIN, _font_file("DejaVuSans.ttf", "Vera.ttf")))
-    registerFont(TTFont(BOLD, _font_file("DejaVuSans-Bold.ttf", "VeraBd.ttf")))
+    registerFont(TTFont(PLAIN, str(font_file("plain"))))
+    registerFont(TTFont(BOLD, str(font_file("sans"))))
 
 
 def measure_text_mm(text: str, font: str, size_mm: float) -> float:
@@ -75,7 +63,7 @@ def measure_text_mm(text: str, font: str, size_mm: float) -> float:
 
 
 def _cut(text: str, font: str, size_mm: float, room_mm: float) -> str:
-    """As much of a line as fits, with … where it was cut; found by halving, as a line may be very long."""
+    """Cut a line to the room, with … at its end; by bisection, as a line may be very long."""
 
     def is_wide(line: str) -> bool:
         # a hair of room for rounding, or a line that just fits would be cut
@@ -83,7 +71,7 @@ def _cut(text: str, font: str, size_mm: float, room_mm: float) -> str:
 
     if len(text) < 2 or not is_wide(text):
         return text
-    # of the line itself two letters go at least, one of them for the …
+    # the line loses at least two letters, the last for the …
     kept = bisect(range(1, len(text) - 1), False, key=lambda length: is_wide(f"{text[:length]}…"))
     return f"{text[:kept]}…"
 
@@ -116,7 +104,7 @@ class _UndatedInfo(PDFInfo):
 class Pdf(ReportLabCanvas):
     """ReportLab's canvas in millimetres, y upwards; the same drawing gives the same bytes.
 
-    Sizes, places and widths of its own methods are millimetres; `room_mm` is the greatest width of a line of text.
+    Sizes, places and widths of its own methods are in millimetres; `room_mm` is the greatest width of a line of text.
     """
 
     def __init__(self, paper: Paper, title: str, subject: str, keywords: Mapping[str, object]) -> None:
@@ -147,23 +135,20 @@ class Pdf(ReportLabCanvas):
         self.scale(POINTS_PER_MM, POINTS_PER_MM)
         yield
         self.showPage()
-        if self._layers:  # ReportLab knows no layers: its page is made ready early, and told of them
+        if self._layers:  # ReportLab has no layers: its page is finished early, and gets them
             page = self._doc.Pages.pages[-1]
             page.check_format(self._doc)
             page.Resources.Properties = dict(self._layers)
 
     @contextmanager
     def layer(self, name: str) -> Iterator[None]:
-        """What is drawn lies on a layer of that name, which viewers and cutting programs switch on and off.
-
-        Source: optional content, ISO 32000-1, 8.11.
-        """
+        """Draw on a layer, which viewers and cutting programs switch on and off (ISO 32000-1, 8.11)."""
         if name not in self._layers:
             group = PDFDictionary({"Type": PDFName("OCG"), "Name": PDFString(name)})
             self._layers[name] = self._doc.Reference(group)
             layers = list(self._layers.values())
             shown = PDFDictionary({"ON": PDFArray(layers), "Order": PDFArray(layers), "BaseState": PDFName("ON")})
-            # ReportLab writes only the entries of the catalogue that it knows: the new entry is added to its list
+            # ReportLab writes the entries of the catalogue that it knows: the new entry is added to its list
             catalog = self._doc.Catalog
             catalog.OCProperties = PDFDictionary({"OCGs": PDFArray(layers), "D": shown})
             catalog.__NoDefault__ = [*type(catalog).__NoDefault__, "OCProperties"]
@@ -172,23 +157,23 @@ class Pdf(ReportLabCanvas):
         self._code.append("EMC")
 
     def spot_ink(self, name: str, cmyk: tuple[float, float, float, float], line_mm: float) -> None:
-        """Lines in an ink of its own (a separation, ISO 32000-1, 8.6.6.4), shown as `cmyk` where there is none."""
+        """Draw lines in a separate ink (a separation, ISO 32000-1, 8.6.6.4), shown as `cmyk` without it."""
         self.setStrokeColor(CMYKColorSep(*cmyk, spotName=name))
         self.setLineWidth(line_mm)
 
     def finish(self) -> bytes:
-        """The whole file."""
+        """Return the bytes of the file."""
         self.save()
         return self.buffer.getvalue()
 
     def srgb(self) -> PDFArray:
-        """The colour space sRGB, which is the same to every reader."""
+        """Return the colour space sRGB."""
         icc = PDFStream(PDFDictionary({"N": 3, "Alternate": PDFName("DeviceRGB")}), _srgb_profile())
         return PDFArray([PDFName("ICCBased"), self._doc.Reference(icc)])
 
     @contextmanager
     def moved(self, x: float, y: float, turn_deg: float | None = None, scale: float | None = None) -> Iterator[None]:
-        """Draw about (x, y), turned counter-clockwise, then scaled; colours and lines are as before afterwards."""
+        """Draw about (x, y), turned counter-clockwise, then scaled; then restore colours and lines."""
         self.saveState()
         self.translate(x, y)
         if turn_deg is not None:
@@ -204,7 +189,7 @@ class Pdf(ReportLabCanvas):
         self.setStrokeGray(value)
 
     def ink(self, colour: Colour, line_mm: float | None = None, fill: Colour | None = None) -> None:
-        """Colour of lines and, unless another is given, of what is filled, and the width of lines."""
+        """Set the colour and width of lines, and the fill, which is the same colour by default."""
         self.setFillColorRGB(*(fill or colour))
         self.setStrokeColorRGB(*colour)
         if line_mm is not None:
@@ -283,7 +268,7 @@ class Pdf(ReportLabCanvas):
 
     @contextmanager
     def clipped(self, outlines: Iterable[Iterable[Sequence[float]]]) -> Iterator[None]:
-        """What is drawn shows inside polygons alone, which are one shape by the even-odd rule."""
+        """Clip to polygons, together a shape by the even-odd rule."""
         self.saveState()
         self.clipPath(self._path(outlines), stroke=0, fill=0, fillMode=0)
         yield
@@ -370,7 +355,6 @@ class Pdf(ReportLabCanvas):
 
     def raster(self, name: str, pixels: np.ndarray, area: Rect) -> None:
         """(h, w, 3) uint8 sRGB pixels as squares over an area, losslessly; stored once under their name."""
-        # stored once, drawn wherever it is named: a patch that stands on many pages takes its bytes once
         key = self._doc.getXObjectName(name)
         if key not in self._doc.idToObject:
             if SRGB_IMAGES not in self._doc.idToObject:
@@ -382,7 +366,7 @@ class Pdf(ReportLabCanvas):
             }  # fmt: skip
             image = PDFStream(PDFDictionary(entries), np.ascontiguousarray(pixels).tobytes(), [PDFZCompress])
             self._doc.Reference(image, key)
-        # ReportLab lists the pictures that a page uses here, for its resources
+        # ReportLab lists the pictures of a page here, for its resources
         self._formsinuse.append(name)
         with self.moved(area.x, area.y):
             self._code.append(f"{area.width:.6g} 0 0 {area.height:.6g} 0 0 cm /{key} Do")

@@ -19,12 +19,11 @@ from toolkit.printing.marks import (
     JOIN_IT,
     PatchLabel,
     SheetDrawing,
-    draw_front_arrow,
     draw_margin_words,
-    draw_page,
+    draw_pages,
     reserve_strip,
 )
-from toolkit.printing.page import CopiesPage, Page, PagePlan, Rect, pack_copies, plan_sheet
+from toolkit.printing.page import CopiesPage, PagePlan, Rect, pack_copies, plan_sheet
 
 SAME_MM = 0.05
 STATED = re.compile(rb"size_mm=([0-9.+]+), n_px=\d+, patch_sha256=([0-9a-f]{64})")
@@ -36,9 +35,9 @@ class Wearer:
     """An object that a patch is stuck on.
 
     Attributes:
-        object: its name.
-        sides: for each of its sheets, the side that it is taped to.
-        sizes_mm: likewise, side of the patch there: `[patch] size_mm` of its spec, else the patch's record.
+        object: name of the object.
+        sides: side of the object for each sheet.
+        sizes_mm: side of the patch on each sheet: `[patch] size_mm` of the spec, else the patch's record.
     """
 
     object: str
@@ -46,25 +45,23 @@ class Wearer:
     sizes_mm: tuple[float, ...]
 
     def name_sheet(self, index: int) -> str:
-        """`mug`, or of several sheets `mug, sheet 2 of 2 (left)`, for the paper's margin."""
+        """Return `mug`, or of several sheets `mug, sheet 2 of 2 (left)`, for the paper's margin."""
         count = len(self.sides)
         return self.object if count == 1 else f"{self.object}, sheet {index + 1} of {count} ({self.sides[index]})"
 
 
 def say_sizes(sizes_mm: Sequence[float]) -> str:
-    """`88.2 mm`, `90.0 and 60.0 mm`."""
+    """Return sizes in words: `88.2 mm`, `90.0 and 60.0 mm`."""
     return f"{' and '.join(f'{size:.1f}' for size in sizes_mm)} mm"
 
 
 def is_same_size(sizes_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
     """Whether sheets have the sizes of others, in order."""
-    return len(sizes_mm) == len(others_mm) and all(
-        abs(size_mm - other) < SAME_MM for size_mm, other in zip(sizes_mm, others_mm, strict=True)
-    )
+    return len(sizes_mm) == len(others_mm) and np.allclose(sizes_mm, others_mm, rtol=0, atol=SAME_MM)
 
 
 def read_page(pdf_file: Path) -> tuple[tuple[float, ...], str] | None:
-    """Sides of the sheets in mm and hash of the patch, as a PDF of `toolkit print` states them; None: it does not."""
+    """Return sides of the sheets in mm and hash of the patch from a PDF of `toolkit print`; None for another PDF."""
     try:
         found = STATED.search(pdf_file.read_bytes())
     except OSError:
@@ -94,7 +91,7 @@ def measure_side_mm(n_px: int, settings: PrintSettings) -> float:
 
 
 def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
-    """The scale that gives this side: what the label states, whichever option set the size."""
+    """Return the scale, in percent, that gives this side; the label states it."""
     return 100 * side_mm / (n_px / dpi * MM_PER_INCH)
 
 
@@ -107,7 +104,7 @@ class PrintPlan(PagePlan):
 
     @property
     def cut_mm(self) -> float:
-        """Side of the sheet that is cut out: patch and white margin."""
+        """Side of patch and white margin."""
         return self.side_mm + 2 * self.margin_mm
 
     @property
@@ -117,34 +114,28 @@ class PrintPlan(PagePlan):
 
 
 def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
-    """Lay out a patch of that side, with the colour strip beside it where that takes no further page.
+    """Lay out a patch of that side, with the colour strip beside it if that takes no further page.
 
     Raises:
         ToolkitError: it would take more than 3000 pages.
     """
     cut_mm = side_mm + 2 * settings.margin_mm
     plan = plan_sheet(settings.paper, settings.orientation, cut_mm, cut_mm, settings.copies)
-    pages = _add_strip(plan.frame.content, cut_mm, settings.copies, plan.pages)
-    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm)
-
-
-def _add_strip(content: Rect, cut_mm: float, copies: int, pages: tuple[Page, ...]) -> tuple[Page, ...]:
-    """The same copies on as many pages with the strip on each; the pages as they are where it has no room."""
-    if not isinstance(pages[0], CopiesPage):
-        return pages
+    pages = plan.pages
     # the strip may not cost a page: it is tried in each place, and left out otherwise
-    for place, rest in reserve_strip(content):
-        packed = pack_copies(rest, cut_mm, cut_mm, copies)
+    for place, rest in reserve_strip(plan.frame.content) if isinstance(pages[0], CopiesPage) else ():
+        packed = pack_copies(rest, cut_mm, cut_mm, settings.copies)
         if packed and len(packed) == len(pages):
-            return tuple(replace(page, strip=place) for page in packed)
-    return pages
+            pages = tuple(replace(page, strip=place) for page in packed)
+            break
+    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm)
 
 
 HASH_DIGITS = 12
 
 
 def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) -> PatchLabel:
-    """The label of a patch printed at that side."""
+    """Return the label of a patch printed at that side."""
     n_px, dpi = record.n_px, settings.dpi or BASE_DPI
     percent = effective_percent(n_px, side_mm, dpi)
     title = record.class_name if record.name == record.class_name else f"{record.class_name} ({record.name})"
@@ -162,10 +153,10 @@ UNDERLAP_PX = 0.5
 
 
 def pixel_operators(pixels: np.ndarray) -> list[str]:
-    """PDF operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
+    """Return operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
     side = len(pixels)
     operators = []
-    # each reaches half a pixel under its right and lower neighbour: viewers smooth edges, and paper would shine through
+    # each pixel reaches half a pixel under its right and lower neighbour: viewers smooth edges, and paper would show
     for index, row in enumerate(pixels):
         top = side - index
         bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
@@ -197,37 +188,38 @@ def place_patch(pdf: Pdf, x: float, y: float, side_mm: float, n_px: int) -> None
 
 @dataclass(frozen=True)
 class PrintedDocument:
-    """A finished PDF and how it is laid out: a plan for each sheet of the object, in turn."""
+    """A finished PDF, and a plan for each sheet of the object."""
 
     content: bytes
     plans: tuple[PrintPlan, ...]
 
     @property
     def plan(self) -> PrintPlan:
-        """Plan of the only sheet, or of the first."""
+        """Plan of the first sheet."""
         return self.plans[0]
 
 
 def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = None) -> PrintedDocument:
-    """Lay out a patch on pages at true physical size, once for each sheet of the object that it is printed for.
+    """Lay out a patch on pages at true physical size, once for each sheet of its object.
 
     The same arguments and toolkit version give the same bytes: the file holds no time and no random id.
 
     Args:
         patch: the patch.
-        settings: paper and size; where they state no size, the wearer's count, else the record's.
-        wearer: the object that it is printed for; its name, and the number among several sheets, stand in the margin.
+        settings: paper and size. Without a size, the wearer's counts, else the record's.
+        wearer: object with the patch; the margin states its name, and the number among several sheets.
 
     Raises:
         ToolkitError: the patch would be under 1 mm or over 5 m wide.
     """
     record = patch.record
-    # a record of the default size states none: `--scale` and `--dpi` defaults then hold
+    # sizes: a record of the default size states none: `--scale` and `--dpi` defaults then hold
     trained_mm = record.size_mm if abs(record.size_mm - printed_size_mm(record.n_px)) > SAME_MM else None
     sizes = (trained_mm,) if wearer is None else wearer.sizes_mm
     states = settings.states_size
     settled = [settings if states or size is None else settings.with_overrides(size_mm=size) for size in sizes]
     sides_mm = [measure_side_mm(record.n_px, settings) for settings in settled]
+    # layout and words of each sheet
     plans = [plan_pages(side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
     labels = [compose_label(record, side_mm, settings) for side_mm, settings in zip(sides_mm, settled, strict=True)]
     keywords = {
@@ -238,27 +230,20 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     subject = f"{labels[0].title}: {' and '.join(label.size for label in labels)}"
     pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
     define_patch(pdf, patch.pixels)
-    number, total = 0, sum(len(plan.pages) for plan in plans)
+    number, total = 1, sum(len(plan.pages) for plan in plans)
     for index, (plan, label) in enumerate(zip(plans, labels, strict=True)):
         name = record.name if wearer is None else wearer.name_sheet(index)
         side: Side = "top" if wearer is None else wearer.sides[index]
         sheet = _describe_sheet(pdf, plan, record.n_px, label, name, side)
         which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
-        for page in plan.pages:
-            number += 1
-            with pdf.page(plan.frame.paper if len(plans) > 1 else None):
-                draw_page(pdf, plan, page, sheet, f"{which}page {number} of {total}")
+        draw_pages(pdf, plan, sheet, number, total, which, plan.frame.paper if len(plans) > 1 else None)
+        number += len(plan.pages)
     return PrintedDocument(pdf.finish(), tuple(plans))
 
 
 def _describe_sheet(pdf: Pdf, plan: PrintPlan, n_px: int, label: PatchLabel, name: str, at: Side) -> SheetDrawing:
-    """The patch with its white margin and the words in it."""
-
     def draw(x: float, y: float) -> None:
         place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
         draw_margin_words(pdf, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
 
-    def note(area: Rect, tile: str) -> None:
-        draw_front_arrow(pdf, area, tile, at)
-
-    return SheetDrawing(label, CUT_IT if plan.tiles == (1, 1) else JOIN_IT, draw, note)
+    return SheetDrawing(label, CUT_IT if plan.tiles == (1, 1) else JOIN_IT, draw, at=at)

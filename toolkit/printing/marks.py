@@ -1,4 +1,4 @@
-"""What every page has round its content, its strip of known colours, and a sheet drawn whole or as tiles. In mm."""
+"""Header, marks and colour strip of each page, and a sheet drawn whole or as tiles; in mm."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from toolkit.core.text import count_of
 from toolkit.objects.spec import Side
 from toolkit.printing.canvas import BOLD, PLAIN, Pdf, measure_text_mm
 from toolkit.printing.page import (
@@ -17,6 +18,7 @@ from toolkit.printing.page import (
     Page,
     PageFrame,
     PagePlan,
+    Paper,
     Rect,
     SheetTile,
     StripPlace,
@@ -39,8 +41,7 @@ COLOURS = {
     "yellow": (255, 255, 0), "light skin": (194, 150, 130), "middle skin": (155, 110, 90), "dark skin": (115, 82, 68),
     "white": (255, 255, 255), "black": (0, 0, 0),
 }  # fmt: skip
-"""The corners of the cube of colours, which a printer's own corners answer to, and skin: light and dark are those of
-the 24-patch ColorChecker in sRGB, the middle swatch lies halfway."""
+"""The corners of the colour cube, and skin: light and dark as in the 24-patch ColorChecker, the middle between them."""
 GREY_STEPS = 11
 CAPTION = "Cut out with a white border; photograph it beside the object: the kit knows these colours."
 CAPTION_HEIGHT_MM = 3.5
@@ -74,7 +75,7 @@ LINE_HEIGHT_MM = 4.0
 
 @dataclass(frozen=True)
 class Swatch:
-    """A colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
+    """A colour: name, upper left corner and side in mm, and 8-bit sRGB value."""
 
     name: str
     x: float
@@ -88,11 +89,11 @@ class ColourStrip:
     """Geometry and colours of the strip.
 
     Attributes:
-        swatches: the colours from left to right, then the greys from black to white.
-        size_mm: width and height; paper round it stays white for `QUIET_MM`.
+        swatches: colours from left to right, then greys from black to white.
+        size_mm: width and height, without the `QUIET_MM` of white paper around it.
         marker_mm: side of a fiducial marker.
         marker_corners: upper left corner of each marker by its number.
-        dictionary: of the markers, one of OpenCV's by name.
+        dictionary: OpenCV's name of the markers' dictionary.
     """
 
     swatches: tuple[Swatch, ...]
@@ -108,7 +109,7 @@ class ColourStrip:
 
     @cached_property
     def srgb(self) -> np.ndarray:
-        """(k, 3) uint8, the colours that the file states, swatch by swatch."""
+        """(k, 3) uint8 sRGB colours of the swatches in the file."""
         return np.array([swatch.srgb for swatch in self.swatches], np.uint8)
 
     @cached_property
@@ -129,7 +130,7 @@ class ColourStrip:
         return np.array([np.array(self.marker_corners[marker_id]) + square for marker_id in wanted]).reshape(-1, 4, 2)
 
     def marker_rects_mm(self) -> np.ndarray:
-        """(k, 4) left, top, right, bottom of everything that is black in the markers."""
+        """(k, 4) left, top, right, bottom of the black parts of the markers."""
         rects = []
         for marker_id, corner in self.marker_corners.items():
             modules = np.array([[letter == "#" for letter in row] for row in FIDUCIALS[marker_id]])
@@ -137,7 +138,7 @@ class ColourStrip:
         return np.concatenate(rects)
 
     def paint(self, px_per_mm: float, border_mm: float = QUIET_MM) -> np.ndarray:
-        """(h, w, 3) uint8 sRGB picture of the strip as the file states it, with a white border all round."""
+        """(h, w, 3) uint8 sRGB picture of the strip with a white border."""
         width, height = (round((side + 2 * border_mm) * px_per_mm) for side in self.size_mm)
         picture = np.full((height, width, 3), 255.0)
         swatches = [
@@ -152,7 +153,7 @@ class ColourStrip:
 
 
 def lay_out_strip() -> ColourStrip:
-    """The strip: marker, swatches, marker, each with white round it."""
+    """Return the strip: marker, swatches, marker, each with white round it."""
     values = [round(255 * step / (GREY_STEPS - 1)) for step in range(GREY_STEPS)]
     greys = {f"grey {value}": (value, value, value) for value in values}
     left = MARKER_MM + QUIET_MM
@@ -175,14 +176,14 @@ LONG_MM, SHORT_MM = STRIP.size_mm[0] + 2 * QUIET_MM, STRIP.size_mm[1] + CAPTION_
 
 
 def strip_area(place: StripPlace) -> Rect:
-    """What the strip covers with its caption and the white that its markers need."""
+    """Return the area of the strip with its caption and the white that its markers need."""
     if place.upright:
         return Rect(place.x - STRIP.size_mm[1] - QUIET_MM, place.y - QUIET_MM, SHORT_MM, LONG_MM)
     return Rect(place.x - QUIET_MM, place.y - CAPTION_HEIGHT_MM - QUIET_MM, LONG_MM, SHORT_MM)
 
 
 def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:
-    """Places for the strip and what each leaves of the page's room: along the lower edge, then up the right edge."""
+    """Yield places for the strip and the room that each leaves: along the lower edge, then up the right edge."""
     width, _ = STRIP.size_mm
     if content.width >= LONG_MM:
         x = content.x + (content.width - width) / 2
@@ -221,9 +222,9 @@ class PatchLabel:
     """The lines that name a patch, or another sheet.
 
     Attributes:
-        title: its class, and its file's name where that differs.
-        size: its side on paper, and what gives that.
-        origin: its hash, and the program and network that made it.
+        title: class, and the file's name if that differs.
+        size: size on paper, and how it follows.
+        origin: hash, program and networks.
     """
 
     title: str
@@ -232,7 +233,7 @@ class PatchLabel:
 
 
 def draw_frame(pdf: Pdf, frame: PageFrame, label: PatchLabel, page: str, advice: str) -> None:
-    """The label in the page's header, `page` (which page, which tile) on the right, `advice` below, and check bars."""
+    """Draw the header with the label, `page` on the right and `advice` below, and the check bars."""
     area = frame.header
     taken = pdf.text(page, area.right, area.top - 4.2, 3.0, room_mm=area.width * 0.45, align="right")
     pdf.text(label.title, area.x, area.top - 4.2, 5.0, room_mm=area.width - taken - 4, font=BOLD)
@@ -245,10 +246,7 @@ def draw_frame(pdf: Pdf, frame: PageFrame, label: PatchLabel, page: str, advice:
 
 
 def _draw_check_bar(pdf: Pdf, upright: bool) -> None:
-    """A ruler to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm.
-
-    Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright bar.
-    """
+    """A ruler to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm, away from content."""
     # the upright bar is drawn turned by 90°, so that its outer side is the other side
     outwards, baseline = (1, 3.0) if upright else (-1, -4.7)
     with pdf.moved(BARS_MM, BARS_MM, 90 if upright else None):
@@ -277,17 +275,14 @@ def draw_crop_marks(pdf: Pdf, cut: Rect) -> None:
 
 
 def _draw_ring(pdf: Pdf, x: float, y: float) -> None:
-    """A registration mark: two that lie on each other, held against the light, show as one."""
+    """A registration mark: two that are aligned, held against the light, look like a single mark."""
     pdf.circle(x, y, RING_MM * 0.6, stroke=1, fill=0)
     pdf.line(x - RING_MM, y, x + RING_MM, y)
     pdf.line(x, y - RING_MM, x, y + RING_MM)
 
 
 def draw_overlap_marks(pdf: Pdf, tile: SheetTile, window: Rect) -> None:
-    """At both ends of every overlap: a short mark where the neighbour's edge comes to lie, and a registration mark.
-
-    They are outside the tile's window, in line with the overlap: no mark is ever printed on the patch.
-    """
+    """Mark both ends of every overlap, outside the tile: the neighbour's edge, and a registration mark."""
     pdf.setLineWidth(LINE_MM)
     half, away = OVERLAP_MM / 2, MARK_GAP_MM + RING_MM + 1
     joins = tile.joins
@@ -304,12 +299,12 @@ def draw_overlap_marks(pdf: Pdf, tile: SheetTile, window: Rect) -> None:
 
 
 def draw_front_arrow(pdf: Pdf, area: Rect, note: str = "", at: Side = "top") -> None:
-    """Below a cut line's marks: `note`, then which way the sheet goes, see `_draw_way`."""
+    """Draw `note` below a cut line's marks, then which way the sheet goes, see `_draw_way`."""
     _draw_way(pdf, note, area.x + area.width / 2, area.y - MARK_MM - 2.6, 2.4, area.width + 2 * MARK_MM, at)
 
 
 def draw_margin_words(pdf: Pdf, cut: Rect, margin_mm: float, name: str, at: Side) -> None:
-    """In the white margin below the patch, which is cut out with it: the object's name, and which way the sheet goes.
+    """Write the object's name and which way the sheet goes into the white margin below the patch.
 
     A margin under 3 mm has no room for them: then they stand below the cut line.
     """
@@ -317,18 +312,16 @@ def draw_margin_words(pdf: Pdf, cut: Rect, margin_mm: float, name: str, at: Side
     if size < SMALLEST_WORDS_MM:
         draw_front_arrow(pdf, cut, name, at)
         return
-    pdf.setFillGray(0.25)  # what is taped on is seen by a camera: no blacker than it must be
-    pdf.setStrokeGray(0.25)
+    pdf.grey(0.25)  # a camera sees what is taped on: no blacker than it must be
     y = cut.y + (margin_mm - 0.7 * size) / 2
     _draw_way(pdf, name, cut.x + cut.width / 2, y, size, cut.width - 2 * size, at)
-    pdf.setFillGray(0)
-    pdf.setStrokeGray(0)
+    pdf.grey(0)
 
 
 def _draw_way(
     pdf: Pdf, note: str, middle_x: float, y: float, size: float, room_mm: float, at: Side
 ) -> None:  # fmt: skip
-    """Words and an arrow: on top of an object `front` to the right, on its sides `up`, as the rig mounts the sheet."""
+    """Draw words and an arrow: `front` to the right for an object's top, `up` for its sides, as in the rig."""
     # words and arrow are centred together, so the arrow's length is taken from the room first
     shaft = 7.0 / 2.4 * size if at == "top" else 0.9 * size
     word = "   ".join(filter(None, [note, "front" if at == "top" else "up"]))
@@ -351,15 +344,34 @@ class SheetDrawing:
     """A sheet as all its pages show it.
 
     Attributes:
-        label, advice: for the header.
+        label, advice: words of the header.
         draw: draws the whole sheet with its lower left corner at (x, y).
-        note: writes below a map's picture, or below a tile with the tile's name.
+        name: name of the sheet below its map and tiles.
+        at: side of the object that a patch is taped to: its arrow is drawn below the map and tiles.
     """
 
     label: PatchLabel
     advice: str
     draw: Callable[[float, float], None]
-    note: Callable[[Rect, str], None]
+    name: str = ""
+    at: Side | None = None
+
+    def note(self, pdf: Pdf, area: Rect, tile: str = "") -> None:
+        """Write below a map's picture, or below a tile with the tile's name."""
+        if self.at is not None:
+            draw_front_arrow(pdf, area, tile, self.at)
+        elif words := f"{self.name} {tile}".strip():
+            x, y = area.x + area.width / 2, area.y - MARK_MM - 2.6
+            pdf.text(words, x, y, 2.4, room_mm=area.width, align="centre")
+
+
+def draw_pages(
+    pdf: Pdf, plan: PagePlan, sheet: SheetDrawing, first: int, total: int, which: str = "", paper: Paper | None = None
+) -> None:
+    """Draw all pages of a sheet, numbered from `first` of `total`, on another paper than before if `paper` is given."""
+    for number, page in enumerate(plan.pages, first):
+        with pdf.page(paper):
+            draw_page(pdf, plan, page, sheet, f"{which}page {number} of {total}")
 
 
 def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: str) -> None:
@@ -368,14 +380,14 @@ def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: 
     which = f"{frame.paper.describe()}, {which}"
     if isinstance(page, MapPage):
         rows, columns = plan.tiles
-        which = f"{_count(rows, 'row')} × {_count(columns, 'column')}, {which}"
+        which = f"{count_of(rows, 'row')} × {count_of(columns, 'column')}, {which}"
         picture = _draw_map(pdf, frame.content, page, sheet)
-        sheet.note(Rect(picture.x, picture.y + 4, picture.width, picture.height), "")
+        sheet.note(pdf, Rect(picture.x, picture.y + 4, picture.width, picture.height))
     elif isinstance(page, TilePage):
         copies = max(other.copy for other in plan.pages if isinstance(other, TilePage))
         which = f"tile {page.tile.name}" + (f" of copy {page.copy}" if copies > 1 else "") + f", {which}"
         _draw_tile(pdf, page, sheet)
-        sheet.note(page.window, page.tile.name)
+        sheet.note(pdf, page.window, page.tile.name)
     else:
         for cut in page.cuts:
             sheet.draw(cut.x, cut.y)
@@ -383,10 +395,6 @@ def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: 
         if page.strip is not None:
             draw_strip(pdf, page.strip)
     draw_frame(pdf, frame, sheet.label, which, sheet.advice)
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
@@ -404,7 +412,7 @@ def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
 
 
 def _draw_map(pdf: Pdf, area: Rect, page: MapPage, sheet: SheetDrawing) -> Rect:
-    """The whole sheet made small, each tile outlined and named, over the steps to join them; returns where it is."""
+    """Draw the whole sheet small, each tile outlined and named, over the steps to join them; return its area."""
     sheet_width, sheet_height = (max(getattr(tile.area, end) for tile in page.tiles) for end in ("right", "top"))
     steps_mm = LINE_HEIGHT_MM * len(STEPS) + 4
     small = min((area.width - 8) / sheet_width, (area.height - steps_mm - 14) / sheet_height)

@@ -24,7 +24,7 @@ class Nested:
 
     Attributes:
         index: which of the shapes.
-        x_mm, y_mm: where on the page the shape's own origin lies.
+        x_mm, y_mm: place of the shape's origin on the page.
         quarters: turns by 90 degrees about it, counter-clockwise.
     """
 
@@ -36,7 +36,7 @@ class Nested:
 
 @dataclass(frozen=True)
 class _Mask:
-    """A turned shape on a grid: cells (rows upwards, columns) that it touches, and its box's corner from its origin."""
+    """A turned shape on a grid: cells (rows upwards, columns) that it touches, and the place of its box's corner."""
 
     cells: np.ndarray
     low_mm: tuple[float, float]
@@ -59,8 +59,8 @@ def _count_cells(shape: "Polygon") -> tuple[int, int]:
 def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     """Place shapes on pages, each turned by quarters; each `fits` on a page.
 
-    Shapes are laid in turn at the topmost free place, then the leftmost, of the first page that has room
-    (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
+    Larger shapes come first, at the topmost, then leftmost free place of the first page with room (bottom-left fill:
+    Chazelle 1983; Burke et al. 2006). The best of several orders is taken.
     """
     masks = [list(_draw_turns(shape)) for shape in shapes]
     boxes = np.array([np.subtract(shape.bounds[2:], shape.bounds[:2]) for shape in shapes])
@@ -69,12 +69,12 @@ def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
     orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
     # stable, so that equal shapes keep their order and the pages are the same on every machine
     found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
-    # fewest pages, then the least of the last page in use: what is left of it stays whole
+    # fewest pages, then the least use of the last page: the rest of it stays whole
     return min(found, key=lambda packing: (len(packing[0]), packing[1]))[0]
 
 
 def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
-    """The shape in each quarter turn."""
+    """Turn the shape by each quarter."""
     import shapely
 
     # fattened, so that every cell that the shape touches counts as taken
@@ -95,7 +95,7 @@ def _draw_turns(shape: "Polygon") -> Iterator[_Mask]:
 def _fill(
     masks: Sequence[Sequence[_Mask]], order: Sequence[int] | np.ndarray, room: Rect
 ) -> tuple[list[list[Nested]], int]:
-    """Pages of shapes laid in an order, and how many rows of the last page are in use."""
+    """Return pages of shapes in this order, and the number of rows of the last page in use."""
     rows, columns = int(room.height / CELL_MM), int(room.width / CELL_MM)
     taken: list[np.ndarray] = []
     pages: list[list[Nested]] = []
@@ -118,7 +118,7 @@ def _fill(
 
 
 def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
-    """Row from the top and column of the topmost, then leftmost place of a page where no cell is taken."""
+    """Return row from the top and column of the topmost, then leftmost place of a page where no cell is taken."""
     from scipy.signal import fftconvolve
 
     if cells.shape[0] > taken.shape[0] or cells.shape[1] > taken.shape[1]:
@@ -135,10 +135,10 @@ def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class CutSheet:
-    """What is cut from a sheet.
+    """The outlines of a sheet.
 
     Attributes:
-        width_mm, height_mm: of the sheet.
+        width_mm, height_mm: size of the sheet.
         rings_mm: by number of a piece, its closed rings (k, 2), the outer ring first, from the sheet's lower left.
     """
 

@@ -1,4 +1,4 @@
-"""Sheets of paper in millimetres, and how what is printed is packed on them, or cut into tiles that overlap."""
+"""Sheets of paper in millimetres, with copies packed on them, or a copy cut into tiles that overlap."""
 
 import math
 import re
@@ -44,14 +44,14 @@ class Paper:
         return f"{self.name} {self.orientation}"
 
     def turn(self, orientation: str) -> "Paper":
-        """This sheet turned to `portrait` or `landscape`."""
+        """Turn this sheet to `portrait` or `landscape`."""
         if orientation == self.orientation or self.width_mm == self.height_mm:
             return self
         return Paper(self.name, self.height_mm, self.width_mm)
 
 
 def parse_paper(text: str) -> Paper:
-    """A paper by name (`a4`, `letter`), or your own as width × height (`200x300mm`).
+    """Return a paper by name (`a4`, `letter`), or by width × height (`200x300mm`).
 
     Raises:
         ToolkitError: the name is unknown, or the sheet is smaller than 135 mm or larger than 5 m on a side.
@@ -113,25 +113,25 @@ class Rect:
 
 @dataclass(frozen=True)
 class PageFrame:
-    """Where things go on a page; the origin is the paper's lower left corner."""
+    """Areas of a page; the origin is the paper's lower left corner."""
 
     paper: Paper
 
     @property
     def printable(self) -> Rect:
-        """The page without the margins that a printer does not reach."""
+        """Page without the margins that a printer does not reach."""
         sides = 2 * UNPRINTABLE_MM
         return Rect(UNPRINTABLE_MM, UNPRINTABLE_MM, self.paper.width_mm - sides, self.paper.height_mm - sides)
 
     @property
     def header(self) -> Rect:
-        """The label, clear of the upright check bar, which on a low page reaches as high."""
+        """Label, clear of the upright check bar, which on a low page reaches as high."""
         area = self.printable
         return Rect(area.x + INSET_MM, area.top - HEADER_MM, area.width - INSET_MM, HEADER_MM)
 
     @property
     def content(self) -> Rect:
-        """What is left for patches, their marks and captions."""
+        """Area for patches, their marks and captions."""
         area = self.printable
         return Rect(area.x + INSET_MM, area.y + INSET_MM, area.width - INSET_MM, area.height - INSET_MM - HEADER_MM)
 
@@ -145,8 +145,8 @@ class SheetTile:
 
     Attributes:
         row, column: from the top left, zero-based.
-        area: in the sheet's own millimetres: origin at its lower left corner, y upwards.
-        rows, columns: of the whole grid.
+        area: place on the sheet in mm, from its lower left corner, y upwards.
+        rows, columns: size of the grid.
     """
 
     row: int
@@ -179,14 +179,11 @@ def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_M
     return [(index * (span - overlap_mm), span) for index in range(count)]
 
 
-def tile_sheet(
-    side_mm: float, most_width_mm: float, most_height_mm: float, height_mm: float | None = None
-) -> list[SheetTile]:
-    """Tiles of a sheet (of no height: a square), row by row from the top left, none larger than stated."""
-    sheet_height = side_mm if height_mm is None else height_mm
-    across, down = split_length(side_mm, most_width_mm), split_length(sheet_height, most_height_mm)
+def tile_sheet(width_mm: float, height_mm: float, most_width_mm: float, most_height_mm: float) -> list[SheetTile]:
+    """Split a sheet into tiles, row by row from the top left, none larger than stated."""
+    across, down = split_length(width_mm, most_width_mm), split_length(height_mm, most_height_mm)
     return [
-        SheetTile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
+        SheetTile(row, column, Rect(x, height_mm - y - height, width, height), len(down), len(across))
         for row, (y, height) in enumerate(down)
         for column, (x, width) in enumerate(across)
     ]
@@ -225,7 +222,7 @@ class TilePage:
 
 @dataclass(frozen=True)
 class MapPage:
-    """The first page of a tiled sheet: how its tiles go together."""
+    """The first page of a tiled sheet, a map of its tiles."""
 
     tiles: tuple[SheetTile, ...]
 
@@ -248,40 +245,32 @@ class PagePlan:
 
 
 def turn_frames(paper: Paper, orientation: str) -> list[PageFrame]:
-    """The page as `orientation` says; for `auto` both ways round, the paper's own first.
-
-    Raises:
-        ToolkitError: there is no such orientation.
-    """
+    """Return the page in this orientation; for `auto` both, the paper's own first; a `ToolkitError` for others."""
     known = get_args(Orientation)
     if orientation not in known:
         raise one_of("orientation", orientation, list(known))
     turns = [orientation]
     if orientation == "auto":
-        # the paper's own way round first: it wins where both need as many pages
+        # the paper's own orientation first: it wins if both need as many pages
         turns = sorted(["portrait", "landscape"], key=lambda turn: turn != paper.orientation)
     return [PageFrame(paper.turn(turn)) for turn in turns]
 
 
 def plan_sheet(paper: Paper, orientation: str, cut_width: float, cut_height: float, copies: int = 1) -> PagePlan:
-    """Lay out a sheet; `auto` turns the paper where that saves pages. Raises as `turn_frames` and `lay_out`."""
-    frames = turn_frames(paper, orientation)
-    plans = [PagePlan(frame, tuple(lay_out(frame, cut_width, cut_height, copies))) for frame in frames]
+    """Lay out whole copies of a sheet, or a map and tiles if it is larger than a page; `auto` takes fewer pages.
+
+    Raises:
+        ToolkitError: it would take more than 3000 pages, or as `turn_frames`.
+    """
+    plans = []
+    for frame in turn_frames(paper, orientation):
+        packed = pack_copies(frame.content, cut_width, cut_height, copies)
+        plans.append(PagePlan(frame, tuple(packed or _spread_tiles(frame, cut_width, cut_height, copies))))
     return min(plans, key=lambda plan: len(plan.pages))
 
 
-def lay_out(frame: PageFrame, cut_width: float, cut_height: float, copies: int = 1) -> list[Page]:
-    """Pages of whole copies of a sheet, or, where it is larger than a page, a map and tiles.
-
-    Raises:
-        ToolkitError: it would take more than 3000 pages.
-    """
-    packed = pack_copies(frame.content, cut_width, cut_height, copies)
-    return [*packed] or _spread_tiles(frame, cut_width, cut_height, copies)
-
-
 def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int) -> list[CopiesPage]:
-    """As many copies on a page as fit, the group centred; none if no copy fits."""
+    """Pack as many copies on a page as fit, the group centred; none if no copy fits."""
     cell_width = max(cut_width + 2 * MARK_MM, NARROWEST_CELL_MM)
     cell_height = cut_height + 2 * MARK_MM + CAPTION_MM
     most_columns, most_rows = int(content.width // cell_width), int(content.height // cell_height)
@@ -302,7 +291,7 @@ def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int)
 def _spread_tiles(frame: PageFrame, cut_width: float, cut_height: float, copies: int) -> list[Page]:
     content = frame.content
     most_width, most_height = content.width - 2 * MARK_MM, content.height - 2 * MARK_MM - CAPTION_MM
-    tiles = tile_sheet(cut_width, most_width, most_height, cut_height)
+    tiles = tile_sheet(cut_width, cut_height, most_width, most_height)
     if len(tiles) * copies > MOST_PAGES:
         raise FieldError(
             f"{max(cut_width, cut_height):.0f} mm on {frame.paper.name} needs {len(tiles) * copies} pages: expected at "

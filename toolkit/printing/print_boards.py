@@ -1,6 +1,7 @@
 """A board, a ring or the colour strip, on a single page or tiled over several, at true size."""
 
 import math
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 from toolkit import __version__
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.printing import PrintSettings, SheetSettings
 from toolkit.printing.canvas import BOLD, Pdf, measure_text_mm
@@ -18,13 +20,13 @@ from toolkit.printing.marks import (
     SheetDrawing,
     draw_crop_marks,
     draw_frame,
-    draw_page,
+    draw_pages,
     draw_strip,
     reserve_strip,
     strip_area,
 )
-from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, StripPlace, plan_sheet, turn_frames
-from toolkit.printing.print_patches import shorten
+from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, StripPlace, plan_sheet, turn_frames
+from toolkit.printing.print_patches import name_pdf, shorten
 from toolkit.rig.board import DEFAULT_BOARD, MARKER_SHARE, Board, CharucoBoard
 from toolkit.rig.board_file import DEFAULT_RING, MarkerRing, board_file, choose_ring, read_board, write_board
 from toolkit.rig.markers import PALE_PERCENT, black_rects, marker_modules
@@ -56,21 +58,17 @@ def draw_board(pdf: Pdf, spec: Board) -> None:
     pdf.setFillGray(1 - spec.ink_percent / 100)
     if isinstance(spec, CharucoBoard):
         pdf.rects(spec.black_squares(), spec.size_mm[1])
-    _draw_markers(pdf, spec)
+    for marker_id, middle, turn in spec.place_markers():
+        with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
+            # modules are drawn about the middle, since a ring turns each marker by its own angle
+            modules = black_rects(marker_modules(spec.dictionary, marker_id))
+            pdf.rects(modules * spec.marker_mm - spec.marker_mm / 2, 0)
     pdf.setFillGray(0)
     if isinstance(spec, CharucoBoard):
         _write_on_board(pdf, spec)
     elif isinstance(spec, MarkerRing):
         _write_in_ring(pdf, spec)
     pdf.restoreState()
-
-
-def _draw_markers(pdf: Pdf, spec: Board) -> None:
-    half = spec.marker_mm / 2
-    for marker_id, middle, turn in spec.place_markers():
-        with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
-            # marker modules are drawn about the middle, since a ring turns each marker by its own angle
-            pdf.rects(black_rects(marker_modules(spec.dictionary, marker_id)) * spec.marker_mm - half, 0)
 
 
 def _draw_front(pdf: Pdf, x: float, baseline: float) -> float:
@@ -84,7 +82,7 @@ def _draw_front(pdf: Pdf, x: float, baseline: float) -> float:
 
 
 def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
-    """Below the squares the front and the spec; a short line in the middle of every edge, to stand the object by."""
+    """Write the front and the spec below the squares, and a short line in the middle of every edge."""
     width, height = spec.size_mm
     pdf.setLineWidth(2 * LINE_MM)
     gap = (EDGE_MM - TICK_MM) / 2
@@ -97,14 +95,14 @@ def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
 
 
 def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
-    """In the free disc its two axes, the front and the spec; round it all the line to cut along."""
+    """Draw axes, front and spec in the free disc, and the line to cut along."""
     middle, radius = spec.outer_mm / 2, spec.inner_mm / 2
     pdf.setLineWidth(LINE_MM)
     pdf.setStrokeGray(0.6)
     pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
     pdf.circle(middle, middle, radius - 1, stroke=1, fill=0)
     pdf.line(middle - radius + 1, middle, middle + radius - 1, middle)
-    # the line down ends above FRONT, which stands where it would go on
+    # the line down ends above FRONT
     pdf.line(middle, middle - radius + 1 + 2 * FRONT_SIZE_MM, middle, middle + radius - 1)
     front = middle - radius + FRONT_SIZE_MM
     _draw_front(pdf, middle, front)
@@ -115,11 +113,8 @@ def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
 MOST_SHEET_PAGES = 40
 """More tiles than that are not joined to a tenth of a millimetre by anyone."""
 SMALLEST_SQUARE_MM = 12.0
-"""Chosen on its own; smaller ones are hard to read on a phone's photograph of a whole object."""
-STAND_IT = (
-    "Lay it flat. Stand the object on its middle, the front to the edge marked FRONT; the camera is found from the "
-    "pattern round it."
-)
+"""Least side that is chosen automatically: smaller squares are hard to detect in a phone's photograph of an object."""
+STAND_IT = "Lay it flat. Stand the object on its middle, the front to the edge marked FRONT."
 
 
 @dataclass(frozen=True)
@@ -152,17 +147,17 @@ def choose_board(
     paper: Paper, orientation: str = "auto", squares: tuple[int, int] | None = None, square_mm: float | None = None,
     marker_mm: float | None = None,
 ) -> CharucoBoard:  # fmt: skip
-    """The board that options ask for; what they leave open is chosen.
+    """Return the board that options ask for; None is chosen.
 
     Args:
-        paper, orientation: what it is printed on.
+        paper, orientation: page that it is printed on.
         squares: columns and rows; None: the default board's.
-        square_mm: None: the default board's, or, with `squares`, the largest whole number up to it for one page, where
-            that is at least `SMALLEST_SQUARE_MM`.
+        square_mm: None: the default board's; with `squares`, a smaller whole number, from `SMALLEST_SQUARE_MM`, if the
+            board then fits on a page.
         marker_mm: None: three quarters of the square.
 
     Raises:
-        ToolkitError: as `CharucoBoard` says.
+        ToolkitError: as `CharucoBoard`.
     """
     columns, rows = squares or (DEFAULT_BOARD.columns, DEFAULT_BOARD.rows)
     side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
@@ -191,43 +186,30 @@ def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> Boa
         with pdf.moved(x, y) if x or y else nullcontext():
             draw_board(pdf, spec)
 
-    def note(area: Rect, tile: str) -> None:
-        if tile:
-            x, y = area.x + area.width / 2, area.y - MARK_MM - 2.6
-            pdf.text(tile, x, y, 2.4, room_mm=area.width, align="centre")
-
-    sheet = SheetDrawing(label, STAND_IT, draw, note)
-    for number, page in enumerate(plan.pages, start=1):
-        with pdf.page():
-            draw_page(pdf, plan, page, sheet, f"page {number} of {len(plan.pages)}")
+    draw_pages(pdf, plan, SheetDrawing(label, STAND_IT, draw), 1, len(plan.pages))
     return BoardDocument(pdf.finish(), plan)
 
 
 def label_board(spec: Board) -> PatchLabel:
-    """The words at the top of every page of a sheet."""
+    """Return the words at the top of every page of a sheet."""
     if isinstance(spec, CharucoBoard):
-        width, height = spec.size_mm
-        size = (
-            f"{width:.1f} × {height:.1f} mm   ({spec.columns} × {spec.rows} squares of {spec.square_mm:g} mm, markers "
-            f"{spec.marker_mm:g} mm)"
-        )
-        kind = "ChArUco, OpenCV's current pattern"
+        title, kind, (width, height) = "camera board", "ChArUco, OpenCV's current pattern", spec.size_mm
+        size, parts = f"{width:.1f} × {height:.1f} mm", f"{spec.columns} × {spec.rows} squares of {spec.square_mm:g} mm"
+        parts += f", markers {spec.marker_mm:g} mm"
     elif isinstance(spec, MarkerRing):
-        size = (
-            f"{spec.inner_mm:.1f} mm inside, {spec.outer_mm:.1f} mm outside   ({spec.count} markers of "
-            f"{spec.marker_mm:g} mm)"
-        )
-        kind = "ArUco markers"
+        title, kind = "turntable ring", "ArUco markers"
+        size = f"{spec.inner_mm:.1f} mm inside, {spec.outer_mm:.1f} mm outside"
+        parts = f"{spec.count} markers of {spec.marker_mm:g} mm"
     first, last = spec.marker_ids[0], spec.marker_ids[-1]
     origin = f"{kind}, {spec.dictionary}, numbers {first} to {last}   ·   toolkit {__version__}"
-    return PatchLabel("camera board" if isinstance(spec, CharucoBoard) else "turntable ring", size, origin)
+    return PatchLabel(title, f"{size}   ({parts})", origin)
 
 
-USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
+USE_IT = "Print it on the paper and with the settings of the patches. Photograph it beside the object."
 
 
 def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
-    """The strip in the middle of a page, with check bars and, where they fit, crop marks."""
+    """Draw the strip in the middle of a page, with check bars and, if they fit, crop marks."""
     frame = turn_frames(paper, orientation)[0]
     width, height = STRIP.size_mm
     size = f"{width:g} × {height:g} mm"
@@ -255,14 +237,14 @@ class PrintedBoard:
     """A PDF that was written.
 
     Attributes:
-        kind: `board`, `ring` or `colour-strip`.
+        kind: `board`, `ring`, `colour-strip`, `tags` or `picture`.
         file: the PDF.
-        spec_file: where readers of photographs find the spec; None for the strip, which is always the same.
-        description: the spec in words.
+        spec_file: spec for readers of photographs, of a board or ring.
+        description: the pattern in words.
         size_mm: width and height of the pattern.
-        paper, orientation, pages: what it is printed on.
-        tiles: rows and columns of pages, (1, 1) where it fits on one.
-        note: what else there is to know.
+        paper, orientation, pages: paper and number of pages.
+        tiles: rows and columns of pages, (1, 1) if it fits on a page.
+        note: a remark for the user.
     """
 
     kind: str
@@ -277,12 +259,26 @@ class PrintedBoard:
     note: str | None = None
 
     def describe(self) -> str:
-        """One line: what was made, how large, on how many pages."""
+        """Return the file, size and number of pages in a line."""
         rows, columns = self.tiles
         width, height = self.size_mm
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles)"
-        pages = f"{self.pages} page{'s' if self.pages > 1 else ''} of {self.paper} {self.orientation}{tiles}"
+        pages = f"{count_of(self.pages, 'page')} of {self.paper} {self.orientation}{tiles}"
         return f"{shorten(self.file)}: {self.description}; {width:.1f} × {height:.1f} mm, {pages}"
+
+
+def write_print(
+    kind: str, folder: Path, name: str, content: bytes, plans: Sequence[PagePlan], size_mm: tuple[float, float],
+    description: str, spec_file: Path | None = None, note: str | None = None,
+) -> PrintedBoard:  # fmt: skip
+    """Write a PDF into a folder under that name, or to `folder` if that is a PDF; see `PrintedBoard`."""
+    file, paper = name_pdf(folder, name), plans[0].frame.paper
+    write_bytes(file, content)
+    return PrintedBoard(
+        kind=kind, file=str(file), spec_file=None if spec_file is None else str(spec_file), description=description,
+        size_mm=(round(size_mm[0], 3), round(size_mm[1], 3)), paper=paper.name, orientation=paper.orientation,
+        pages=sum(len(plan.pages) for plan in plans), tiles=plans[0].tiles, note=note,
+    )  # fmt: skip
 
 
 def print_board(
@@ -293,40 +289,31 @@ def print_board(
     The spec of a board or ring is written to `rig/board.json`, where readers of photographs find it.
 
     Args:
-        workspace: into whose `print/` it is printed by default.
-        wanted: which sheet.
+        workspace: its `print/` is the default folder.
+        wanted: the sheet.
         page: paper and orientation.
         out: a folder, or the PDF.
 
     Raises:
-        ToolkitError: no sheet is wanted, it cannot be, it is too large for its paper, or a file cannot be written.
+        ToolkitError: no sheet is named, a measure is out of range, the sheet is too large for its paper, or a file
+            cannot be written.
     """
     if wanted.kind is None:
-        raise FieldError("no sheet named: expected one of {board}, {ring} and {colour_strip}", {})
-    page, folder = page or PrintSettings(), out or workspace.root / "print"
-    is_file = folder.suffix.lower() == ".pdf"
-    pdf_file = folder if is_file else folder / f"{wanted.kind.replace('-', '_')}.pdf"
-    spec = None if wanted.colour_strip else choose_sheet(wanted, page)
+        raise FieldError("no sheet named: give {board}, {ring} or {colour_strip}", {})
+    page = page or PrintSettings()
+    spec = None if wanted.colour_strip else _choose_sheet(wanted, page)
     build = build_strip_pdf if spec is None else partial(build_board_pdf, spec)
     document = build(page.paper, page.orientation)
-    write_bytes(pdf_file, document.content)
     note = _compare(workspace, spec) if spec else None  # before the spec that it is compared with is replaced
-    paper = document.plan.frame.paper
-    return PrintedBoard(
-        kind=wanted.kind, file=str(pdf_file), spec_file=str(write_board(workspace, spec)) if spec else None,
-        description=spec.describe() if spec else f"colour strip of {len(STRIP.swatches)} cells",
-        size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)) if spec else STRIP.size_mm,
-        paper=paper.name, orientation=paper.orientation, pages=len(document.plan.pages), tiles=document.plan.tiles,
-        note=note,
+    printed = write_print(
+        wanted.kind, out or workspace.root / "print", f"{wanted.kind.replace('-', '_')}.pdf", document.content,
+        [document.plan], spec.size_mm if spec else STRIP.size_mm,
+        spec.describe() if spec else f"colour strip of {len(STRIP.swatches)} cells", note=note,
     )  # fmt: skip
+    return replace(printed, spec_file=str(write_board(workspace, spec))) if spec else printed
 
 
-def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
-    """The board or ring that is asked for; what is left open is chosen.
-
-    Raises:
-        ToolkitError: there can be no such sheet.
-    """
+def _choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
     spec: Board
     if wanted.ring:
         spec = choose_ring(DEFAULT_RING.inner_mm if wanted.ring_mm is None else wanted.ring_mm, wanted.marker_mm)
@@ -336,7 +323,7 @@ def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
 
 
 def _compare(workspace: Workspace, spec: Board) -> str | None:
-    """What to know where another sheet's spec, or a broken spec, is about to be replaced."""
+    """Return a note if another sheet's spec, or a broken spec, is about to be replaced."""
     if not board_file(workspace).is_file():
         return None
     try:
@@ -345,4 +332,4 @@ def _compare(workspace: Workspace, spec: Board) -> str | None:
         return f"replaced a spec that could not be read: {error}"
     if old == spec:
         return None
-    return f"photographs are now read by this sheet; the one before was a {old.describe()}"
+    return f"this sheet now gives the camera poses of photographs; before, it was a {old.describe()}"

@@ -1,4 +1,4 @@
-"""Which patches a call of `toolkit print` means, each from its file to its PDF, and what there is to say of it."""
+"""Choose the patches that `toolkit print` prints, write their PDFs and describe them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -8,6 +8,7 @@ from typing import Any
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, real_path, write_bytes
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.find_patch import find_patch_file
@@ -22,10 +23,10 @@ from toolkit.rig.fit import describe_misfits
 def select_patches(
     workspace: Workspace, classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = ()
 ) -> list[Path]:
-    """PNG files of the patches that are named, each once, in the order they are named.
+    """List the PNG files of the named patches, each once, in the order of their names.
 
     Args:
-        workspace: where patches are looked for; the package's own count too.
+        workspace: searched for patches, with those of the package.
         classes: file names without suffix, or else the classes that patches were trained for (all patches of it).
         everything: take every known patch.
         files: PNG files anywhere, each with its record beside it.
@@ -51,7 +52,7 @@ def select_patches(
 
 
 def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
-    """A patch by its file's name, else every patch trained for that class, capitals ignored."""
+    """Find a patch by its file's name, else every patch trained for that class, in any case."""
     if wanted in known:
         return [known[wanted]]
     trained_for, broken = {}, []
@@ -84,13 +85,13 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
 
 
 def as_wearer(spec: ObjectSpec, png_file: Path) -> Wearer:
-    """An object with a patch; raises as `read_patch`."""
+    """Return an object with a patch; raises as `read_patch`."""
     sides = tuple(mount.at for mount in spec.mounts)
     return Wearer(spec.name, sides, spec.sizes_mm(read_patch(png_file).size_mm))
 
 
 def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
-    """An object whose page shows the patch, where none is named; None where none wears it.
+    """Return the object for the page of a patch, if none is named; None if none has it.
 
     Raises:
         FieldError: several objects wear it in different sizes.
@@ -104,7 +105,7 @@ def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
 
 @dataclass(frozen=True)
 class PrintedSheet:
-    """One of an object's several sheets in a PDF: the side it goes on, sides of patch and cut sheet, pages, tiles."""
+    """A sheet of an object that has several: side of the object, sides of patch and cut sheet, pages, tiles."""
 
     at: Side
     size_mm: float
@@ -117,21 +118,19 @@ class PrintedSheet:
 class PrintedPatch:
     """A PDF that was written.
 
-    Where the object has several sheets, `pages` counts those of all; sizes, scale, paper and tiles are the first's.
+    If the object has several sheets, `pages` counts those of all; sizes, scale, paper and tiles are the first sheet's.
 
     Attributes:
         file: the PDF.
-        name, class_name, patch_sha256, n_px: of the patch.
-        size_mm: side of the patch on paper.
-        cut_mm: side of the sheet that is cut out, with its white margin.
-        scale_percent: of the patch's size at `dpi`.
-        paper, orientation: of every page.
-        copies, pages: how many.
-        tiles: rows and columns of pages that one copy takes, [1, 1] where it fits on a page.
-        recorded_mm: the side that the patch's record states.
-        object: that it was printed for, whose spec states the size where the settings do not; None where none wears it.
-        colour_strip: whether the strip of known colours is beside the patch.
-        sheets: of an object that has several; empty for a single sheet.
+        name, class_name, patch_sha256, n_px: identity of the patch.
+        size_mm, cut_mm: sides of the patch and of the sheet with its white margin.
+        scale_percent: scale of the patch's size at `dpi`.
+        paper, orientation, copies, pages: the pages.
+        tiles: rows and columns of pages of a copy, [1, 1] if it fits on a page.
+        recorded_mm: side in the patch's record.
+        object: object that it was printed for, if any.
+        colour_strip: whether the colour strip is beside the patch.
+        sheets: sheets of an object that has several.
         total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
     """
 
@@ -162,13 +161,13 @@ class PrintedPatch:
         return tuple(sheet.size_mm for sheet in self.sheets) or (self.size_mm,)
 
     def as_json(self) -> dict[str, Any]:
-        """All fields; `sheets` only of an object that has several."""
+        """Return all fields; `sheets` only of an object that has several."""
         fields = asdict(self)
         return fields if self.sheets else {name: value for name, value in fields.items() if name != "sheets"}
 
     def describe(self) -> str:
-        """One line: what was made, how large, on how many pages."""
-        pages = f"{self.pages} page{'s' if self.pages > 1 else ''} of {self.paper} {self.orientation}"
+        """Return the file, size and number of pages in a line."""
+        pages = f"{count_of(self.pages, 'page')} of {self.paper} {self.orientation}"
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
@@ -180,12 +179,17 @@ class PrintedPatch:
         return f"{shorten(self.file)}{target}: {size}{copies}, {pages}{tiles}"
 
     def describe_scores(self) -> str:
-        """One line: how the patch will come out of the printer."""
+        """Say in a line how the patch will come out of the printer."""
         return PrintScores(self.total_variation, self.non_printability).describe(self.name)
 
 
+def name_pdf(out: Path, name: str) -> Path:
+    """Return `out` if it is a PDF, else the file of that name in it."""
+    return out if out.suffix.lower() == ".pdf" else out / name
+
+
 def shorten(file: str) -> str:
-    """Relative to the current folder where it is inside."""
+    """Return a path relative to the current folder if it is inside."""
     here = Path.cwd()
     path = real_path(Path(file))
     return str(path.relative_to(here)) if path.is_relative_to(here) else file
@@ -200,11 +204,10 @@ def print_patch(
         png_file: the patch, its record beside it.
         pdf_file: the page or pages.
         settings: paper, scale and the rest, in millimetres; by default A4.
-        wearer: the object that it is for, from `find_wearers`: it decides the size where `settings` do not; without
-            one the default is 250 % of 72 dpi.
+        wearer: object from `find_wearers`; it decides the size if `settings` do not. None: 250 % of 72 dpi.
 
     Raises:
-        ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
+        ToolkitError: the patch has no record or another's, its size is out of range, or the PDF cannot be written.
 
     Example:
         >>> png_file = tk.make_workspace(Path("space")).patches()["racer"]
@@ -235,19 +238,17 @@ def print_patches(
     files: Sequence[Path], out: Path, settings: PrintSettings | None = None, go_on: bool = False,
     workspace: Workspace | None = None,
 ) -> tuple[list[PrintedPatch], list[dict[str, str]]]:  # fmt: skip
-    """Print each patch for each object that wears it, into `OBJECT.pdf`, by default on A4 in the size of its spec.
-
-    A patch that no object wears goes into `PATCH.pdf`.
+    """Print each patch for each object that has it, into `OBJECT.pdf`, or into `PATCH.pdf` if no object has it.
 
     Args:
         files: PNG files, each with its record beside it.
         out: folder for the PDFs; for a single page it may be a PDF.
-        settings: of every page; a size in them counts before the specs'.
+        settings: settings of every page, by default A4; a size in them replaces the specs'.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
-        workspace: whose objects wear them; None: none does, and 250 % of 72 dpi unless `settings` say otherwise.
+        workspace: its objects have them; None: the default size is 250 % of 72 dpi.
 
     Returns:
-        What was printed, and `patch` and `reason` of each that could not be.
+        The printed patches, and `patch` and `reason` of each that could not be printed.
 
     Raises:
         ToolkitError: two patches would share a PDF, or a patch cannot be printed.
@@ -273,19 +274,17 @@ def print_patches(
     return printed, failed
 
 
-def print_for_objects(
-    workspace: Workspace, objects: Sequence[str], out: Path, settings: PrintSettings | None = None
-) -> list[PrintedPatch]:
-    """Print the patch of each object in the size that its spec states, into `OBJECT.pdf`.
+def print_chosen(
+    workspace: Workspace, out: Path, settings: PrintSettings | None = None, *, objects: Sequence[str] = (),
+    classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = (),
+) -> tuple[list[PrintedPatch], list[dict[str, str]], list[str]]:  # fmt: skip
+    """Print the patches of objects in the sizes of their specs, and the patches that `select_patches` finds.
 
-    Args:
-        workspace: whose objects and patches are meant.
-        objects: names.
-        out: folder for the PDFs; for a single object it may be a PDF.
-        settings: of every page; a size in them counts before the specs'.
+    Returns:
+        As `print_patches`, and notes on sizes that differ from the rig's.
 
     Raises:
-        ToolkitError: an object is unknown, has no patch, or its patch cannot be printed.
+        ToolkitError: nothing is chosen, an object is unknown or has no patch, or as `print_patches`.
     """
     worn = []
     for name in dict.fromkeys(objects):
@@ -293,27 +292,12 @@ def print_for_objects(
         png_file = find_patch_file(workspace, spec)
         if png_file is None:
             raise ToolkitError(
-                f"no patch for object '{name}': train one with 'toolkit train-patch --object {name}', or name a patch"
+                f"no patch for object '{name}': train it with 'toolkit train-patch --object {name}', or name a patch"
             )
         worn.append((png_file, as_wearer(spec, png_file)))
-    return [
+    printed = [
         print_patch(png_file, pdf_file, settings, wearer) for png_file, wearer, pdf_file in _name_targets(worn, out)
     ]
-
-
-def print_chosen(
-    workspace: Workspace, out: Path, settings: PrintSettings | None = None, *, objects: Sequence[str] = (),
-    classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = (),
-) -> tuple[list[PrintedPatch], list[dict[str, str]], list[str]]:  # fmt: skip
-    """Print the patches of objects and those that `select_patches` finds.
-
-    Returns:
-        What was printed and what could not be, as `print_patches` does, and notes on sizes that differ from the rig's.
-
-    Raises:
-        ToolkitError: nothing is chosen, or see `print_for_objects` and `print_patches`.
-    """
-    printed = print_for_objects(workspace, objects, out, settings)
     failed: list[dict[str, str]] = []
     if classes or everything or files or not objects:
         chosen = select_patches(workspace, classes, everything, files)
@@ -325,7 +309,7 @@ def print_chosen(
 
 
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
-    """Each patch, who wears it, and its PDF; no two may share one."""
+    """Return each patch, its object, and its PDF; no two may share it."""
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
         pages = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
         raise FieldError(f"one file for {len(worn)} pages ({pages}): name a folder, or one object", {"out": out})
@@ -351,7 +335,7 @@ def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> li
 
 
 def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path | None = None) -> list[str]:
-    """What to do where the page's object wears the patch in another size than was printed, and broken specs."""
+    """Say what to do if the object has the patch in another size than was printed, and name broken specs."""
     png_file = png_file or workspace.patches().get(printed.name)
     if png_file is None:
         return []
@@ -370,7 +354,7 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
 
 
 def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[str]:
-    """Which sheets will not lie on their objects at the size that was printed, and where they would."""
+    """Name the sheets that do not lie flat on their objects at the printed size, and where they would."""
     notes = []
     for sheet in printed:
         if sheet.object is not None and read_spec(workspace.object_spec(sheet.object)).mesh:

@@ -1,4 +1,4 @@
-"""Where words find paper round the pieces of a wrap, and the line that scissors follow."""
+"""Places for words round the pieces of a wrap, and the line that scissors follow."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,15 +16,15 @@ APART_MM = 0.5
 NUMBER_HIGH_MM = 4.3
 """Height of a number's digits, with a hair of paper."""
 STEPS_MM = (1.0, 0.25)
-"""Between places that are tried, the second where the first finds none."""
+"""Between places that are tried, the second if the first finds none."""
 NEAR_MM = 25.0
-"""A number is looked for so far from its piece before anywhere on the page."""
+"""Distance from a piece in which a number is placed, before the rest of the page."""
 TEETH_MM = (0.4, 0.8, 1.2, 1.5)
-"""Half the widths of teeth and slits that scissors do not follow, the finest first: they may line a wider slit."""
+"""Half the widths of teeth and slits that scissors do not follow, the finest first, as they may line a wider slit."""
 LONGEST_TOOTH_MM = 6.0
-"""Longer ones are darts, which let the piece bend, or strips of it: they stay."""
+"""Longer teeth and slits stay: they are darts, which let the piece bend, or strips of it."""
 STRAIGHT_MM = 0.3
-"""By so much the line may leave the outline where that goes in small steps."""
+"""Largest distance of the line from an outline in small steps."""
 
 
 class PlaceFinder:
@@ -39,16 +39,15 @@ class PlaceFinder:
         self._words: list[Polygon] = []
 
     def footprint(self) -> "Polygon":
-        """What nothing else may lie on: the piece with its bleed and a little paper, its words, and between them."""
+        """Return the area of the piece with its bleed, a little paper and its words."""
         import shapely
 
         whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
-        # words that stand off the piece stay with it
-        # out and in again: gaps narrower than twice the distance are closed
+        # out and in again closes gaps narrower than twice the distance
         return whole.buffer(APART_MM).buffer(-APART_MM)
 
     def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
-        """The first of places (k, 2) about which a box is free, which then is taken."""
+        """Take the first of places (k, 2) about which a box is free."""
         import shapely
 
         half = np.array([width / 2 + 0.2, height / 2 + 0.1])
@@ -67,16 +66,16 @@ class PlaceFinder:
         return float(places[first, 0]), float(places[first, 1])
 
     def beside(self, point: Point, width: float, height: float) -> Point | None:
-        """The middle of free paper nearest to a point of the edge; None where there is none."""
+        """Return the middle of free paper nearest to a point of the edge, if any."""
         away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
         places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
-        # nearest first; stable, so that of equally near places the first angle wins
+        # nearest first; stable, so that the first angle wins ties
         order = np.argsort(away.reshape(-1), kind="stable")
         return self._take_first(places[order], width, height)
 
     def anywhere(self, width: float, height: float) -> Point | None:
-        """The middle of the free paper nearest to the piece, those above and left first; None where there is none."""
+        """Return the middle of the free paper nearest to the piece, above and left first, if any."""
         import shapely
 
         (left, low), (right, high) = -self._room, self._size + self._room
@@ -87,7 +86,7 @@ class PlaceFinder:
             )
             places = np.stack([x, y], axis=-1).reshape(-1, 2)
             away = shapely.distance(self._bleed, shapely.points(places))
-            # the small weights only break ties between places that are equally near
+            # the small weights break ties
             order = np.argsort(away + 0.02 * (high - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
             found = self._take_first(places[order], width, height)
             if found is not None:
@@ -98,13 +97,13 @@ class PlaceFinder:
 def place_numbers(
     room: "Polygon", solids: "Sequence[Polygon]", widths: Sequence[float], others: "Sequence[Polygon]" = ()
 ) -> list[Point | None]:
-    """The middle of free paper nearest to each piece of a page for a row of words; None where the page is full.
+    """Return the middle of free paper nearest to each piece for a row of words; None if the page is full.
 
     Args:
-        room: of the page.
-        solids: what each piece covers.
-        widths: of each row; all are `NUMBER_HIGH_MM` high.
-        others: what else lies on the page.
+        room: area of the page.
+        solids: area of each piece.
+        widths: width of each row; all are `NUMBER_HIGH_MM` high.
+        others: other areas in use.
     """
     taken = [*solids, *others]
     found: list[Point | None] = []
@@ -118,7 +117,7 @@ def place_numbers(
 
 
 def box_about(at: Point, width: float) -> "Polygon":
-    """The paper that a row of words of this width takes about its middle."""
+    """Return the paper of a row of words of this width about its middle."""
     import shapely
 
     half_w, half_h = width / 2 + 0.3, NUMBER_HIGH_MM / 2 + 0.2
@@ -146,14 +145,14 @@ def _find_free(
     if not free.any():
         return None
     x, y = x[free], y[free]
-    # above and left first, of those that are equally near
+    # above and left first if equally near
     away = shapely.distance(solid.simplify(0.5), boxes[free])
     best = int(np.argmin(away - 0.02 * y + 0.01 * x))
     return float(x[best]), float(y[best])
 
 
 def smooth_outline(outline: "Polygon") -> "Polygon":
-    """An outline without teeth and slits narrower than scissors follow; longer slits and strips stay."""
+    """Remove teeth and slits from an outline that are too narrow for scissors; longer slits and strips stay."""
     import shapely
 
     def widen(shape: "Polygon", by_mm: float) -> "Polygon":

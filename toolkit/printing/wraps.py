@@ -1,19 +1,19 @@
-"""The pieces of a wrap on pages at true size, how they are stuck on, and their outlines for a cutting machine."""
+"""Print the pieces of a wrap at true size, with a page of instructions and outlines for a cutting machine."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit import __version__
-from toolkit.core.errors import FieldError
-from toolkit.core.files import sha256_bytes, write_bytes
+from toolkit.core.files import write_bytes
+from toolkit.core.text import count_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.net import TAB_MM
-from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, read_wrap
+from toolkit.objects.wrap import BLEED_MM, PieceRecord, Wrap, check_wrap, hash_wrap, read_wrap
 from toolkit.printing import PrintSettings, WrapSettings
 from toolkit.printing.canvas import BOLD, INK, SOFT, WHITE, Pdf, Point, measure_text_mm
 from toolkit.printing.document import HASH_DIGITS
@@ -21,7 +21,7 @@ from toolkit.printing.marks import (
     PatchLabel,
     SheetDrawing,
     draw_frame,
-    draw_page,
+    draw_pages,
     draw_strip,
     reserve_strip,
     strip_area,
@@ -38,7 +38,7 @@ from toolkit.printing.page import (
     plan_sheet,
     turn_frames,
 )
-from toolkit.printing.print_patches import shorten
+from toolkit.printing.print_patches import name_pdf, shorten
 from toolkit.printing.wrap_views import SideView, draw_sides, place_sides
 from toolkit.printing.wrap_words import NUMBER_HIGH_MM, PlaceFinder, box_about, place_numbers, smooth_outline
 from toolkit.rig.livery import find_way
@@ -66,19 +66,19 @@ SAY_MARKS = "Page 1 lists the order. Equal letters meet, arrows show which way i
 CUT_BY_HAND = f"Cut along the black line in the white one. {SAY_MARKS}"
 CUT_BY_MACHINE = f"The fine magenta line is CutContour, the machine's path. {SAY_MARKS}"
 FOLD_IT = "Dashed: fold back; dash and dot: fold towards you. Glue tab A under edge A."
-ASSEMBLE = "Stick the pieces on in this order, each to the letters of those that are there. Cut them out one by one."
+ASSEMBLE = "Cut out and stick on a piece at a time, in this order, each to the letters of those that are there."
 
 
 @dataclass(frozen=True)
 class PlacedPiece:
-    """Where a piece lies.
+    """The place of a piece.
 
     Attributes:
-        number: of the piece.
-        page: of the PDF, from 1; for a tiled piece, the page with the map of its tiles.
-        x_mm, y_mm: of its box's corner (0, 0) from the page's lower left; of a tiled piece 0.
+        number: number of the piece.
+        page: page of the PDF, from 1; for a tiled piece, that with the map of its tiles.
+        x_mm, y_mm: place of its box's lower left corner on the page; 0 for a tiled piece.
         quarters: turns by 90 degrees about that corner, counter-clockwise.
-        tiles: rows and columns of pages, (1, 1) for a piece in one.
+        tiles: rows and columns of pages, (1, 1) for a whole piece.
     """
 
     number: int
@@ -89,7 +89,7 @@ class PlacedPiece:
     tiles: tuple[int, int] = (1, 1)
 
     def to_page(self, points_mm: np.ndarray) -> np.ndarray:
-        """(..., 2) places on the page of places on the piece."""
+        """Return the places (..., 2) on the page of places on the piece."""
         # exact turns: cosine and sine of quarters have no rounding
         cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarters]
         x, y = np.moveaxis(np.asarray(points_mm, float), -1, 0)
@@ -102,16 +102,16 @@ class PrintedWrap:
 
     Attributes:
         file: the PDF.
-        name, object: of the wrap.
+        name, object: names of the wrap and of its object.
         pages: number of pages; the first shows how the pieces are stuck on.
-        paper, orientation: of the pages with pieces.
+        paper, orientation: paper of the pages with pieces.
         sizes_mm: width and height of each page.
-        placed: where each piece is.
+        placed: place of each piece.
         order: the pieces' numbers as they are stuck on.
         roll_mm: width of the roll that pieces are on, None for sheets.
         cut_files: outlines for a machine.
         is_trained: whether the pieces show a trained picture.
-        shows: what they show otherwise: a picture's name, or the object's own paint.
+        shows: picture of an untrained wrap: its name, or the object's own paint.
     """
 
     file: str
@@ -128,25 +128,21 @@ class PrintedWrap:
     is_trained: bool = True
     shows: str | None = None
 
-    def as_json(self) -> dict[str, Any]:
-        """All fields."""
-        return asdict(self)
-
     def describe(self) -> str:
-        """One line: what was made, on how many pages."""
+        """Return the file, its pieces and the number of pages in a line."""
         tiled = [piece for piece in self.placed if piece.tiles != (1, 1)]
         tiles = "".join(f"; piece {piece.number} in {piece.tiles[0]} × {piece.tiles[1]} tiles" for piece in tiled)
-        pieces = f"{len(self.placed)} piece{'s' if len(self.placed) > 1 else ''}"
         width, height = self.sizes_mm[-1]
         paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
-        pages = f"{self.pages} page{'s' if self.pages > 1 else ''}, the first how to stick them on"
+        pages = f"{count_of(self.pages, 'page')}, the first how to stick them on"
+        pieces = f"{count_of(len(self.placed), 'piece')} on {paper}"
         untrained = "" if self.is_trained else f"; not trained, it shows {self.shows}"
-        return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}{untrained}"
+        return f"{shorten(self.file)} for {self.object}: {pieces}, {pages}{tiles}{untrained}"
 
 
 @dataclass(frozen=True)
 class _Label:
-    """Words outside a piece: where they stand in its own millimetres, and which of its points they are about."""
+    """Words outside a piece: their place in its own millimetres, and the point that they label."""
 
     text: str
     at: Point
@@ -158,10 +154,10 @@ class _Sheet:
     """A piece as pages show it.
 
     Attributes:
-        record: of the wrap.
-        outline: what is cut out, with glue tabs.
+        record: its record in the wrap.
+        outline: line of the cut, with glue tabs.
         room_mm: paper beside and above its box.
-        letters: at its seams.
+        letters: letters at its seams.
         way, way_deg: the word at its arrow, and the arrow's angle on the piece.
         solid: the piece with its bleed and its letters, on which nothing else may lie.
         footprint: `solid`, and room for its number.
@@ -189,15 +185,15 @@ def print_wrap(
 ) -> PrintedWrap:  # fmt: skip
     """Print a wrap's pieces at true size, and write their outlines where a machine cuts them.
 
-    The first page shows the object from six sides with its pieces numbered, the order to stick them on, and the strip
-    of known colours. Each piece has 1.5 mm of bleed. The cut line for scissors is black in white, and leaves out teeth
-    that they cannot follow; for a machine it is the exact outline in the spot colour `CutContour`, on a layer of that
-    name. The same wrap gives the same bytes.
+    The first page shows the object from six sides with its pieces numbered, their order, and the colour strip. Each
+    piece has 1.5 mm of bleed. The cut line for scissors is black in white, without teeth that scissors cannot follow.
+    For a machine it is the exact outline in the spot colour `CutContour`, on a layer of that name. The same wrap gives
+    the same bytes.
 
     Args:
-        workspace: whose wrap it is.
-        name: of the wrap.
-        settings: paper and orientation; by default A4. A wrap has one size, so no other field may be set.
+        workspace: folder with the wrap.
+        name: name of the wrap.
+        settings: paper and orientation; by default A4. The object decides the size, so no other field may be set.
         wanted: a roll in place of sheets, and the format of the outlines.
         out: a folder, or the PDF; by default `print/NAME-wrap.pdf`.
 
@@ -215,12 +211,12 @@ def print_wrap(
         (2, 1, 1)
     """
     settings, wanted = settings or PrintSettings(), wanted or WrapSettings()
-    _refuse_sizes(settings)
+    why = "belongs to patches: a wrap has the size of its object"
+    settings.refuse(why, "scale_percent", "dpi", "size_mm", "copies", "margin_mm")
     wrap = read_wrap(workspace.wrap(name))
     item = load_object(workspace.object_spec(wrap.record.object))
     check_wrap(wrap, item)
-    folder = out or workspace.print_dir
-    pdf_file = folder if folder.suffix.lower() == ".pdf" else folder / f"{name}-wrap.pdf"
+    pdf_file = name_pdf(out or workspace.print_dir, f"{name}-wrap.pdf")
     by_machine = wanted.cut is not None or wanted.roll_mm is not None
     printed, content, sheets = build_wrap_pdf(wrap, item, settings, wanted.roll_mm, by_machine)
     write_bytes(pdf_file, content)
@@ -232,20 +228,14 @@ def print_wrap(
     return replace(printed, file=str(pdf_file), cut_files=tuple(cut_files))
 
 
-def _refuse_sizes(settings: PrintSettings) -> None:
-    for field in ("scale_percent", "dpi", "size_mm", "copies", "margin_mm"):
-        if getattr(settings, field) != getattr(PrintSettings(), field):
-            raise FieldError("goes with patches: a wrap has the size of its object", {field: getattr(settings, field)})
-
-
 def build_wrap_pdf(
     wrap: Wrap, item: TableObject, settings: PrintSettings, roll_mm: float | None = None, by_machine: bool = False
 ) -> tuple[PrintedWrap, bytes, "dict[int, Polygon]"]:
-    """The pages of a wrap.
+    """Draw the pages of a wrap.
 
     Args:
-        wrap: with its picture.
-        item: the object that it is for.
+        wrap: a wrap with its picture.
+        item: its object.
         settings: paper and orientation.
         roll_mm: width of a roll for the pieces; the first page stays on `settings.paper`.
         by_machine: whether a machine cuts them, along the exact outline.
@@ -280,9 +270,8 @@ def build_wrap_pdf(
 
 
 def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str, object]]:
-    """What stands in the header of each page, and what the PDF says of itself."""
-    record = wrap.record
-    pictures = sha256_bytes("".join(piece.png_sha256 for piece in record.pieces).encode())
+    """Return the header of each page, and the keywords of the PDF."""
+    record, pictures = wrap.record, hash_wrap(wrap.record)
     label = PatchLabel(
         f"{record.class_name or record.object} wrap"
         + ("" if record.name == record.object else f" ({record.name})")
@@ -299,7 +288,7 @@ def _describe_wrap(wrap: Wrap, item: TableObject) -> tuple[PatchLabel, dict[str,
 
 
 def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
-    """The pages with several pieces each."""
+    """Draw the pages with several pieces each."""
     import shapely
 
     paper = layout.frame.paper
@@ -324,15 +313,13 @@ def _draw_nested(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> 
 
 
 def _draw_tiled(pdf: Pdf, wrap: Wrap, layout: "_Layout", label: PatchLabel) -> Iterator[PlacedPiece]:
-    """The pages of pieces that are joined from several."""
-    number = 1 + len(layout.pages)
+    """Draw the pages of pieces that are joined from several."""
+    number = 2 + len(layout.pages)
     for index, plan in layout.tiled:
-        yield PlacedPiece(index + 1, number + 1, 0.0, 0.0, tiles=plan.tiles)
+        yield PlacedPiece(index + 1, number, 0.0, 0.0, tiles=plan.tiles)
         drawing = _describe_tiled(pdf, wrap, index, layout, label)
-        for page in plan.pages:
-            number += 1
-            with pdf.page(plan.frame.paper):
-                draw_page(pdf, plan, page, drawing, f"piece {index + 1}, page {number} of {layout.total}")
+        draw_pages(pdf, plan, drawing, number, layout.total, f"piece {index + 1}, ", plan.frame.paper)
+        number += len(plan.pages)
 
 
 _Pages = list[tuple[list[Nested], StripPlace | None]]
@@ -340,11 +327,11 @@ _Pages = list[tuple[list[Nested], StripPlace | None]]
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where everything goes.
+    """Places of all pieces.
 
     Attributes:
-        frame: of the pages with pieces.
-        pages: what is nested on each of them, and where its colour strip is.
+        frame: frame of the pages with pieces.
+        pages: pieces nested on each of them, and place of its colour strip.
         tiled: index of each piece that is larger than a page, and its pages.
         sheets: all pieces with their words.
         by_machine: whether a machine cuts them.
@@ -363,7 +350,7 @@ class _Layout:
 
     @property
     def advice(self) -> str:
-        """What stands on pages with pieces."""
+        """Advice on pages with pieces."""
         cut = CUT_BY_MACHINE if self.by_machine else CUT_BY_HAND
         return f"{cut} {FOLD_IT}" if any(sheet.record.tabs for sheet in self.sheets) else cut
 
@@ -419,7 +406,7 @@ def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame,
 
 
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect, by_machine: bool) -> _Sheet:
-    """A piece with the most room for words with which it fits on a page; with full room where it does not fit."""
+    """Return a piece with the most room for words with which it fits on a page; full room if it does not fit."""
     way, way_deg = find_way(wrap.pieces[index], item.mesh)
     outline = _join_tabs(wrap, index)
     outline = outline if by_machine else smooth_outline(outline)
@@ -436,7 +423,7 @@ def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect, by_ma
 def _write_round(
     record: PieceRecord, outline: "Polygon", room_mm: tuple[float, float], way: str, way_deg: float
 ) -> _Sheet:
-    """A piece with the words that find paper within `room_mm` beside and above it."""
+    """Return a piece with the words that find paper within `room_mm` beside and above it."""
     finder = PlaceFinder((record.width_mm, record.height_mm), outline, room_mm)
     letters = []
     for seam in record.seams:
@@ -459,13 +446,13 @@ def _as_box(area: Rect) -> "Polygon":
 
 
 def _join_tabs(wrap: Wrap, index: int) -> "Polygon":
-    """What is cut out: the piece with its glue tabs."""
+    """Return the outline of a piece with its glue tabs."""
     import shapely
 
     outline, tabs = wrap.pieces[index].outline(), wrap.record.pieces[index].tabs
     if not tabs:
         return outline
-    # drawn in by its rounding a tab might stand off its edge by a hair: it reaches a little into the piece
+    # rounding may separate a tab from its edge: it reaches a little into the piece
     return shapely.union_all(
         [outline, *(shapely.Polygon(tab.outline_mm).buffer(1e-3, join_style="mitre") for tab in tabs)]
     )
@@ -504,7 +491,7 @@ def _draw_piece(
 
 
 def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool) -> None:
-    """The picture as far as the bleed, ticks at the ends of seams, folds, and the cut line, at the piece's corner."""
+    """Draw the picture with its bleed, ticks at the ends of seams, folds and the cut line, at the piece's corner."""
     record, texel_mm = sheet.record, wrap.record.texel_mm
     # the picture with its bleed, clipped to it
     picture, edge_px = _picture_to_bleed(wrap, index)
@@ -534,7 +521,11 @@ def _draw_flat(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, by_machine: bool
 
 
 def _draw_folds(pdf: Pdf, record: PieceRecord, by_machine: bool) -> None:
-    kinds = (([*_list_mountains(record)], MOUNTAIN), (record.valleys_mm, VALLEY))
+    # folded back are its own folds, but for valleys, and the foot of each tab
+    valleys = set(record.valleys_mm)
+    mountains = [fold for fold in record.folds_mm if fold not in valleys]
+    mountains += [(tab.outline_mm[0], tab.outline_mm[1]) for tab in record.tabs]
+    kinds = ((mountains, MOUNTAIN), (record.valleys_mm, VALLEY))
     if not by_machine:
         pdf.ink(WHITE, FOLD_HALO_MM)
         for folds, _ in kinds:
@@ -546,13 +537,6 @@ def _draw_folds(pdf: Pdf, record: PieceRecord, by_machine: bool) -> None:
         for start, end in folds:
             pdf.line(*start, *end)
     pdf.setDash()
-
-
-def _list_mountains(record: PieceRecord) -> Iterator[tuple[Point, Point]]:
-    """Where a piece is folded back: its own folds, and the foot of each tab."""
-    valleys = set(record.valleys_mm)
-    yield from (fold for fold in record.folds_mm if fold not in valleys)
-    yield from ((tab.outline_mm[0], tab.outline_mm[1]) for tab in record.tabs)
 
 
 def _picture_to_bleed(wrap: Wrap, index: int) -> tuple[np.ndarray, int]:
@@ -647,11 +631,7 @@ def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, layout: _Layout, label: Pa
         _draw_piece(pdf, wrap, index, sheet, here, number_at, layout.by_machine)
         pdf.grey(0)
 
-    def note(area: Rect, tile: str) -> None:
-        words = f"piece {record.number} {tile}".strip()
-        pdf.text(words, area.x + area.width / 2, area.y - 8.6, 2.4, room_mm=area.width, align="centre")
-
-    return SheetDrawing(label, layout.advice, draw, note)
+    return SheetDrawing(label, layout.advice, draw, name=f"piece {record.number}")
 
 
 LINE_MM = 4.4
@@ -660,7 +640,7 @@ LINE_MM = 4.4
 def _draw_assembly(
     pdf: Pdf, area: Rect, views: Sequence[SideView], order: Sequence[int], pieces: Sequence[PieceRecord]
 ) -> None:
-    """The object from six sides, its pieces numbered, over the list of what is stuck on when and where."""
+    """Draw the object from six sides, its pieces numbered, over the list of pieces in order."""
     columns = 2 if len(order) > 6 else 1
     rows = -(-len(order) // columns)
     words = Rect(area.x, area.y, area.width, 8.0 + LINE_MM * rows)

@@ -22,7 +22,7 @@ from toolkit.core.records import hold_folder
 from toolkit.core.work import INPUTS, Work, find_made
 from toolkit.core.workspace import Workspace
 from toolkit.models.architectures import list_architectures
-from toolkit.models.find import Answers, ClassifierRecord, NetworkSet, Refinement, is_program
+from toolkit.models.find import AnswerCounts, ClassifierRecord, NetworkSet, Refinement, is_program
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
 from toolkit.models.predict import predict
@@ -71,8 +71,8 @@ class Tested:
     """
 
     answers: np.ndarray
-    clean: Answers
-    attacked: Answers
+    clean: AnswerCounts
+    attacked: AnswerCounts
 
 
 @dataclass(frozen=True)
@@ -320,8 +320,8 @@ def _pack(network: Classifier) -> bytes:
     return save(halve_weights(network.module.state_dict()))
 
 
-def _count(answers: np.ndarray, classes: np.ndarray, taught: np.ndarray) -> Answers:
-    return Answers(n=len(answers), correct=int((answers == classes).sum()), agreed=int((answers == taught).sum()))
+def _count(answers: np.ndarray, classes: np.ndarray, taught: np.ndarray) -> AnswerCounts:
+    return AnswerCounts(n=len(answers), correct=int((answers == classes).sum()), agreed=int((answers == taught).sum()))
 
 
 @dataclass(frozen=True)
@@ -368,7 +368,7 @@ class RefinedNetworks:
         yield f"next: toolkit train-patch --object OBJECT --model {self.name}"
 
 
-def _compare(before: Answers, after: Answers) -> str:
+def _compare(before: AnswerCounts, after: AnswerCounts) -> str:
     return (
         f"right {before.correct} → {after.correct} of {after.n}, as the network before {before.agreed} → {after.agreed}"
     )

@@ -11,11 +11,7 @@ COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9
 
 
 def read_accessor(document: Document, index: Any) -> np.ndarray:
-    """(n, k) numbers, k components each; normalised integers come as float32 in [-1, 1] or [0, 1].
-
-    Raises:
-        DamagedGltf: it reaches outside of its buffer view, or is of an unknown type.
-    """
+    """(n, k) numbers; normalised integers become float32 fractions; `DamagedGltf` for an unknown type or place."""
     accessor = document.row("accessors", index)
     count = accessor.get("count")
     dtype, width = COMPONENT_TYPES.get(accessor.get("componentType", 0)), COMPONENTS.get(accessor.get("type", ""))
@@ -31,15 +27,15 @@ def read_accessor(document: Document, index: Any) -> np.ndarray:
 
 
 def normalise(values: np.ndarray) -> np.ndarray:
-    """Integers as the fractions that glTF means by them, float32; numbers that are none stay."""
+    """Convert integers to glTF's fractions, float32; floats stay."""
     if values.dtype.kind == "f":
         return values
-    # the least signed integer counts as -1, as its neighbour does (glTF 2.0, 3.11)
+    # the least signed integer counts as -1 too (glTF 2.0, 3.11)
     return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1).astype(np.float32)
 
 
 def _cut(document: Document, place: dict[str, Any], shape: tuple[int, int], dtype: str, name: str) -> np.ndarray:
-    """Rows of a buffer view, which may be interleaved with others; columns of matrices begin at multiples of 4."""
+    """Return rows of a buffer view, which may be interleaved with others."""
     data = document.view(place["bufferView"])
     start = place.get("byteOffset", 0)
     stride = document.row("bufferViews", place["bufferView"]).get("byteStride", 0)

@@ -1,10 +1,10 @@
-"""What packages of the extra `gltf` unpack: Draco's meshes and Basis Universal's pictures."""
+"""Draco's meshes and Basis Universal's pictures, unpacked by packages of the extra `gltf`."""
 
 from typing import Any
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError, foreign_code
+from toolkit.core.errors import ToolkitError, describe_failure, foreign_code
 from toolkit.imaging.read import MAX_MEGAPIXELS
 from toolkit.objects.gltf.document import DamagedGltf, Document
 
@@ -12,8 +12,7 @@ DRACO, BASISU = "KHR_draco_mesh_compression", "KHR_texture_basisu"
 KTX_START = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
-def lacks(document: Document, package: str, name: str, way_out: str) -> ToolkitError:
-    """The error for a package of the extra that is missing: names the extension, the extra and the way without it."""
+def _lacks(document: Document, package: str, name: str, way_out: str) -> ToolkitError:
     return ToolkitError(
         f"{document.path}: {name} needs {package}, which is not installed: pip install '.[gltf]' in the kit's folder, "
         f"or {way_out}"
@@ -21,11 +20,11 @@ def lacks(document: Document, package: str, name: str, way_out: str) -> ToolkitE
 
 
 def decode_draco(document: Document, draco: dict[str, Any]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Attributes by name, (n, k) each, and (m, 3) faces of a primitive that Draco compressed."""
+    """Return attributes by name, (n, k) each, and (m, 3) faces of a primitive that Draco compressed."""
     try:
         import DracoPy
     except ImportError:
-        raise lacks(document, "DracoPy", DRACO, "export the mesh without Draco compression") from None
+        raise _lacks(document, "DracoPy", DRACO, "export the mesh without Draco compression") from None
     content = document.view(draco.get("bufferView")).tobytes()
     with foreign_code(lambda error: DamagedGltf(f"{DRACO}: the compressed mesh is damaged ({type(error).__name__})")):
         mesh = DracoPy.decode(content)
@@ -41,14 +40,11 @@ def decode_ktx(document: Document, content: bytes, name: str) -> bytes:
         import alktx2
     except ImportError:
         way_out = "save its textures as PNG (npx @gltf-transform/cli ktxdecompress)"
-        raise lacks(document, "alktx2", BASISU, way_out) from None
+        raise _lacks(document, "alktx2", BASISU, way_out) from None
     width, height = (int.from_bytes(content[at : at + 4], "little") for at in (20, 24))
     if not content.startswith(KTX_START) or not 0 < width * height <= MAX_MEGAPIXELS * 1e6:
         raise ToolkitError(f"{document.path}: {name} is no {BASISU} picture, or far too large: save it as PNG")
-    with foreign_code(
-        lambda error: ToolkitError(
-            f"{document.path}: {name} cannot be read ({BASISU}: {' '.join(str(error).split())[:80]}): save it as PNG"
-        )
-    ):
+    damaged = f"{document.path}: {name} cannot be read, save it as PNG: {BASISU}"
+    with foreign_code(lambda error: ToolkitError(f"{damaged}: {describe_failure(error, 80)}")):
         png, _ = alktx2.decode_ktx2_to_bytes(content, format="png")
     return bytes(png)

@@ -1,4 +1,4 @@
-"""A glTF file before anything is built of it: its JSON, its buffers, and a refusal of what asks for too much."""
+"""A glTF file before anything is built of it: its JSON and its buffers."""
 
 import base64
 import binascii
@@ -32,14 +32,7 @@ class DamagedGltf(Exception):
 
 @dataclass
 class Document:
-    """A glTF file.
-
-    Attributes:
-        path: the file.
-        tree: its JSON.
-        binary: the GLB's own chunk, empty for a `.gltf`.
-        notes: what turned out while reading to be left out, a sentence each.
-    """
+    """A glTF file: its JSON, the binary chunk of a GLB, and notes on features that are left out, a sentence each."""
 
     path: Path
     tree: dict[str, Any]
@@ -49,11 +42,11 @@ class Document:
     _views: dict[int, np.ndarray] = field(default_factory=dict)
 
     def rows(self, name: str) -> list[dict[str, Any]]:
-        """A list of the JSON, such as `nodes`."""
+        """Return a list of the JSON, such as `nodes`."""
         return rows(self.tree, name)
 
     def row(self, name: str, index: Any) -> dict[str, Any]:
-        """One entry of such a list."""
+        """Return an entry of such a list."""
         found = self.rows(name)
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(found):
             raise DamagedGltf(f"{name} has {len(found)} entries, none is number {index!r}")
@@ -63,8 +56,7 @@ class Document:
         """(n,) uint8 bytes of a buffer view, decompressed."""
         view = self.row("bufferViews", index)
         if index not in self._views:
-            name = next((name for name in MESHOPT if extension(view, name)), None)
-            packed = None if name is None else extension(view, name)
+            name, packed = next(((name, found) for name in MESHOPT if (found := extension(view, name))), ("", None))
             if packed is None:
                 self._views[index] = self._cut(view, index)
             else:
@@ -94,7 +86,7 @@ class Document:
         return self._buffers[index]
 
     def load_uri(self, uri: Any) -> bytes:
-        """What a URI holds or names; a `ToolkitError` for a file that is missing or lies outside of the folder."""
+        """Return the content of a URI or its file; a `ToolkitError` for a missing file or one outside the folder."""
         if not isinstance(uri, str):
             raise DamagedGltf("a URI is no text")
         if uri.startswith("data:"):
@@ -113,10 +105,7 @@ class Document:
 
 
 def name_of_uri(folder: Path, uri: str) -> str:
-    """The path that a URI means: decoded, or as it stands where a careless exporter did not encode it.
-
-    A path of another machine means its last parts, as `find_named` has it.
-    """
+    """Return the path of a URI: decoded, or as it stands if the exporter did not encode it, else as `find_named`."""
     decoded = unquote(uri)
     for name in (decoded, uri, decoded.replace("\\", "/")):
         with suppress(OSError, ValueError):
@@ -129,13 +118,13 @@ def name_of_uri(folder: Path, uri: str) -> str:
 
 
 def rows(tree: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    """A list of objects in a JSON object; what is none counts as empty."""
+    """Return a list of objects in a JSON object; anything else counts as empty."""
     found = tree.get(name)
-    return [one if isinstance(one, dict) else {} for one in found] if isinstance(found, list) else []
+    return [entry if isinstance(entry, dict) else {} for entry in found] if isinstance(found, list) else []
 
 
 def extension(tree: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """An extension of a JSON object, None where it is not there."""
+    """Return an extension of a JSON object, if it is there."""
     all_of_it = tree.get("extensions")
     found = all_of_it.get(name) if isinstance(all_of_it, dict) else None
     return found if isinstance(found, dict) else None
@@ -179,7 +168,7 @@ def _refuse_version(path: Path, version: str) -> NoReturn:
 
 
 def _split(content: bytes) -> tuple[bytes, memoryview | bytes]:
-    """The JSON and the binary chunk of a GLB; chunks of other kinds are passed over, as the specification asks."""
+    """Return the JSON and the binary chunk of a GLB; other chunks are ignored, as the specification asks."""
     text: bytes = b""
     binary: memoryview | bytes = b""
     start = 12  # behind magic, version and length
@@ -202,7 +191,7 @@ def refuse(path: Path, reason: str = "it is damaged, cut or of another kind") ->
 
 
 def named_files(path: Path) -> Iterator[str]:
-    """The paths of buffers and pictures that a file names; nothing for a file that is no glTF, as reading says so."""
+    """Yield the paths of buffers and pictures that a file names; none for a file that is no glTF: reading says so."""
     try:
         tree = read_document(path).tree
     except ToolkitError:

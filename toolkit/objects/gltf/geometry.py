@@ -12,20 +12,20 @@ from toolkit.objects.gltf.nodes import PlacedMesh
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 MORPHED = ("POSITION", "TEXCOORD", "COLOR")
-"""What targets change and the kit reads."""
+"""Attributes of morph targets that are read."""
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """A part of a mesh with one material.
+    """A part of a mesh with a single material.
 
     Attributes:
         vertices: (n, 3) float64, in the scene's axes, metres.
         faces: (m, 3) int64, counter-clockwise seen from outside.
         uv: number of a set -> (n, 2), v down.
-        colours: (n, 3) linear light; None where there are none.
-        alpha: (n,) of the colours; None where all are 1.
-        material: its number, None where there is none.
+        colours: (n, 3) linear light, if any.
+        alpha: (n,) alpha of the colours, unless all are 1.
+        material: number of its material, if any.
     """
 
     vertices: np.ndarray
@@ -37,7 +37,7 @@ class Primitive:
 
 
 def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, Any]) -> Primitive | None:
-    """A primitive of a placed mesh; None for points and lines, or without positions.
+    """Read a primitive of a placed mesh; None for points and lines, or without positions.
 
     Raises:
         DamagedGltf: accessors of different lengths, or indices that do not make triangles.
@@ -51,7 +51,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
     position = attributes.pop("POSITION")
     count = len(position)
     if position.shape[1] != 3 or any(len(values) != count for values in attributes.values()):
-        raise DamagedGltf("attributes of one mesh have different lengths")
+        raise DamagedGltf("attributes of a mesh have different lengths")
     if extension(primitive, DRACO) is not None:
         mode = TRIANGLES  # whatever they were before
     faces = _triangles(np.arange(count) if index is None else index.astype(np.int64), mode)
@@ -70,7 +70,7 @@ def read_primitive(document: Document, placed: PlacedMesh, primitive: dict[str, 
 
 
 def _read_colours(attributes: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """(n, 3) linear light of the vertices and their (n,) alpha; None where there are none, or where all are 1."""
+    """(n, 3) linear light of the vertices, and (n,) alpha unless all are 1; None without colours."""
     if "COLOR_0" not in attributes:
         return None, None
     colours = normalise(attributes["COLOR_0"])
@@ -81,19 +81,19 @@ def _read_colours(attributes: dict[str, np.ndarray]) -> tuple[np.ndarray | None,
 
 
 def is_read(name: str) -> bool:
-    """Whether an attribute changes what is read; normals and tangents are worked out again."""
+    """Whether an attribute is read; normals and tangents are computed again."""
     return name in ("POSITION", "COLOR_0") or name.startswith(("TEXCOORD_", "JOINTS_", "WEIGHTS_"))
 
 
 def _read_attributes(
     document: Document, primitive: dict[str, Any], named: dict[str, Any]
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Name -> (n, k) values, and the (i,) indices, if there are any."""
+    """Return (n, k) values by name, and the (i,) indices, if there are any."""
     draco = extension(primitive, DRACO)
     if draco is not None:
         decoded, faces = decode_draco(document, draco)
         attributes = {name: values for name, values in decoded.items() if is_read(name)}
-        for name, values in attributes.items():  # the accessor says what its integers mean
+        for name, values in attributes.items():  # the accessor decides whether integers are normalised
             if document.row("accessors", named.get(name)).get("normalized") is True:
                 attributes[name] = normalise(values)
         others = {name: at for name, at in named.items() if name not in decoded}
@@ -107,7 +107,7 @@ def _read_attributes(
 def _morph(
     document: Document, placed: PlacedMesh, primitive: dict[str, Any], attributes: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Attributes moved by the targets, as far as the weights of the node, else of the mesh, say."""
+    """Move attributes by the targets, with the weights of the node, else of the mesh."""
     weights = placed.node.get("weights", placed.mesh.get("weights", []))
     for weight, target in zip(weights, rows(primitive, "targets"), strict=False):
         for name, index in target.items():
@@ -117,7 +117,7 @@ def _morph(
 
 
 def _triangles(index: np.ndarray, mode: int) -> np.ndarray:
-    """(m, 3) corners of what (i,) indices draw."""
+    """(m, 3) corners of the triangles that (i,) indices draw."""
     if mode == TRIANGLES:
         if len(index) % 3:
             raise DamagedGltf(f"{len(index)} indices make no triangles")
@@ -127,12 +127,12 @@ def _triangles(index: np.ndarray, mode: int) -> np.ndarray:
     if mode == FAN:
         return np.stack([np.full(len(index) - 2, index[0]), index[1:-1], index[2:]], axis=1)
     faces = np.stack([index[:-2], index[1:-1], index[2:]], axis=1)
-    faces[1::2] = faces[1::2, ::-1]  # each second one runs the other way
+    faces[1::2] = faces[1::2, ::-1]  # each second triangle runs the other way
     return faces
 
 
 def _place(position: np.ndarray, placed: PlacedMesh, attributes: dict[str, np.ndarray]) -> tuple[np.ndarray, bool]:
-    """Vertices in the scene's axes, and whether a mirror turned their triangles inside out."""
+    """Return vertices in the scene's axes, and whether a mirror turned their triangles inside out."""
     from trimesh import transform_points
 
     if placed.T_scene_joints is not None and "JOINTS_0" in attributes:

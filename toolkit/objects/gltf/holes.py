@@ -3,27 +3,23 @@
 import numpy as np
 
 MOST_SIDE = 2048
-"""Texels a side on which alpha is looked at."""
+"""Most texels a side of alpha."""
 MOST_PIECES = 300_000
-"""Triangles that one part is split into at most; then the rest is cut as coarse as it is."""
+"""Most triangles of a part; then the rest is cut as coarse as it is."""
 MOST_LEVELS = 14
 
 
 def cut_corners(alpha: np.ndarray, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of triangles where the alpha of their corners (m, 3), blended between them, reaches the cutoff.
-
-    Returns:
-        As `cut_holes`.
-    """
+    """Cut triangles where the alpha of their corners (m, 3), blended between them, reaches the cutoff."""
     return _cut(np.arange(len(alpha)), np.tile(np.eye(3), (len(alpha), 1, 1)), alpha - cutoff)
 
 
 def cut_holes(
     corner_uv: np.ndarray, alpha: np.ndarray, corner_alpha: np.ndarray, cutoff: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of triangles where a repeating picture's alpha, times that of their corners, reaches the cutoff.
+    """Cut triangles where a repeating picture's alpha, times that of their corners, reaches the cutoff.
 
-    Triangles that hold both kinds of texels are split in four until they are as small as half a texel, and cut there.
+    Triangles with both kinds of texels are split in four until they are as small as half a texel, and cut there.
 
     Args:
         corner_uv: (m, 3, 2) look-ups of the corners, v down.
@@ -32,7 +28,7 @@ def cut_holes(
         cutoff: least alpha that is solid.
 
     Returns:
-        (k,) the triangle that each piece is of; (k, 3, 3) its corners as weights of that triangle's corners.
+        (k,) triangle of each remaining piece; (k, 3, 3) its corners as weights of that triangle's corners.
     """
     if max(alpha.shape) > MOST_SIDE:
         import cv2
@@ -40,7 +36,8 @@ def cut_holes(
         scale = MOST_SIDE / max(alpha.shape)
         alpha = cv2.resize(alpha.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     alpha = alpha.astype(np.float64)
-    counts = _count_table(alpha >= cutoff)
+    # sums over rectangles from the corner of a picture that repeats twice along each axis
+    counts = np.pad(np.tile(alpha >= cutoff, (2, 2)).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     texels = corner_uv.astype(np.float64) * alpha.shape[::-1] - 0.5
     texels -= np.floor(texels.min(axis=1, keepdims=True) / alpha.shape[::-1]) * alpha.shape[::-1]
     owner, weights = np.arange(len(texels)), np.tile(np.eye(3), (len(texels), 1, 1))
@@ -63,18 +60,12 @@ def cut_holes(
         owner, weights = _split(owner[~small], weights[~small])
         if not len(owner):
             break
-    return np.concatenate([one for one, _ in kept]), np.concatenate([one for _, one in kept])
-
-
-def _count_table(solid: np.ndarray) -> np.ndarray:
-    """Sums over rectangles that begin at the corner of a picture that is there twice along each axis."""
-    table = np.zeros((2 * solid.shape[0] + 1, 2 * solid.shape[1] + 1), np.int64)
-    table[1:, 1:] = np.tile(solid, (2, 2)).cumsum(axis=0).cumsum(axis=1)
-    return table
+    owners, parts = zip(*kept, strict=True)
+    return np.concatenate(owners), np.concatenate(parts)
 
 
 def _share_solid(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """(k,) which part is solid of the texels that look-ups in triangles (k, 3, 2) can meet."""
+    """(k,) solid share of the texels that look-ups in triangles (k, 3, 2) can reach."""
     low, behind = np.floor(corners.min(axis=1)).astype(np.int64), np.floor(corners.max(axis=1)).astype(np.int64) + 2
     size = np.array(counts.shape[::-1]) // 2
     extent = np.minimum(behind - low, size)
@@ -103,7 +94,7 @@ def _split(owner: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _cut(owner: np.ndarray, weights: np.ndarray, excess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The side of triangles on which a value (k, 3) at their corners, linear between them, is not negative."""
+    """Keep the side of triangles on which a value (k, 3) at their corners, linear between them, is not negative."""
     solid = excess >= 0
     owners, parts = [owner[solid.all(axis=1)]], [weights[solid.all(axis=1)]]
     for first in range(3):  # turned so that the corner unlike the others comes first

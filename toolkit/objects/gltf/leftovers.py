@@ -1,4 +1,4 @@
-"""What of a glTF is read, and a note for each feature that is left out: found in the file's own lists."""
+"""Features of a glTF that are not read: a note for each, found in the file's lists."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -22,9 +22,9 @@ OPTIONAL = frozenset((
 REASONS = {
     "KHR_materials_unlit": "lamps light the object like any other",
     "KHR_materials_variants": "the default material is taken",
-    "KHR_lights_punctual": "the rig has lamps of its own",
+    "KHR_lights_punctual": "the rig has its own lamps",
     "animations": "the default pose is taken",
-    "cameras": "the rig has cameras of its own",
+    "cameras": "the rig has its own cameras",
     "normalTexture": "the surface is as smooth as its triangles",
     "occlusionTexture": "shadows are worked out from the triangles",
     "emissiveTexture": "the object gives no light",
@@ -49,7 +49,7 @@ MODES = {0: "points", 1: "lines", 2: "loops of lines", 3: "strips of lines"}
 
 
 def check_required(document: Document) -> None:
-    """A `ToolkitError` that names the extensions that a file requires and the kit does not read."""
+    """Raise a `ToolkitError` that names the extensions that a file requires and the kit does not read."""
     lacking = sorted(set(_texts(document.tree.get("extensionsRequired"))) - READ - OPTIONAL)
     if lacking:
         names = ", ".join(name[:60] for name in lacking[:5])
@@ -60,7 +60,7 @@ def check_required(document: Document) -> None:
 
 
 def list_leftovers(document: Document) -> list[str]:
-    """What of the file is not read, one sentence each, each once."""
+    """List the features of the file that are not read, a sentence each."""
     return list(dict.fromkeys(_find(document)))
 
 
@@ -128,20 +128,20 @@ def _left_out(name: str) -> str:
 
 
 def _texts(found: Any) -> list[str]:
-    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
+    return [text for text in found if isinstance(text, str)] if isinstance(found, list) else []
 
 
 def _extensions_met(tree: dict[str, Any]) -> set[str]:
-    """The names of extensions anywhere in the JSON, whatever its list says."""
+    """Find the names of extensions anywhere in the JSON."""
     met: set[str] = set()
     waiting: list[Any] = [tree]
     while waiting:
-        one = waiting.pop()
-        if isinstance(one, dict):
-            found = one.get("extensions")
+        node = waiting.pop()
+        if isinstance(node, dict):
+            found = node.get("extensions")
             if isinstance(found, dict):
                 met.update(found)
-            waiting += [value for key, value in one.items() if key != "extras" and isinstance(value, dict | list)]
-        elif one and isinstance(one[0], dict | list):  # lists of numbers hold none
-            waiting += one
+            waiting += [value for key, value in node.items() if key != "extras" and isinstance(value, dict | list)]
+        elif node and isinstance(node[0], dict | list):  # lists of numbers hold none
+            waiting += node
     return met

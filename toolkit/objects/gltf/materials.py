@@ -11,31 +11,39 @@ from toolkit.objects.bake import bake_faces
 from toolkit.objects.gltf.document import Document, extension, name_of_uri, read_document
 from toolkit.objects.gltf.geometry import Primitive
 from toolkit.objects.gltf.holes import cut_corners, cut_holes
-from toolkit.objects.gltf.pictures import Picture, Pictures, lay_out, look_up, picture_sources, texture_coordinates
+from toolkit.objects.gltf.pictures import GltfPicture, Pictures, lay_out, look_up, picture_sources, texture_coordinates
 from toolkit.objects.mesh import Material, cross_products
-from toolkit.objects.paint import BLENDED, COLOURS, PLAIN_COLOUR, paint_colours, plain_material, solid_texture
+from toolkit.objects.paint import (
+    BLENDED,
+    COLOURS,
+    PLAIN_COLOUR,
+    MeshPart,
+    Paint,
+    paint_colours,
+    plain_material,
+    solid_texture,
+)
 
 SPECULAR = "KHR_materials_pbrSpecularGlossiness"
 ROUGHNESS, METALLIC = 0.6, 0.0
-"""Where a file states neither a number nor a picture. The specification says rough metal, which they seldom mean."""
-
+"""Defaults without a number or a picture. The specification's default is rough metal, which files seldom mean."""
 STEEP, STEEP_PX = 0.02, 16
-"""How far a face's fourth texel may lie outside of what a texel holds, and how many texels a side such a face gets."""
+"""Most light of a face's fourth texel outside of 0 to 1; beyond, the face gets so many texels a side."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a material's JSON says.
+    """A material's JSON.
 
     Attributes:
-        name: for people.
-        colour: (4,) linear base colour and alpha; None where the file gives none.
-        picture: the JSON that names its picture; None where there is none.
-        gloss: the JSON that names the picture of roughness and metalness, or of glossiness; None likewise.
+        name: name for people.
+        colour: (4,) linear base colour and alpha, if the file states it.
+        picture: JSON that names its picture, if any.
+        gloss: JSON that names the picture of roughness and metalness, or of glossiness, if any.
         roughness: 0 mirror … 1 matte; times the picture's green.
         metallic: 0 dielectric … 1 metal; times the picture's blue.
         is_specular: whether `gloss` holds glossiness in its alpha.
-        cutoff: least alpha that is solid; None where alpha does not count.
+        cutoff: least alpha that is solid; None if alpha does not count.
     """
 
     name: str
@@ -49,59 +57,42 @@ class Look:
 
 
 def read_look(material: dict[str, Any]) -> Look:
-    """What one entry of `materials` says."""
+    """Read an entry of `materials`."""
     specular = extension(material, SPECULAR)
-    pbr = material.get("pbrMetallicRoughness", {}) if specular is None else specular
-    names = ("diffuseFactor", "diffuseTexture", "specularGlossinessTexture")
     if specular is None:
+        pbr = material.get("pbrMetallicRoughness", {})
         names = ("baseColorFactor", "baseColorTexture", "metallicRoughnessTexture")
-    colour, picture, gloss = (pbr.get(name) for name in names)
-    if specular is None:
-        # a picture is multiplied by 1 where the file states no factor
+        colour, picture, gloss = (pbr.get(name) for name in names)
+        # without a factor, a picture is multiplied by 1
         roughness = pbr.get("roughnessFactor", ROUGHNESS if gloss is None else 1.0)
         metallic = pbr.get("metallicFactor", METALLIC if gloss is None else 1.0)
     else:
-        roughness, metallic = 1 - float(pbr.get("glossinessFactor", 1.0)), 0.0
+        names = ("diffuseFactor", "diffuseTexture", "specularGlossinessTexture")
+        colour, picture, gloss = (specular.get(name) for name in names)
+        roughness, metallic = 1 - float(specular.get("glossinessFactor", 1.0)), 0.0
     return Look(
-        str(material.get("name") or "material"),
-        None if colour is None else np.array(colour, np.float64).reshape(4),
-        picture,
-        gloss,
-        float(roughness),
-        float(metallic),
-        specular is not None,
-        float(material.get("alphaCutoff", 0.5)) if material.get("alphaMode") == "MASK" else None,
-    )
+        name=str(material.get("name") or "material"), picture=picture, gloss=gloss,
+        colour=None if colour is None else np.array(colour, np.float64).reshape(4),
+        roughness=float(roughness), metallic=float(metallic), is_specular=specular is not None,
+        cutoff=float(material.get("alphaCutoff", 0.5)) if material.get("alphaMode") == "MASK" else None,
+    )  # fmt: skip
 
 
 def unseen_files(path: Path) -> set[str]:
-    """The pictures that a readable file names and no material's colour or gloss is made of."""
+    """Return the pictures that a readable file names, but no material's colour or gloss uses."""
     document = read_document(path)
     looks = [read_look(material) for material in document.rows("materials")]
     slots = [slot for look in looks for slot in (look.picture, look.gloss) if slot is not None]
     textures = [document.row("textures", slot.get("index")) for slot in slots]
     shown = {number for texture in textures for number in picture_sources(texture)}
-    named = [(number, image.get("uri")) for number, image in enumerate(document.rows("images"))]
-    files = [
-        (number, name_of_uri(path.parent, uri))
-        for number, uri in named
-        if isinstance(uri, str) and not uri.startswith("data:")
-    ]
-    return {name for number, name in files} - {name for number, name in files if number in shown}
+    named = enumerate(image.get("uri") for image in document.rows("images"))
+    is_file = {number: uri for number, uri in named if isinstance(uri, str) and not uri.startswith("data:")}
+    files = {number: name_of_uri(path.parent, uri) for number, uri in is_file.items()}
+    return set(files.values()) - {name for number, name in files.items() if number in shown}
 
 
-@dataclass(frozen=True)
-class Part:
-    """A painted part: vertices (n, 3) float64, faces (m, 3), (m, 3, 2) texture coordinates, v up, and material."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    corner_uv: np.ndarray
-    material: Material
-
-
-def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive) -> Part:
-    """A primitive with its material; what is cut out of it by `alphaMode: MASK` is gone.
+def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive) -> MeshPart:
+    """Paint a primitive with its material, and cut out the holes of `alphaMode: MASK`.
 
     Raises:
         ToolkitError: a picture cannot be read.
@@ -110,8 +101,8 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
     colours = None if primitive.colours is None else primitive.colours[faces]
     if primitive.material is None:
         if colours is None:
-            return Part(vertices, faces, np.zeros((len(faces), 3, 2), np.float32), plain_material())
-        return Part(vertices, faces, *_paint_corners(colours, vertices, faces, (ROUGHNESS, METALLIC)))
+            return MeshPart(vertices, faces, (np.zeros((len(faces), 3, 2), np.float32), plain_material()))
+        return MeshPart(vertices, faces, _paint_corners(colours, vertices, faces, (ROUGHNESS, METALLIC)))
     look = read_look(document.row("materials", primitive.material))
     gloss = _measure_gloss(pictures, look, primitive)
     uv = "" if look.picture is None else texture_coordinates(look.picture, primitive.uv)
@@ -125,11 +116,12 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
             vertices, faces, _, colours = _cut(vertices, faces, np.zeros((*faces.shape, 2)), colours, *left)
         if colours is not None:
             colours = colours * factor[:3].astype(np.float32)
-            return Part(vertices, faces, *_paint_corners(colours, vertices, faces, gloss))
+            return MeshPart(vertices, faces, _paint_corners(colours, vertices, faces, gloss))
         codes = _to_codes(factor[:3]).tolist() if look.colour is not None else PLAIN_COLOUR
         material = Material(look.name, solid_texture(tuple(codes)), *gloss)
-        return Part(vertices, faces, np.zeros((len(faces), 3, 2), np.float32), material)
+        return MeshPart(vertices, faces, (np.zeros((len(faces), 3, 2), np.float32), material))
 
+    # a picture: laid out to repeat, its holes cut, then tinted or baked
     picture = pictures.read(look.picture.get("index"), look.cutoff is not None)
     corner_uv = uv[faces]
     laid = lay_out(picture, corner_uv)
@@ -143,20 +135,18 @@ def paint_primitive(document: Document, pictures: Pictures, primitive: Primitive
         if len(owner) != len(faces) or (owner != np.arange(len(faces))).any():
             vertices, faces, corner_uv, colours = _cut(vertices, faces, corner_uv, colours, owner, weights)
     if colours is not None and len(colours) and (colours == colours[:1, :1]).all():
-        factor, colours = factor * [*colours[0, 0], 1], None  # one colour on all of it is a factor
+        factor, colours = factor * [*colours[0, 0], 1], None  # the same colour everywhere is a factor
     if laid is None or colours is not None:
         corner_uv, texture = _bake(picture, corner_uv, colours, factor)
-        return Part(vertices, faces, corner_uv, Material(COLOURS, texture, *gloss))
+        return MeshPart(vertices, faces, (corner_uv, Material(COLOURS, texture, *gloss)))
     flipped = corner_uv.copy()
     flipped[..., 1] = 1 - flipped[..., 1]
     material = Material(look.name, pictures.tint(picture.pixels, factor[:3]), *gloss)
-    return Part(vertices, faces, flipped.astype(np.float32), material)
+    return MeshPart(vertices, faces, (flipped.astype(np.float32), material))
 
 
-def _paint_corners(
-    colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]
-) -> tuple[np.ndarray, Material]:
-    """Texture coordinates and material of colours (m, 3, 3) of the corners, linear light."""
+def _paint_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray, gloss: tuple[float, float]) -> Paint:
+    """Return texture coordinates and material of colours (m, 3, 3) of the corners, linear light."""
     a, b, c = np.moveaxis(colours, 1, 0)
     fourth = b + c - a
     steep = (np.abs(fourth - fourth.clip(0, 1)) > STEEP).any(axis=1)
@@ -179,16 +169,16 @@ def _cut(
     vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, colours: np.ndarray | None,
     owner: np.ndarray, weights: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:  # fmt: skip
-    """The same for pieces of faces, which share no corners."""
+    """Return vertices, faces, texture coordinates and colours of pieces of faces, which share no corners."""
     corners = (weights @ vertices[faces[owner]]).reshape(-1, 3)
     index = np.arange(len(corners)).reshape(-1, 3)
     return corners, index, weights @ corner_uv[owner], None if colours is None else weights @ colours[owner]
 
 
 def _bake(
-    picture: Picture, corner_uv: np.ndarray, colours: np.ndarray | None, factor: np.ndarray
+    picture: GltfPicture, corner_uv: np.ndarray, colours: np.ndarray | None, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A picture for each face of what the old one, the colours of its corners and the factor give together."""
+    """Multiply a picture, the colours of the corners and the factor into a new picture, face by face."""
     edges = np.abs(corner_uv - np.roll(corner_uv, 1, axis=1)) * picture.size
 
     def colour_at(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -201,7 +191,7 @@ def _bake(
 
 
 def _measure_gloss(pictures: Pictures, look: Look, primitive: Primitive) -> tuple[float, float]:
-    """Roughness and metalness: factors times the mean of their picture over the faces, by area."""
+    """Return roughness and metalness: factors times the mean of their picture over the faces, by area."""
     if look.gloss is None:
         return look.roughness, look.metallic
     picture = pictures.read(look.gloss.get("index"), look.is_specular)

@@ -1,7 +1,7 @@
 """Buffer views that meshoptimizer compressed: `EXT_meshopt_compression` and `KHR_meshopt_compression`.
 
-The codecs are specified with the extensions; names are theirs. Bytes are read by index alone, so that damaged data
-ends in an `IndexError`. No package of the registry has these codecs for all systems, and they are short.
+Names are those of the specifications. Bytes are read by index, so that damaged data ends in an `IndexError`. No package
+has these codecs for all systems.
 """
 
 from typing import Any
@@ -75,7 +75,7 @@ def _decode_vertices(content: bytes, count: int, stride: int) -> np.ndarray:
 
 
 def _decode_bytes(content: bytes, at: int, count: int, widths: tuple[int, ...]) -> tuple[np.ndarray, int]:
-    """(count,) uint8 deltas of one byte of each vertex, and where the next data begin."""
+    """(count,) uint8 deltas of a byte of each vertex, and the place of the next data."""
     groups = -(-count // GROUP)
     header = at
     at += -(-groups // 4)
@@ -132,7 +132,7 @@ def _sum_deltas(block: np.ndarray, last: np.ndarray, channel: int) -> None:
 
 
 def _read_vbyte(content: bytes, at: int) -> tuple[int, int]:
-    """A number in seven bits a byte, least first, and where the next begins."""
+    """Read a number in seven bits a byte, least first, and the place of the next."""
     value = shift = 0
     while True:
         byte = content[at]
@@ -156,12 +156,7 @@ def _decode_sequence(content: bytes, count: int) -> list[int]:
 
 
 class _Triangles:
-    """Indices of triangles, each told by edges and vertices that came shortly before.
-
-    Attributes:
-        out: the indices so far.
-        at: where the next number of `content` begins.
-    """
+    """Indices of triangles, each coded by recent edges and vertices: `out` so far, `at` the next number's place."""
 
     def __init__(self, content: bytes, at: int) -> None:
         self._content, self.at = content, at
@@ -171,7 +166,7 @@ class _Triangles:
         self.out: list[int] = []
 
     def add_on_edge(self, code: int, most: int) -> None:
-        """An edge of before, and a vertex; `most` is the first kind of vertex that is told by its number."""
+        """Add a recent edge and a vertex; `most` is the first kind of vertex that is coded by its number."""
         a, b = self._edges[self._edge - 1 - (code >> 4) & 15]
         kind = code & 15
         if 0 < kind < most:
@@ -187,7 +182,7 @@ class _Triangles:
         self._push(a, b, c, ((2, 1), (0, 2)))
 
     def add_free(self, kinds: tuple[int, int, int], has_numbers: bool) -> None:
-        """Three vertices: new ones, some of before, and where `has_numbers` some told by their number."""
+        """Add three vertices: new, recent, or with `has_numbers` coded by their number."""
         is_told = [has_numbers and kind == 15 for kind in kinds]
         triangle = [
             self._take_next() if kind == 0 else 0 if told else self._vertices[self._vertex - kind & 15]
@@ -251,7 +246,7 @@ def _decode_triangles(content: bytes, count: int) -> list[int]:
 
 
 def _apply_filter(rows: np.ndarray, name: str) -> np.ndarray:
-    """Turn values that were brought to a shorter form back, rows (n, stride) uint8."""
+    """Undo a filter of rows (n, stride) uint8."""
     if name == "NONE" or not len(rows):
         return rows
     stride = rows.shape[1]
@@ -282,7 +277,7 @@ def _apply_filter(rows: np.ndarray, name: str) -> np.ndarray:
 
 
 def _decode_colours(rows: np.ndarray, stride: int) -> np.ndarray:
-    """YCoCg with alpha; the highest bit of alpha says how many bits there are."""
+    """Decode YCoCg with alpha; the highest bit of alpha states the number of bits."""
     unsigned, signed = (("<u1", "<i1"), ("<u2", "<i2"))[stride == 8]
     light, alpha = (rows.view(unsigned)[:, k].astype(np.int32) for k in (0, 3))
     orange, green = (rows.view(signed)[:, k].astype(np.int32) for k in (1, 2))

@@ -1,4 +1,4 @@
-"""Where a glTF's meshes are: the nodes of its scene, their transforms, instances and joints."""
+"""Places of a glTF's meshes: the nodes of its scene, their transforms, instances and joints."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,14 +14,7 @@ INSTANCES = "EXT_mesh_gpu_instancing"
 
 @dataclass(frozen=True)
 class PlacedMesh:
-    """A mesh where a node puts it.
-
-    Attributes:
-        node: the node's JSON.
-        mesh: the mesh's JSON.
-        T_scene_mesh: (4, 4).
-        T_scene_joints: (j, 4, 4) of a skin in its default pose, which then counts instead; else None.
-    """
+    """A mesh of a node, both JSON, with (4, 4) its transform, or with (j, 4, 4) those of a skin in its default pose."""
 
     node: dict[str, Any]
     mesh: dict[str, Any]
@@ -30,9 +23,9 @@ class PlacedMesh:
 
 
 def place_meshes(document: Document) -> Iterator[PlacedMesh]:
-    """The meshes of the default scene, else of the first, else of all nodes; each node counts once.
+    """Yield the meshes of the default scene, else of the first, else of all nodes; each node counts once.
 
-    Nodes come last child first, as meshes of earlier versions were put together, so that their hashes stay.
+    Nodes come last child first: the order decides meshes' hashes.
     """
     placed = _place_nodes(document)
     for index, T_scene_node in placed.items():
@@ -59,7 +52,7 @@ def _place_nodes(document: Document) -> dict[int, np.ndarray]:
     waiting: list[tuple[int, np.ndarray]] = [(root, np.eye(4)) for root in roots]
     while waiting:
         index, T_scene_parent = waiting.pop()
-        if index in placed:  # the specification allows one parent; a circle would go on for ever
+        if index in placed:  # a node has a single parent; a circle would never end
             continue
         node = document.row("nodes", index)
         if (extension(node, "KHR_node_visibility") or {}).get("visible", True) is False:
@@ -85,7 +78,9 @@ def local_transform(node: dict[str, Any]) -> np.ndarray:
     if "translation" in node:
         matrix[:3, 3] = _numbers(node["translation"], 3)
     if "rotation" in node:
-        matrix = matrix @ _rotation(_numbers(node["rotation"], 4))
+        from trimesh.transformations import quaternion_matrix
+
+        matrix = matrix @ quaternion_matrix(_numbers(node["rotation"], 4)[[3, 0, 1, 2]])  # glTF has w last
     if "scale" in node:
         matrix = matrix @ np.diag([*_numbers(node["scale"], 3), 1.0])
     return matrix
@@ -95,14 +90,8 @@ def _numbers(found: Any, count: int) -> np.ndarray:
     return np.array(found, np.float64).reshape(count)
 
 
-def _rotation(xyzw: np.ndarray) -> np.ndarray:
-    from trimesh.transformations import quaternion_matrix
-
-    return np.asarray(quaternion_matrix(xyzw[[3, 0, 1, 2]]))
-
-
 def _instances(document: Document, node: dict[str, Any]) -> Iterator[np.ndarray | None]:
-    """Transforms from copies of a node's mesh to the node; None for the mesh itself."""
+    """Yield transforms from copies of a node's mesh to the node; None for the mesh itself."""
     found = extension(node, INSTANCES)
     if found is None:
         yield None

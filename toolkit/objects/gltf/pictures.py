@@ -1,6 +1,8 @@
 """Pictures of a glTF: found, decoded, and laid out so that they repeat, whatever their sampler does at the edges."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ SOURCES = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds")
 """Extensions that name a picture of another format."""
 CLAMP, MIRROR, REPEAT, NEAREST = 33071, 33648, 10497, 9728
 MOST_TILES = 4
-"""A clamped picture is continued by so many of its own sides, and further out is looked up texel by texel."""
+"""A clamped picture is extended by so many of its sides; farther out it is looked up texel by texel."""
 FARTHEST_UV = 1e6
 """Largest texture coordinate: beyond it, float32 no longer tells texels apart."""
 SHARP_PX = 512
@@ -25,13 +27,13 @@ SHARP_PX = 512
 
 
 @dataclass(frozen=True)
-class Picture:
+class GltfPicture:
     """A decoded picture.
 
     Attributes:
         pixels: (h, w, 3) uint8, sRGB-encoded, or plain numbers; row 0 is v = 0 of glTF.
-        alpha: (h, w) uint8; None where it does not count.
-        wraps: what its sampler does beyond the edges, for u and v.
+        alpha: (h, w) uint8; None if it does not count.
+        wraps: glTF's modes beyond the edges, for u and v.
     """
 
     pixels: np.ndarray
@@ -43,17 +45,21 @@ class Picture:
         """(2,) width and height, texels."""
         return np.array(self.pixels.shape[1::-1])
 
+    def pick(self, choose: Callable[[np.ndarray], np.ndarray]) -> "GltfPicture":
+        """Return the picture of other texels: `choose` takes them from pixels, and from alpha."""
+        return replace(self, pixels=choose(self.pixels), alpha=None if self.alpha is None else choose(self.alpha))
+
 
 @dataclass
 class Pictures:
-    """The pictures of one file, each decoded once."""
+    """The pictures of a file, each decoded once."""
 
     document: Document
-    _decoded: dict[tuple[int, bool], Picture] = field(default_factory=dict)
+    _decoded: dict[tuple[int, bool], GltfPicture] = field(default_factory=dict)
     _tinted: dict[tuple[int, bytes], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
-    def read(self, index: Any, with_alpha: bool = False) -> Picture:
-        """The picture of a texture.
+    def read(self, index: Any, with_alpha: bool = False) -> GltfPicture:
+        """Return the picture of a texture.
 
         Raises:
             ToolkitError: it is missing, empty or damaged; the message names it.
@@ -64,19 +70,19 @@ class Pictures:
             picture = self._decode(texture, with_alpha)
             sampler = self.document.row("samplers", texture["sampler"]) if "sampler" in texture else {}
             if sampler.get("magFilter") == NEAREST and (times := SHARP_PX // int(picture.size.max())) > 1:
-                picture = _enlarge(picture, times)
+                picture = picture.pick(lambda texels: texels.repeat(times, axis=0).repeat(times, axis=1))
             wraps = (sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT))
             self._decoded[key] = replace(picture, wraps=wraps)
         return self._decoded[key]
 
     def tint(self, pixels: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        """`tint_texture`, one array for all parts that share a picture and a factor."""
+        """Return `tint_texture`, the same array for all parts that share a picture and a factor."""
         key = (id(pixels), factor.tobytes())
         if key not in self._tinted:
             self._tinted[key] = pixels, tint_texture(pixels, factor)  # kept, so that no other array gets its number
         return self._tinted[key][1]
 
-    def _decode(self, texture: dict[str, Any], with_alpha: bool) -> Picture:
+    def _decode(self, texture: dict[str, Any], with_alpha: bool) -> GltfPicture:
         """Return the first source of a texture that can be read, widely known formats first."""
         sources = picture_sources(texture)
         if not sources:
@@ -92,7 +98,7 @@ class Pictures:
                 continue
         return self._load(sources[-1], with_alpha)
 
-    def _load(self, index: Any, with_alpha: bool) -> Picture:
+    def _load(self, index: Any, with_alpha: bool) -> GltfPicture:
         image = self.document.row("images", index)
         name = str(self.document.path)
         if "bufferView" in image:
@@ -103,25 +109,18 @@ class Pictures:
             name = name if str(uri).startswith("data:") else f"{name}: {uri}"
         if content.startswith(b"\xabKTX") or image.get("mimeType") == "image/ktx2":
             content = decode_ktx(self.document, content, f"picture {index}")
-        return Picture(*decode_texture_file(content, name, with_alpha))
+        return GltfPicture(*decode_texture_file(content, name, with_alpha))
 
 
 def picture_sources(texture: dict[str, Any]) -> list[Any]:
-    """The numbers of a texture's pictures, in the order in which they are tried."""
+    """Return the numbers of a texture's pictures, in the order in which they are tried."""
     named = [(extension(texture, name) or {}).get("source") for name in SOURCES]
     named += [texture.get("source"), (extension(texture, BASISU) or {}).get("source")]
     return [source for source in named if source is not None]
 
 
-def _enlarge(picture: Picture, times: int) -> Picture:
-    def repeat(texels: np.ndarray) -> np.ndarray:
-        return texels.repeat(times, axis=0).repeat(times, axis=1)
-
-    return Picture(repeat(picture.pixels), None if picture.alpha is None else repeat(picture.alpha))
-
-
 def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np.ndarray | str:
-    """(n, 2) where a material's slot looks up its texture, v down; else why it cannot be."""
+    """(n, 2) texture coordinates of a material's slot, v down; else why there are none."""
     moved = extension(slot, TRANSFORM) or {}
     wanted = moved.get("texCoord", slot.get("texCoord", 0))
     uv = sets.get(wanted)
@@ -138,15 +137,10 @@ def texture_coordinates(slot: dict[str, Any], sets: dict[int, np.ndarray]) -> np
     return turned + np.array(moved.get("offset", (0, 0)), float)
 
 
-def lay_out(picture: Picture, uv: np.ndarray) -> tuple[Picture, np.ndarray] | None:
-    """The picture as one that repeats, and where to look it up there.
+def lay_out(picture: GltfPicture, uv: np.ndarray) -> tuple[GltfPicture, np.ndarray] | None:
+    """Return a picture that repeats, and texture coordinates for it, from (..., 2) coordinates, v down.
 
-    Args:
-        picture: with any sampler.
-        uv: (..., 2) look-ups, v down.
-
-    Returns:
-        None where it would become far too large: then each look-up must follow the sampler by itself.
+    None: it would be far too large, so each look-up must follow the sampler.
     """
     uv = uv.copy()
     for axis, wrap in enumerate(picture.wraps):
@@ -158,17 +152,13 @@ def lay_out(picture: Picture, uv: np.ndarray) -> tuple[Picture, np.ndarray] | No
         if not size or behind - first > min((MOST_TILES + 1) * size + 4, MAX_TEXTURE_PX):
             return None
         index = wrap_index(np.arange(first, behind), size, wrap)
-        picture = Picture(
-            picture.pixels.take(index, axis=1 - axis),
-            None if picture.alpha is None else picture.alpha.take(index, axis=1 - axis),
-            picture.wraps,
-        )
+        picture = picture.pick(partial(np.take, indices=index, axis=1 - axis))
         uv[..., axis] = (uv[..., axis] * size - first) / (behind - first)
     return replace(picture, wraps=(REPEAT, REPEAT)), uv
 
 
 def wrap_index(index: np.ndarray, size: int, wrap: int) -> np.ndarray:
-    """Which texel of an axis of `size` stands at an index that may lie beyond it."""
+    """Return the texel of an axis of `size` for an index that may lie beyond it."""
     if wrap == CLAMP:
         return index.clip(0, size - 1)
     if wrap == MIRROR:
@@ -177,7 +167,7 @@ def wrap_index(index: np.ndarray, size: int, wrap: int) -> np.ndarray:
     return index % size
 
 
-def look_up(picture: Picture, uv: np.ndarray) -> np.ndarray:
+def look_up(picture: GltfPicture, uv: np.ndarray) -> np.ndarray:
     """(n, 3) linear light at (n, 2), v down, blended between texels."""
     width, height = picture.size
     x, y = (uv * [width, height] - 0.5).T
