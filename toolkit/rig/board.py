@@ -168,26 +168,18 @@ def _check_counts(columns: int, rows: int, fewest: int, what: str) -> None:
 class CharucoBoard(SquareBoard):
     """A ChArUco board as OpenCV has them; checked when it is made.
 
-    Attributes:
-        columns, rows: squares across and down the page.
-        square_mm: side of a square.
-        marker_mm: side of a marker, its black border included.
-        dictionary: one of OpenCV's, by name.
-        ink_percent: how dark squares and markers are, 100 is black.
-        first_id: number of the first marker.
-        legacy: whether it is of the pattern before OpenCV 4.6, whose upper left square is white where `rows` is even.
-
     Raises:
         ToolkitError: the marker does not fit its square with white round it, or the dictionary has too few.
     """
 
-    columns: int
+    columns: int  # columns, rows: squares across and down the page
     rows: int
-    square_mm: float
-    marker_mm: float
-    dictionary: str = DICTIONARY
-    ink_percent: float = 100.0
-    first_id: int = 0
+    square_mm: float  # side of a square
+    marker_mm: float  # side of a marker, its black border included
+    dictionary: str = DICTIONARY  # one of OpenCV's, by name
+    ink_percent: float = 100.0  # how dark squares and markers are, 100 is black
+    first_id: int = 0  # number of the first marker
+    # whether it is of the pattern before OpenCV 4.6, whose upper left square is white where `rows` is even
     legacy: bool = False
 
     def __post_init__(self) -> None:
@@ -253,19 +245,15 @@ class CharucoBoard(SquareBoard):
 class Chessboard(SquareBoard):
     """A plain chessboard; checked when it is made.
 
-    Attributes:
-        columns, rows: squares across and down the page, one more each than the inner corners that OpenCV counts.
-        square_mm: side of a square.
-        ink_percent: how dark the black squares are, 100 is black.
-
     Raises:
         ToolkitError: too few squares, or sizes that cannot be.
     """
 
+    # columns, rows: squares across and down the page, one more each than the inner corners that OpenCV counts
     columns: int
     rows: int
-    square_mm: float
-    ink_percent: float = 100.0
+    square_mm: float  # side of a square
+    ink_percent: float = 100.0  # how dark the black squares are, 100 is black
     marker_mm = 0.0
     dictionary = ""
 
@@ -322,25 +310,17 @@ class MarkerBoard(Board):
 class MarkerGrid(MarkerBoard):
     """Markers in rows and columns, as OpenCV's `GridBoard` has them; checked when it is made.
 
-    Attributes:
-        columns, rows: markers across and down the page.
-        square_mm: from a marker's left edge to its right neighbour's, the same downwards.
-        marker_mm: side of a marker, its black border included.
-        dictionary: one of OpenCV's, by name; AprilTag's are among them.
-        ink_percent: how dark the markers are, 100 is black.
-        first_id: number of the upper left marker; the others follow row by row.
-
     Raises:
         ToolkitError: the markers touch, or the dictionary has too few.
     """
 
-    columns: int
+    columns: int  # columns, rows: markers across and down the page
     rows: int
-    square_mm: float
-    marker_mm: float
-    dictionary: str
-    ink_percent: float = 100.0
-    first_id: int = 0
+    square_mm: float  # from a marker's left edge to its right neighbour's, the same downwards
+    marker_mm: float  # side of a marker, its black border included
+    dictionary: str  # one of OpenCV's, by name; AprilTag's are among them
+    ink_percent: float = 100.0  # how dark the markers are, 100 is black
+    first_id: int = 0  # number of the upper left marker; the others follow row by row
 
     def __post_init__(self) -> None:
         require_ink("board", self.ink_percent)

@@ -33,24 +33,16 @@ class MarkerRing(MarkerBoard):
     The first marker lies at the front (the lower edge of the page), the others follow counter-clockwise from above.
     Sheet positions are counted from the corner of the square round the ring.
 
-    Attributes:
-        inner_mm: diameter of the free disc that the object stands on.
-        marker_mm: side of a marker, its black border included.
-        count: of the markers.
-        dictionary: one of OpenCV's, by name.
-        first_id: number of the marker at the front.
-        ink_percent: how dark the markers are, 100 is black.
-
     Raises:
         ToolkitError: the markers do not fit side by side, or the dictionary has too few.
     """
 
-    inner_mm: float
-    marker_mm: float
-    count: int
-    dictionary: str = DICTIONARY
-    first_id: int = RING_FIRST_ID
-    ink_percent: float = 100.0
+    inner_mm: float  # diameter of the free disc that the object stands on
+    marker_mm: float  # side of a marker, its black border included
+    count: int  # of the markers
+    dictionary: str = DICTIONARY  # one of OpenCV's, by name
+    first_id: int = RING_FIRST_ID  # number of the marker at the front
+    ink_percent: float = 100.0  # how dark the markers are, 100 is black
 
     def __post_init__(self) -> None:
         require_ink("ring", self.ink_percent)
@@ -244,7 +236,6 @@ def with_board(workspace: Workspace, board: str | Path | None) -> Workspace:
     """The same workspace with another board than the one that was printed last.
 
     Args:
-        workspace: whose `rig/boards` is looked into.
         board: a name in it, or a TOML file; None or `PRINTED` for the printed one.
 
     Raises:

@@ -23,9 +23,6 @@ def write_card(
     """The card's text.
 
     Args:
-        item: the object that wears the booster.
-        kind: of the booster.
-        booster: what is put on the object.
         record: the content of the booster's JSON file.
         files: that lie beside the card, for the picture and the list.
     """

@@ -201,10 +201,8 @@ def distance_to_fill(
     - z, with the room on each side of the principal point in place of S/2 where the lens is not centred.
 
     Args:
-        camera: gives focal length and frame.
         points_mm: (n, 3) of the object.
         target_mm: (3,) what the camera looks at.
-        azimuth_deg, elevation_deg, roll_deg: from where.
         fill: in (0, 1).
     """
     rotation = orbit_pose(np.zeros(3), azimuth_deg, elevation_deg, 1.0, roll_deg)[:3, :3]

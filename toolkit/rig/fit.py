@@ -44,27 +44,16 @@ MANY_FACES = 200_000
 
 @dataclass(frozen=True)
 class SheetFit:
-    """How a sheet lies on an object.
+    """How a sheet lies on an object."""
 
-    Attributes:
-        at: the side of the object.
-        size_mm: side of the patch.
-        floating: share of the sheet that the surface is too far below, see `FLOATING_OFF`.
-        loose: share of its white margin that no tape can hold, see `LOOSE_MM`.
-        overhang: share of it with no surface below at all.
-        bend_deg: greatest angle between two places of the sheet.
-        relief_mm: how far the surface below rises and falls against the sheet, 5th to 95th percentile.
-        points_mm: (n, 3) all over the sheet, in the world.
-    """
-
-    at: Side
-    size_mm: float
-    floating: float
-    loose: float
-    overhang: float
-    bend_deg: float
-    relief_mm: float
-    points_mm: np.ndarray
+    at: Side  # the side of the object
+    size_mm: float  # side of the patch
+    floating: float  # share of the sheet that the surface is too far below, see `FLOATING_OFF`
+    loose: float  # share of its white margin that no tape can hold, see `LOOSE_MM`
+    overhang: float  # share of it with no surface below at all
+    bend_deg: float  # greatest angle between two places of the sheet
+    relief_mm: float  # how far the surface below rises and falls against the sheet, 5th to 95th percentile
+    points_mm: np.ndarray  # (n, 3) all over the sheet, in the world
 
     @property
     def lies(self) -> bool:
@@ -165,7 +154,6 @@ def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
     """One line on each sheet that does not lie on its place, as `describe_misfit`, or on two that lie on one another.
 
     Args:
-        item: the object.
         sizes_mm: side of the patch on each of its sheets.
     """
     lines = [line for number, size in enumerate(sizes_mm, 1) if (line := describe_misfit(item, size, number))]
@@ -181,8 +169,6 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
     """One line on a sheet that does not lie on its place; None where it lies.
 
     Args:
-        item: the object.
-        size_mm: side of the patch.
         number: of the sheet, 1 for the first.
     """
     mount, is_only = item.spec.mounts[number - 1], len(item.spec.mounts) == 1

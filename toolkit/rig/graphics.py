@@ -23,18 +23,12 @@ LOADED = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0 libx11-6"
 
 @dataclass(frozen=True)
 class Graphics:
-    """A graphics interface.
+    """A graphics interface."""
 
-    Attributes:
-        name: its name.
-        found: what a successful start shows.
-        packages: Debian's packages that Open3D and a software driver need.
-        start: tries the interface in the current process, and returns why it does not start, or nothing.
-    """
-
-    name: str
-    found: str
-    packages: str
+    name: str  # its name
+    found: str  # what a successful start shows
+    packages: str  # Debian's packages that Open3D and a software driver need
+    # tries the interface in the current process, and returns why it does not start, or nothing
     start: Callable[[], str]
 
 

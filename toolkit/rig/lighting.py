@@ -30,20 +30,13 @@ SHEET_MM = 0.1
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Where the samples of a mesh lie.
+    """Where the samples of a mesh lie."""
 
-    Attributes:
-        steps: (m,) R of each triangle.
-        first: (m,) index of its first sample.
-        positions: (n, 3) world points of the distinct samples, mm.
-        normals: (n, 3) unit.
-        slot: (k,) the distinct sample behind each of the k stored ones; neighbours share those on common edges.
-    """
-
-    steps: np.ndarray
-    first: np.ndarray
-    positions: np.ndarray
-    normals: np.ndarray
+    steps: np.ndarray  # (m,) R of each triangle
+    first: np.ndarray  # (m,) index of its first sample
+    positions: np.ndarray  # (n, 3) world points of the distinct samples, mm
+    normals: np.ndarray  # (n, 3) unit
+    # (k,) the distinct sample behind each of the k stored ones; neighbours share those on common edges
     slot: np.ndarray
 
 
@@ -114,15 +107,11 @@ BOUNCE = 0.45
 
 @dataclass(frozen=True)
 class BakeDetail:
-    """How finely light is worked out.
+    """How finely light is worked out."""
 
-    Attributes:
-        key_rays, room_rays: directions to the key light's disc and to the room.
-        surface_spacing, table_spacing: distance between samples as a share of the object's longest side.
-    """
-
-    key_rays: int = 24
+    key_rays: int = 24  # key_rays, room_rays: directions to the key light's disc and to the room
     room_rays: int = 96
+    # surface_spacing, table_spacing: distance between samples as a share of the object's longest side
     surface_spacing: float = 0.016
     table_spacing: float = 0.015
 
@@ -204,7 +193,6 @@ def find_free(
     """(d, n) uint8 at points: 0 where they look away from a direction, 1 where it is free, 2 where it is blocked.
 
     Args:
-        rays: what can block.
         bounds: (2, 3) of the same.
         points, normals: (n, 3) float32.
         directions: (d, 3) float32 unit.
@@ -224,22 +212,15 @@ def find_free(
 
 @dataclass(frozen=True)
 class Lighting:
-    """Baked light.
+    """Baked light."""
 
-    Attributes:
-        grid: where the object's samples lie.
-        stored: (k, 5) irradiance RGB, share of the key light seen, share of the room seen.
-        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors
-            the share of the sky's light that the object leaves the ground.
-        table_side_mm: side of that square.
-        open_irradiance: (3,) of the table far from the object.
-    """
-
-    grid: SampleGrid
-    stored: np.ndarray
+    grid: SampleGrid  # where the object's samples lie
+    stored: np.ndarray  # (k, 5) irradiance RGB, share of the key light seen, share of the room seen
+    # (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors the share
+    # of the sky's light that the object leaves the ground
     table: np.ndarray
-    table_side_mm: float
-    open_irradiance: np.ndarray
+    table_side_mm: float  # side of that square
+    open_irradiance: np.ndarray  # (3,) of the table far from the object
 
 
 @dataclass(frozen=True)
@@ -279,11 +260,7 @@ def bake_lighting(
     """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:
-        shape: of the object.
         albedo: (3,) mean linear colour of the object, and of what stands around it, for bounce.
-        scene: light, room and table.
-        detail: how finely.
-        stand: where the object stands.
         around: the scene's surroundings. The map of the ground then holds by how much the object dims the sky's light.
     """
     size, is_indoors = shape.size, around is None
@@ -333,9 +310,7 @@ def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lightin
     """Work out the sky's light on what stands around an object; the key light's is found for each picture.
 
     Args:
-        shape: of the surroundings.
         albedo: (3,) their mean linear colour, for bounce.
-        scene: whose sky and sun it is.
     """
     first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
     # half the cross product of two edges is a triangle's area

@@ -37,24 +37,17 @@ SAMPLES = 3
 
 @dataclass(frozen=True)
 class Livery:
-    """An object in a picture that exists.
+    """An object in a picture that exists."""
 
-    Attributes:
-        mesh: the object, with the picture in place of its paint.
-        record: of the picture.
-        is_trained: whether it is a texture or a wrap of the kit; else people made it.
-    """
-
-    mesh: Mesh
-    record: PictureRecord
-    is_trained: bool
+    mesh: Mesh  # the object, with the picture in place of its paint
+    record: PictureRecord  # of the picture
+    is_trained: bool  # whether it is a texture or a wrap of the kit; else people made it
 
 
 def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: str = "picture") -> Livery:
     """Put a picture on an object.
 
     Args:
-        item: the object.
         file: a picture in the object's own texture coordinates, the PNG of a texture, or a wrap's folder or record.
         keep: names of materials that keep their paint; only of a picture.
         field: of the config that names the file, for errors.
@@ -118,8 +111,6 @@ def draw_pattern(wrap: Wrap, mesh: Mesh, pixels: np.ndarray, long_mm: float) -> 
     """(n, n, 3) uint8 sRGB canvas with a picture that repeats on each piece, undistorted and the right way up.
 
     Args:
-        wrap: whose pieces they are.
-        mesh: of its object.
         pixels: (h, w, 3) uint8 sRGB.
         long_mm: length of the picture's longer side, mm.
     """

@@ -39,17 +39,11 @@ SIDES = {
 
 @dataclass(frozen=True)
 class MountedSheet:
-    """A mounted sheet.
+    """A mounted sheet."""
 
-    Attributes:
-        mesh: the sheet's two faces; materials `paper` (printed) and `paper-back` (white).
-        size_mm: side of the patch, without the white margin around it.
-        T_object_sheet: (4, 4), the sheet's own frame before bending: x right, y up, z off the surface.
-    """
-
-    mesh: Mesh
-    size_mm: float
-    T_object_sheet: np.ndarray
+    mesh: Mesh  # the sheet's two faces; materials `paper` (printed) and `paper-back` (white)
+    size_mm: float  # side of the patch, without the white margin around it
+    T_object_sheet: np.ndarray  # (4, 4), the sheet's own frame before bending: x right, y up, z off the surface
 
 
 def mount_patch(
@@ -61,11 +55,7 @@ def mount_patch(
     the taut curve over the highest points below. Its lengths are kept: a millimetre on paper stays one on the object.
 
     Args:
-        mesh: the object on the table.
         pixels: (n, n, 3) uint8 sRGB; row 0 is the sheet's upper edge.
-        size_mm: side of the printed patch.
-        mount: which side, and where on it.
-        name: for messages.
 
     Raises:
         ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
@@ -78,19 +68,12 @@ def mount_patch(
 
 @dataclass(frozen=True)
 class LaidSheet:
-    """Where a sheet comes to lie, in its own frame: x right, y up, z off the surface.
+    """Where a sheet comes to lie, in its own frame: x right, y up, z off the surface."""
 
-    Attributes:
-        points: (SAMPLES, 2, 3) along the bend, and at both straight edges.
-        along_right: whether it is bent along right, and else along up.
-        T_object_sheet: (4, 4) of that frame.
-        heights: (SAMPLES, SAMPLES) of the surface below, rows along up; -inf where there is none.
-    """
-
-    points: np.ndarray
-    along_right: bool
-    T_object_sheet: np.ndarray
-    heights: np.ndarray
+    points: np.ndarray  # (SAMPLES, 2, 3) along the bend, and at both straight edges
+    along_right: bool  # whether it is bent along right, and else along up
+    T_object_sheet: np.ndarray  # (4, 4) of that frame
+    heights: np.ndarray  # (SAMPLES, SAMPLES) of the surface below, rows along up; -inf where there is none
 
 
 def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_heights: FindHeights) -> LaidSheet:
@@ -130,9 +113,6 @@ def mount_sheets(
     """Stick the same patch on an object in several places, each as `mount_patch` does.
 
     Args:
-        mesh, pixels: as there.
-        mounts: one for each sheet.
-        sizes_mm: side of the patch on each.
         name: for messages, which say which sheet is meant where there are several.
 
     Raises:

@@ -35,21 +35,14 @@ COLOURS = ((214, 40, 40), (36, 98, 196), (28, 140, 60), (220, 140, 0), (130, 50,
 
 @dataclass(frozen=True)
 class Place:
-    """A place for a sheet, and what the cameras see of it.
+    """A place for a sheet, and what the cameras see of it."""
 
-    Attributes:
-        mount: side, size and offset.
-        fit: how the sheet lies there.
-        shares: (poses,) share of the sheet that each sees.
-        areas_px: (poses,) what it covers of each picture, square pixels.
-        score: mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the
-            sheet that lies on the surface. One large view does not outweigh many in which nothing is seen.
-    """
-
-    mount: PatchMount
-    fit: SheetFit
-    shares: np.ndarray
-    areas_px: np.ndarray
+    mount: PatchMount  # side, size and offset
+    fit: SheetFit  # how the sheet lies there
+    shares: np.ndarray  # (poses,) share of the sheet that each sees
+    areas_px: np.ndarray  # (poses,) what it covers of each picture, square pixels
+    # mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the sheet
+    # that lies on the surface. One large view does not outweigh many in which nothing is seen.
     score: float
 
     @property
@@ -85,10 +78,6 @@ def find_places(
     Where a sheet does not lie, see `SheetFit.lies`, is no place.
 
     Args:
-        item: the object.
-        camera, poses: of the plan.
-        config: which places are tried.
-        sizes_mm: printed sides of the patch.
         today: places that are tried at each size beside those of the grid.
     """
     found = _judge_all(item, camera, poses, config, sizes_mm, today)
@@ -105,10 +94,7 @@ def find_sheets(
     what is seen of any of them: that is where the poses see those before it least. None overlap.
 
     Args:
-        item: the object.
         camera, poses: what looks at it: `draw_poses` for a choice that no plan decides.
-        config: which places are tried.
-        sizes_mm: printed sides of the patch.
         today: places that are tried at each size beside those of the grid.
     """
     found = _judge_all(item, camera, poses, config, sizes_mm, today)

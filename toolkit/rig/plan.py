@@ -282,9 +282,6 @@ def plan_poses(
     """The poses of one object: the camera looks at the middle of its bounding box, which is never cropped.
 
     Args:
-        item: the object.
-        camera: of the plan.
-        pattern: how the poses are spread.
         sheet_mm: (n, 3) points of the sheet that is stuck on it, which is never cropped either.
 
     Raises:
@@ -343,8 +340,6 @@ def make_plan(
     """One plan for several objects.
 
     Args:
-        items: the objects.
-        camera, pattern: of the plan.
         workspace: whose patches are on them: its own objects are framed together with their sheets.
 
     Raises:
@@ -456,7 +451,6 @@ def plan_objects(
 
     Args:
         workspace: whose objects are meant, and whose plan is written.
-        objects: names.
         pattern: how the poses are spread; 18 on a grid by default. Degrees and millimetres.
         camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
 
@@ -485,8 +479,6 @@ def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan |
     """What to know of the sheets of objects before they are printed or shot, one line each.
 
     Args:
-        workspace: whose objects and patches are meant.
-        names: of objects.
         plan: its cameras must have all sheets of one's own objects whole in the frame; built-in ones are framed alone.
 
     Raises:

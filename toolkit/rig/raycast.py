@@ -62,10 +62,6 @@ class RaycastRenderer(Renderer):
         """Bake the light.
 
         Args:
-            mesh: on the table.
-            scene: what it stands in.
-            detail: how finely light is worked out.
-            stand: where in it.
             keep_light: on disk for other runs, see `bake_studio_light`; for an object on its table, at the origin.
         """
         compiled.prepare(_compile_all)
@@ -125,7 +121,6 @@ class RaycastRenderer(Renderer):
         """What `render` shows, linear in the colours of those of the mesh's materials that share a texture.
 
         Args:
-            camera, T_world_camera: as for `render`.
             texture: the one of the materials' textures (the array itself) that is left out; its materials must not be
                 metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
         """

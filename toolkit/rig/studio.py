@@ -198,10 +198,7 @@ def make_studio(
     """A studio whose backdrop, unless named, and details follow from the seed.
 
     Args:
-        seed: equal seeds give equal studios.
         scale_mm: longest side of the object; the table is sized to it.
-        backdrop: one of `BACKDROPS`.
-        light: one of `LIGHTS`.
 
     Raises:
         ToolkitError: an unknown backdrop or light.
@@ -256,7 +253,6 @@ def add_board(studio: Scene, board: "Board", px_per_mm: float | None = None) -> 
 
     Args:
         studio: whose table is large enough for the board.
-        board: as it was printed.
         px_per_mm: of the table's picture; by default as fine as the markers need and the memory allows.
     """
     import cv2

@@ -30,19 +30,12 @@ FACES_PER_SAMPLE = 5
 
 @dataclass(frozen=True)
 class LitBody:
-    """A mesh in its place.
+    """A mesh in its place."""
 
-    Attributes:
-        shape: its triangles.
-        lit: the same with their light and paint.
-        is_moved: whether it stands elsewhere than its own frame says.
-        number: of `Hits.mesh`.
-    """
-
-    shape: Shape
-    lit: LitMesh
-    is_moved: bool
-    number: int
+    shape: Shape  # its triangles
+    lit: LitMesh  # the same with their light and paint
+    is_moved: bool  # whether it stands elsewhere than its own frame says
+    number: int  # of `Hits.mesh`
 
     def cast(self, rays: np.ndarray) -> Hits:
         """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
@@ -94,23 +87,16 @@ class LitBody:
 
 @dataclass(frozen=True)
 class Tracer:
-    """An object and what stands around it.
-
-    Attributes:
-        body: the object.
-        others: its surroundings; None in a studio.
-        key: unit direction to the key light.
-    """
+    """An object and what stands around it."""
 
     body: LitBody
-    others: LitBody | None
-    key: Colour
+    others: LitBody | None  # its surroundings; None in a studio
+    key: Colour  # unit direction to the key light
 
     def trace(self, view: View, region: tuple[int, int, int, int]) -> TracedRegion:
         """Trace the pixels that can show a mesh, and again with four samples where edges need them.
 
         Args:
-            view: camera.
             region: left, top, right, bottom of those that can show the object; with surroundings all are traced.
         """
         left, top, right, bottom = region if self.others is None else (0, 0, view.width, view.height)

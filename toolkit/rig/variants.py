@@ -35,8 +35,6 @@ def find_booster(
     """Return what is put on `item` in a variant; None for `unpatched`.
 
     Args:
-        workspace: whose boosters are meant.
-        item: the object.
         variant: as `VARIANTS` lists them, or a tag as `parse_tag` takes it; the functions that find a kind say what its
             controls are.
         perfect: nothing is stuck on askew.
@@ -103,11 +101,8 @@ def export_object(
     """Write an object as GLB or USDZ (metres), OBJ or 3MF (millimetres).
 
     Args:
-        workspace: whose object it is.
-        name: of the object.
         formats: each becomes `NAME.FORMAT`; of another variant `NAME-VARIANT.FORMAT`.
         variant: what is on it, as `find_booster` knows it.
-        out: folder, `print/` by default.
         card: whether all is written into a folder of its own, with the booster's files and its card `README.md`.
 
     Returns:

@@ -41,21 +41,15 @@ THUMBNAIL_TABLE_PX, THUMBNAIL_ROOM_PX = 640, 256
 
 @dataclass(frozen=True)
 class ViewRanges:
-    """Where a random camera may stand, lowest and highest; the azimuth is anywhere.
+    """Where a random camera may stand, lowest and highest; the azimuth is anywhere."""
 
-    Attributes:
-        elevation_deg: above the table.
-        roll_deg: about the line of sight.
-        fill: share of the frame's shorter side that the object reaches; above 1 it is cut off.
-        off_centre: the object's middle is shifted by up to this share of the half frame even where it fills it.
-        evenly: elevations are drawn evenly over the sphere's area, not over the angle.
-    """
-
-    elevation_deg: tuple[float, float] = (20.0, 70.0)
-    roll_deg: tuple[float, float] = (-8.0, 8.0)
+    elevation_deg: tuple[float, float] = (20.0, 70.0)  # above the table
+    roll_deg: tuple[float, float] = (-8.0, 8.0)  # about the line of sight
+    # share of the frame's shorter side that the object reaches; above 1 it is cut off
     fill: tuple[float, float] = (0.6, 0.95)
+    # the object's middle is shifted by up to this share of the half frame even where it fills it
     off_centre: float = 0.0
-    evenly: bool = False
+    evenly: bool = False  # elevations are drawn evenly over the sphere's area, not over the angle
 
     def draw(self, rng: np.random.Generator) -> tuple[float, float, float, float]:
         """Azimuth, elevation and roll in degrees, and how much of the frame is filled."""
@@ -90,17 +84,11 @@ def random_pose(
 
 @dataclass(frozen=True)
 class PaintableObject:
-    """An object whose texture is left out.
+    """An object whose texture is left out."""
 
-    Attributes:
-        mesh: on the table, some of its materials sharing the texture to be left out, none of these metallic.
-        material: index of one that has it.
-        bare: the object in its own paint, for comparison.
-    """
-
-    mesh: Mesh
-    material: int
-    bare: Mesh
+    mesh: Mesh  # on the table, some of its materials sharing the texture to be left out, none of these metallic
+    material: int  # index of one that has it
+    bare: Mesh  # the object in its own paint, for comparison
 
     def for_block(self, draws: Draws) -> "PaintableObject":
         """As a block of views shows it; an object that looks another way in each takes it from the block's draws."""
@@ -109,19 +97,12 @@ class PaintableObject:
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How views are drawn.
+    """How views are drawn."""
 
-    Attributes:
-        ranges: where the camera may stand.
-        image_px: side of the square pictures.
-        studios: blocks that are used together; successive blocks show successive subjects.
-        per_studio: views of each.
-    """
-
-    ranges: ViewRanges = NEAR_VIEWS
-    image_px: int = 224
-    studios: int = 4
-    per_studio: int = PER_STUDIO
+    ranges: ViewRanges = NEAR_VIEWS  # where the camera may stand
+    image_px: int = 224  # side of the square pictures
+    studios: int = 4  # blocks that are used together; successive blocks show successive subjects
+    per_studio: int = PER_STUDIO  # views of each
 
 
 class Setting(Protocol):
@@ -157,15 +138,10 @@ class OutdoorSetting(Setting, Protocol):
 
 @dataclass(frozen=True)
 class StudioSetting:
-    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges.
+    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges."""
 
-    Attributes:
-        detail: see `Setting`.
-        is_coarse: the pictures of table and room are no finer than a thumbnail shows.
-    """
-
-    detail: BakeDetail = DETAIL
-    is_coarse: bool = False
+    detail: BakeDetail = DETAIL  # see `Setting`
+    is_coarse: bool = False  # the pictures of table and room are no finer than a thumbnail shows
 
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
         """A studio of its own for each block."""
@@ -230,12 +206,7 @@ def render_pictures(
     """Yield `count` pictures of a mesh in its own paint, (s, s, 3) uint8 sRGB; picture i depends on (seed, i) alone.
 
     Args:
-        mesh: on the table.
-        count: how many pictures.
         settings: how they are drawn; each `per_studio` share a setting.
-        seed: of all draws.
-        setting: where they are taken.
-        threads: see `map_ahead`.
     """
     for start in range(0, count, settings.per_studio):
         block = ViewBlock(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
@@ -244,18 +215,12 @@ def render_pictures(
 
 @dataclass(frozen=True)
 class RenderedView:
-    """One view of a block.
+    """One view of a block."""
 
-    Attributes:
-        subject: number of the object that it shows.
-        view: what is seen, linear in the colours of the object's texture.
-        bare: (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for.
-        bare_light: (s, s, 3) float16 the same in linear light, where depth was asked for as well.
-    """
-
-    subject: int
-    view: LinearView
-    bare: np.ndarray | None
+    subject: int  # number of the object that it shows
+    view: LinearView  # what is seen, linear in the colours of the object's texture
+    bare: np.ndarray | None  # (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for
+    # (s, s, 3) float16 the same in linear light, where depth was asked for as well
     bare_light: np.ndarray | None = None
 
 
@@ -267,11 +232,7 @@ def render_block(
 
     Args:
         subjects: of which block number `block` shows one.
-        settings: how views are drawn.
-        seed: of all draws.
         kind: `TRAIN` or `HELD_OUT`.
-        block: its number.
-        setting: where views are taken.
         with_depth: whether views shall have their depth, for weather.
         threads: see `map_ahead`; one where blocks are what is spread over the cores.
     """
@@ -325,9 +286,6 @@ class ViewStream:
         """Prepare `groups` groups of training views.
 
         Args:
-            subjects: at least one.
-            settings: how views are drawn.
-            seed: of all draws.
             groups: how many there are; none is rendered beyond.
             workers: threads that render ahead, by default one for each core; 0: whoever asks for a group renders it.
             setting: where views are taken; one that cannot be used raises when its views are asked for.

@@ -37,9 +37,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     """Find the pieces that cover most of what random cameras see of an object, and lay them on a canvas.
 
     Args:
-        item: the object.
         config: how many pieces, of what, and how finely they are drawn.
-        seed: of the cameras.
 
     Returns:
         The wrap, in the object's own paint or the picture that is asked for.
@@ -216,8 +214,6 @@ def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
     """A wrap's first pieces, as many as cover a share of what random cameras see; of the last its middle alone.
 
     Args:
-        wrap: best piece first.
-        item: its object.
         share: between 0 and 1; more than the wrap covers is all of it.
 
     Returns:

@@ -69,7 +69,6 @@ def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.nd
 
     Args:
         mesh: the object that the wrap was planned for.
-        wrap: its plan.
         pixels: (n, n, 3) uint8 sRGB canvas, row 0 is v = 1.
         places: (2, 3) `T_flat_sheet` of each piece, see `draw_places`.
     """
@@ -94,17 +93,11 @@ def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.nd
 
 @dataclass(frozen=True)
 class Laid:
-    """Triangles of a sheet on the surface.
+    """Triangles of a sheet on the surface."""
 
-    Attributes:
-        corners: (t, 3, 3) mm.
-        normals: (t, 3, 3) unit.
-        sheet_mm: (t, 3, 2) which point of the flat piece lies there, mm.
-    """
-
-    corners: np.ndarray
-    normals: np.ndarray
-    sheet_mm: np.ndarray
+    corners: np.ndarray  # (t, 3, 3) mm
+    normals: np.ndarray  # (t, 3, 3) unit
+    sheet_mm: np.ndarray  # (t, 3, 2) which point of the flat piece lies there, mm
 
     def as_mesh(self, uv: np.ndarray, material: Material) -> Mesh:
         """A mesh of one material; `uv` (t, 3, 2) are the corners' places on it."""
@@ -136,8 +129,6 @@ def lay_piece(mesh: Mesh, piece: FlatPiece, T_flat_sheet: np.ndarray, height_mm:
     there are continued in their planes.
 
     Args:
-        mesh: the object.
-        piece: of its surface.
         T_flat_sheet: (2, 3) where the sheet's points come to lie in the piece's flat frame.
         height_mm: over the surface.
     """

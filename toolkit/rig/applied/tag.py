@@ -23,15 +23,10 @@ PATCH_PX = 100
 
 @dataclass(frozen=True)
 class Tag:
-    """A tag of a family.
+    """A tag of a family."""
 
-    Attributes:
-        dictionary: of OpenCV.
-        id: its number.
-    """
-
-    dictionary: str
-    id: int
+    dictionary: str  # of OpenCV
+    id: int  # its number
 
 
 def parse_tag(variant: str) -> Tag | None:

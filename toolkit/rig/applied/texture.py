@@ -25,13 +25,9 @@ from toolkit.rig.applied.base import AppliedBooster, BoosterKind, draw_control
 
 @dataclass(frozen=True)
 class TextureBooster(AppliedBooster):
-    """A booster all over the object: its pixels take the place that a texture has there.
+    """A booster all over the object: its pixels take the place that a texture has there."""
 
-    Attributes:
-        texture: whose place and atlas it takes.
-    """
-
-    texture: Texture = field(kw_only=True)
+    texture: Texture = field(kw_only=True)  # whose place and atlas it takes
 
     def apply(self, item: TableObject) -> Mesh:
         """Return the painted object; raises as `check_fit`."""

@@ -88,7 +88,6 @@ def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
 
     Args:
         state: (6,) uint64 the fields of a `Stream`; it goes on from there and is left where the next draw begins.
-        out: the numbers.
     """
     stream = Stream(state[0], state[1], state[2], state[3], state[4], state[5] > 0)
     for i in range(len(out)):
@@ -132,7 +131,6 @@ def develop(
         lower: (b + 1,) uint8 code at the lower end of each of b bands of [0, 1]; no two codes begin in one of them.
         starts: (256,) float32 light at which the code after each begins.
         work: (2, 3 w) float64 to work with.
-        coded: the picture.
     """
     height, count = light.shape
     width, bands, values, squares = count // 3, len(lower) - 1, work[0], work[1]

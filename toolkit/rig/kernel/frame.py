@@ -27,21 +27,13 @@ NOTHING = 0xFFFFFFFF
 
 
 class Hits(NamedTuple):
-    """First hits of rays.
+    """First hits of rays."""
 
-    Attributes:
-        distance: (n,) float32; inf where nothing is met.
-        face: (n,) uint32.
-        uv: (n, 2) float32 barycentric weights of corners 1 and 2.
-        mesh: (n,) uint8: 0 the object, 1 its surroundings.
-        key_share: (n,) float32 of the key light that is seen there; -1 where stored light says it.
-    """
-
-    distance: np.ndarray
-    face: np.ndarray
-    uv: np.ndarray
-    mesh: np.ndarray
-    key_share: np.ndarray
+    distance: np.ndarray  # (n,) float32; inf where nothing is met
+    face: np.ndarray  # (n,) uint32
+    uv: np.ndarray  # (n, 2) float32 barycentric weights of corners 1 and 2
+    mesh: np.ndarray  # (n,) uint8: 0 the object, 1 its surroundings
+    key_share: np.ndarray  # (n,) float32 of the key light that is seen there; -1 where stored light says it
 
 
 @kernel
@@ -62,7 +54,6 @@ def fill_key_rays(
     """Rays to the key light from all hits on the surroundings that face it; returns how many there are.
 
     Args:
-        mesh: the surroundings.
         hits: their `key_share` becomes 0.
         seen: (n, 6) float32 the rays that hit.
         key: unit direction to the light.
@@ -94,20 +85,14 @@ def fill_key_rays(
 
 
 class Samples(NamedTuple):
-    """Places in a part of a picture, as many in each of some pixels.
+    """Places in a part of a picture, as many in each of some pixels."""
 
-    Attributes:
-        left, top, right, bottom: pixels of the part.
-        pixels: (n,) int32 those that have samples, counted in the part row by row.
-        offsets: (k, 2) the samples of a pixel, from its centre; sample k of pixel i is number i · k + k.
-    """
-
-    left: int
+    left: int  # left, top, right, bottom: pixels of the part
     top: int
     right: int
     bottom: int
-    pixels: np.ndarray
-    offsets: np.ndarray
+    pixels: np.ndarray  # (n,) int32 those that have samples, counted in the part row by row
+    offsets: np.ndarray  # (k, 2) the samples of a pixel, from its centre; sample k of pixel i is number i · k + k
 
 
 @inlined
@@ -173,9 +158,7 @@ def describe_hits(
 
     Args:
         mesh, number: the mesh, and its number in `Hits.mesh`.
-        view: camera.
         samples: one in each pixel of a part.
-        hits: theirs.
         material: (n,) int32, -1 where nothing is met.
         normal: (n, 3) float32 towards the camera.
         needed: (n,) bool, the marks.
@@ -204,7 +187,6 @@ def mark_edges(width: int, hits: Hits, material: np.ndarray, normal: np.ndarray,
 
     Args:
         width: of the part, pixels.
-        hits: one in each pixel.
         material, normal, needed: of `describe_hits`.
     """
     for n in range(len(hits.face)):
@@ -232,22 +214,15 @@ def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hit
 
 
 class TracedRegion(NamedTuple):
-    """The part of a picture that can show the object, and what its rays met.
+    """The part of a picture that can show the object, and what its rays met."""
 
-    Attributes:
-        left, top, right, bottom: pixels.
-        hits: of the pixels' centres, row by row.
-        refine: (k,) int32 pixels of the part that have four samples.
-        fine: hits of these.
-    """
-
-    left: int
+    left: int  # left, top, right, bottom: pixels
     top: int
     right: int
     bottom: int
-    hits: Hits
-    refine: np.ndarray
-    fine: Hits
+    hits: Hits  # of the pixels' centres, row by row
+    refine: np.ndarray  # (k,) int32 pixels of the part that have four samples
+    fine: Hits  # hits of these
 
 
 @kernel
@@ -258,10 +233,8 @@ def paint_background(
     """Add table and room to a picture (h · w, 3) float32, in exposure units, where the object leaves some to be seen.
 
     Args:
-        around, view: what stands there, and the camera.
         edges, sheen: of `find_table_edges` and `fill_sheen`.
         coverage: (h · w,) share of each pixel that the object covers.
-        picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
     """
     for top in range(0, view.height, TILE):
@@ -292,15 +265,11 @@ def paint_background(
 
 
 class Linear(NamedTuple):
-    """Where the object's part of a linear view is written; see `toolkit.rig.shading.LinearView`.
+    """Where the object's part of a linear view is written; see `toolkit.rig.shading.LinearView`."""
 
-    Attributes:
-        coverage: (h · w,) float32.
-        pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where
-            no texture is left out.
-    """
-
-    coverage: np.ndarray
+    coverage: np.ndarray  # (h · w,) float32
+    # pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where no
+    # texture is left out
     pixel: np.ndarray
     uv: np.ndarray
     lod: np.ndarray
@@ -314,11 +283,7 @@ def paint_mesh(
     """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
 
     Args:
-        around: what stands there.
         mesh, number: the mesh, and its number in `Hits.mesh`.
-        view: camera.
-        part: of the picture.
-        picture: it is added to.
         out: where the object's part of a linear view is written.
 
     Returns:

@@ -51,8 +51,6 @@ weighted_sum = cast(Callable[[np.ndarray, tuple[int, ...], tuple[float, ...]], S
 Args:
     values: contiguous float32 or uint16 of any shape. There must be three more numbers behind each place, even where
         their sum is not used.
-    places: counted in numbers.
-    weights: as many.
 """
 
 

@@ -15,7 +15,6 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
     """Points (n, 3) as a camera sees them.
 
     Args:
-        points: in the mesh's frame.
         T_pixel_mesh: (3, 4) from there to pixels times depth, and depth.
         corners: (n, 3) float64 is filled with these.
         screen: (n, 3) float32 with x and y in pixels, and depth.
@@ -89,9 +88,7 @@ def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, C
     """The same with samples n to n + 3 of a pixel, of which the latter two lie opposite the former two.
 
     Args:
-        n, face, volume: see `_see`.
         edges: edge functions at the pixel's centre, and their slopes.
-        hits: are filled.
     """
     (u, ux, uy), (v, vx, vy), (w, wx, wy) = edges
     dx, dy, ex, ey = SUBPIXELS[0, 0], SUBPIXELS[0, 1], SUBPIXELS[1, 0], SUBPIXELS[1, 1]
@@ -120,7 +117,6 @@ def _find_box(
 
     Args:
         screen: of `project_corners`.
-        corners: of the triangle.
         samples: of a part; the box is empty where it lies outside.
         before: from a pixel's left to its first sample, pixels.
     """
@@ -167,7 +163,6 @@ def _draw(
         edges, volume: its edge functions and what they add up to times the depth.
         triangle: its number, and nothing of it is nearer than this.
         box: of `_find_box`.
-        samples, slot, furthest, hits: as in `draw_triangles`.
         reach: samples lie so far from a pixel's centre at most.
     """
     (of_a, of_b, of_c), (face, nearest), (first, last, upper, lower) = edges, triangle, box
@@ -212,8 +207,6 @@ def draw_triangles(
     Args:
         faces: (m, 3) of the mesh.
         corners, screen: of `project_corners`.
-        view: camera.
-        samples: which.
         slot: (pixels of the part,) int32 to work with: the first sample of each.
         furthest: (pixels of the part,) float32 to work with: the furthest that a sample sees; none are not reached.
         later: (m,) int32 to work with.

@@ -27,92 +27,54 @@ begins and how fine it is."""
 
 
 class LitMesh(NamedTuple):
-    """Triangles and the light on them.
+    """Triangles and the light on them."""
 
-    Attributes:
-        faces: (m,) of `FACE`.
-        corners: (n, 5) float32 of vertices: unit normal in the mesh's own frame, uv.
-        texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`.
-        finely: (k,) bool whether all its pixels need several samples.
-        left_out: (k,) bool whether the texture's colour is left out, for linear views.
-        texels: the textures.
-        glow: (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit.
-        glow_lod: (k,) float32 to be added to the level of detail of its texture.
-        glow_texels: what is given off.
-        stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
-        turn: rows of the rotation from the mesh's frame to the world's.
-        place: of the mesh's origin in the world.
-    """
-
-    faces: np.ndarray
-    corners: np.ndarray
-    texture: np.ndarray
+    faces: np.ndarray  # (m,) of `FACE`
+    corners: np.ndarray  # (n, 5) float32 of vertices: unit normal in the mesh's own frame, uv
+    texture: np.ndarray  # texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`
     roughness: np.ndarray
     metallic: np.ndarray
-    finely: np.ndarray
-    left_out: np.ndarray
+    finely: np.ndarray  # (k,) bool whether all its pixels need several samples
+    left_out: np.ndarray  # (k,) bool whether the texture's colour is left out, for linear views
     texels: Texels
-    glow: np.ndarray
-    glow_lod: np.ndarray
-    glow_texels: Texels
-    stored: np.ndarray
-    turn: Rotation
-    place: Colour
+    glow: np.ndarray  # (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit
+    glow_lod: np.ndarray  # (k,) float32 to be added to the level of detail of its texture
+    glow_texels: Texels  # what is given off
+    stored: np.ndarray  # (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen
+    turn: Rotation  # rows of the rotation from the mesh's frame to the world's
+    place: Colour  # of the mesh's origin in the world
 
 
 class Surround(NamedTuple):
-    """What stands around the object, and the light.
+    """What stands around the object, and the light."""
 
-    Attributes:
-        backdrop: (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count.
-        mirrored: four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it.
-        key: unit direction to the key light.
-        key_spread: by how much the light's size widens its highlight's alpha.
-        key_irradiance: RGB.
-        exposure: factor of the picture.
-        lamps: radiance of a surface whose emission is 1.
-        has_table: whether there is a table at z = 0.
-        table: its one texture.
-        table_size: along x and y.
-        table_roughness: of the table.
-        ground_light: irradiance of the table; out of doors by how much the object dims the sky's on the ground.
-        ground_z: out of doors, the height of that ground.
-        ground_reach: and how far above or below it that still holds; 0 on a table.
-    """
-
-    backdrop: np.ndarray
+    backdrop: np.ndarray  # (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count
+    # four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it
     mirrored: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    key: Colour
-    key_spread: float
-    key_irradiance: Colour
-    exposure: float
-    lamps: float
-    has_table: bool
-    table: Texels
-    table_size: tuple[float, float]
-    table_roughness: float
-    ground_light: LightMap
-    ground_z: float
-    ground_reach: float
+    key: Colour  # unit direction to the key light
+    key_spread: float  # by how much the light's size widens its highlight's alpha
+    key_irradiance: Colour  # RGB
+    exposure: float  # factor of the picture
+    lamps: float  # radiance of a surface whose emission is 1
+    has_table: bool  # whether there is a table at z = 0
+    table: Texels  # its one texture
+    table_size: tuple[float, float]  # along x and y
+    table_roughness: float  # of the table
+    ground_light: LightMap  # irradiance of the table; out of doors by how much the object dims the sky's on the ground
+    ground_z: float  # out of doors, the height of that ground
+    ground_reach: float  # and how far above or below it that still holds; 0 on a table
 
 
 class View(NamedTuple):
-    """A camera in its place.
+    """A camera in its place."""
 
-    Attributes:
-        rotation: rows of the rotation from camera to world.
-        origin: of the camera in the world.
-        fx, fy, cx, cy: pixels.
-        width, height: pixels.
-    """
-
-    rotation: Rotation
-    origin: Colour
-    fx: float
+    rotation: Rotation  # rows of the rotation from camera to world
+    origin: Colour  # of the camera in the world
+    fx: float  # fx, fy, cx, cy: pixels
     fy: float
     cx: float
     cy: float
-    width: int
+    width: int  # width, height: pixels
     height: int
 
 
@@ -198,7 +160,6 @@ def background(
     """Radiance of table and room in a pixel (row, column).
 
     Args:
-        around, view: what stands there, and the camera.
         edges: of `find_table_edges`; the table covers a part of the pixels on them.
         shine: of `fill_sheen`, there.
         pixel: (row, column).
@@ -322,9 +283,6 @@ def shade(
     """The light that a point of a mesh sends to the camera.
 
     Args:
-        around: scene.
-        mesh: its mesh.
-        view: camera.
         pixel: (x, y).
         hit: face, barycentric weights of corners 1 and 2, distance, share of the key light that is seen; where that is
             below 0 the mesh's stored light says it, and holds the key light's part.

@@ -26,15 +26,10 @@ Finder = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ClassicalFinder:
-    """A finder for one camera, with the interface of a regressor.
+    """A finder for one camera, with the interface of a regressor."""
 
-    Attributes:
-        name: `features` or `apriltag`.
-        find: of a picture.
-    """
-
-    name: str
-    find: Finder
+    name: str  # `features` or `apriltag`
+    find: Finder  # of a picture
 
     def predict(self, images: np.ndarray) -> np.ndarray:
         """(n, 2) metres of (n, h, w, 3) uint8 pictures; NaN where the pad is not found."""
@@ -114,10 +109,6 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
     """Errors of features + homography on the first held-out frames, and of an AprilTag in the pad's place.
 
     The tag's frames are shot again from the same cameras in the same air.
-
-    Args:
-        space: the workspace, for the pad's picture.
-        folder: of the data set.
     """
     about = open_dataset(folder)
     config = CollectConfig(**about.settings)

@@ -44,16 +44,11 @@ COMPARED = 48
 
 @dataclass(frozen=True)
 class PadView:
-    """A rendered view of the pad.
+    """A rendered view of the pad."""
 
-    Attributes:
-        site, pose: from where.
-        offset, height: truth, metres.
-    """
-
-    site: PadSite
+    site: PadSite  # site, pose: from where
     pose: np.ndarray
-    offset: np.ndarray
+    offset: np.ndarray  # offset, height: truth, metres
     height: float
 
 
@@ -70,11 +65,7 @@ class PadTask(TrainingTask[Patch]):
         """Start the picture.
 
         Args:
-            config: every setting.
-            regressor: frozen.
             views: on sites whose pad is `start_picture` of the config.
-            seed: of the draws.
-            folder, name: where the pad is written.
         """
         self.config, self.regressor, self.views, self.seed = config, regressor, tuple(views), seed
         self.folder, self.name = folder, name
@@ -200,22 +191,14 @@ def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, o
 
 @dataclass(frozen=True)
 class Boosted:
-    """What `boost_pad` made.
+    """What `boost_pad` made."""
 
-    Attributes:
-        file: the picture; its record lies beside it.
-        patch: both, read.
-        pdf: pages at true size.
-        pages: of the PDF, the map among them.
-        was_finished: whether there was nothing left to do.
-        errors: mean error as a share of height, by pad and weather, on views that were not trained on.
-    """
-
-    file: Path
-    patch: Patch
-    pdf: Path
-    pages: int
-    was_finished: bool
+    file: Path  # the picture; its record lies beside it
+    patch: Patch  # both, read
+    pdf: Path  # pages at true size
+    pages: int  # of the PDF, the map among them
+    was_finished: bool  # whether there was nothing left to do
+    # mean error as a share of height, by pad and weather, on views that were not trained on
     errors: dict[str, dict[str, float]]
 
 

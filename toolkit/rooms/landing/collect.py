@@ -53,19 +53,13 @@ UNIT_FRAMES = 100
 
 @dataclass(frozen=True)
 class Collected:
-    """What `collect` made.
+    """What `collect` made."""
 
-    Attributes:
-        folder: of the data set.
-        about: its `dataset.json`.
-        made: shards of this run; the others were there.
-        failed: (what, reason) of frames that could not be shot; without them the set is not complete, and the next
-            run tries them again.
-    """
-
-    folder: Path
-    about: DatasetFile
-    made: int
+    folder: Path  # of the data set
+    about: DatasetFile  # its `dataset.json`
+    made: int  # shards of this run; the others were there
+    # (what, reason) of frames that could not be shot; without them the set is not complete, and the next run tries them
+    # again
     failed: tuple[tuple[str, str], ...] = ()
 
     def count(self, split: Split) -> int:
@@ -156,10 +150,6 @@ def collect(
     """Shoot a data set into `captures/landing/NAME`; a run that was stopped goes on, to the same bytes.
 
     Args:
-        space: the workspace.
-        config: what.
-        seed: of all draws.
-        restart: forget what an earlier run left.
         engine: where frames are shot; by default in this process.
 
     Raises:

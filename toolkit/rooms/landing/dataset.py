@@ -127,30 +127,19 @@ class DatasetFile(BaseModel):
 
 @dataclass(frozen=True)
 class Sample:
-    """A picture with what is known of it.
+    """A picture with what is known of it."""
 
-    Attributes:
-        image: (h, w, 3) uint8 sRGB.
-        mask: (h, w) bool the pad.
-        truth: where it is.
-    """
-
-    image: np.ndarray
-    mask: np.ndarray
-    truth: Truth
+    image: np.ndarray  # (h, w, 3) uint8 sRGB
+    mask: np.ndarray  # (h, w) bool the pad
+    truth: Truth  # where it is
 
 
 @dataclass(frozen=True)
 class SampleSet:
-    """The samples of a split in memory.
+    """The samples of a split in memory."""
 
-    Attributes:
-        images: (n, h, w, 3) uint8 sRGB.
-        truths: in the same order.
-    """
-
-    images: np.ndarray
-    truths: tuple[Truth, ...]
+    images: np.ndarray  # (n, h, w, 3) uint8 sRGB
+    truths: tuple[Truth, ...]  # in the same order
 
     @property
     def offsets(self) -> np.ndarray:
@@ -165,17 +154,11 @@ class SampleSet:
 
 @dataclass(frozen=True)
 class LoadedSet:
-    """A data set in memory.
+    """A data set in memory."""
 
-    Attributes:
-        name: of its folder.
-        about: its `dataset.json`.
-        train, held_out: its samples.
-    """
-
-    name: str
-    about: DatasetFile
-    train: SampleSet
+    name: str  # of its folder
+    about: DatasetFile  # its `dataset.json`
+    train: SampleSet  # train, held_out: its samples
     held_out: SampleSet
 
 

@@ -43,10 +43,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             world: a built-in world, or a file.
             pad: what is landed on; by default a plain pad of 2 m.
             episode: starts, winds and what counts as a success.
-            optics: the camera.
             weather: (name, severity).
-            time: of day.
-            places: that episodes have in turn.
             render_mode: `rgb_array`: `render` gives the last picture.
         """
         self.episode, self.optics = episode or EpisodeConfig(), optics or CameraConfig()

@@ -53,15 +53,10 @@ LOOP_PX, LOOP_QUALITY = 640, 60
 
 @dataclass(frozen=True)
 class CellResult:
-    """The episodes of a cell.
-
-    Attributes:
-        cell: which.
-        records: in order of their index.
-    """
+    """The episodes of a cell."""
 
     cell: FlightCell
-    records: tuple[EpisodeRecord, ...]
+    records: tuple[EpisodeRecord, ...]  # in order of their index
 
     @property
     def n(self) -> int:
@@ -103,16 +98,11 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 @dataclass(frozen=True)
 class PairResult:
-    """Two cells, episode by episode.
+    """Two cells, episode by episode."""
 
-    Attributes:
-        cell, against: which.
-        outcomes: successes of `against`, then of `cell`.
-    """
-
-    cell: FlightCell
+    cell: FlightCell  # cell, against: which
     against: FlightCell
-    outcomes: PairedOutcomes
+    outcomes: PairedOutcomes  # successes of `against`, then of `cell`
 
     @property
     def other(self) -> str:
@@ -261,7 +251,6 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
 
     Args:
-        results: of the cells.
         radius_m: of the circle that a success is in.
     """
     # two rows of panels for each band: from above, and height over distance
@@ -378,17 +367,11 @@ def _write(
 
 @dataclass(frozen=True)
 class Film:
-    """An episode: the drone's view beside the map, at the pace of the flight.
+    """An episode: the drone's view beside the map, at the pace of the flight."""
 
-    Attributes:
-        title: of what.
-        frames: (n, h, w, 3) uint8 sRGB; the last frame stays for a second.
-        hz: frames a second.
-    """
-
-    title: str
-    frames: np.ndarray
-    hz: float
+    title: str  # of what
+    frames: np.ndarray  # (n, h, w, 3) uint8 sRGB; the last frame stays for a second
+    hz: float  # frames a second
 
     def encode_webp(self) -> bytes:
         """A small animated picture that goes round and round, with every second frame."""
@@ -452,14 +435,7 @@ def write_report(
 
 
 def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:
-    """Film an episode whose track was kept: what its camera saw is rendered again along the track.
-
-    Args:
-        space: the workspace.
-        config, flown: of the flights.
-        record: the episode.
-        seed: of the flights.
-    """
+    """Film an episode whose track was kept: what its camera saw is rendered again along the track."""
     number = record.index % len(flown.places)
     trained = [load_regressor(space, name).record for name in config.regressors if name in list_regressors(space)]
     optics = CameraConfig(image_px=trained[0].image_px, fov_deg=trained[0].fov_deg) if trained else CameraConfig()

@@ -168,24 +168,16 @@ class PadFinder(Protocol):
 
 @dataclass(frozen=True)
 class Flown:
-    """What `fly_all` made.
+    """What `fly_all` made."""
 
-    Attributes:
-        folder: eval/landing/NAME.
-        records: of all episodes of the cells.
-        cells: in order; a cell whose episodes failed is left out.
-        made: episodes of this run.
-        places: where.
-        seconds: what rendering, network and physics of this run took, of several processes all of theirs.
-        failed: (what, reason) of episodes that could not be flown; the next run tries them again.
-    """
-
-    folder: Path
-    records: tuple[EpisodeRecord, ...]
-    cells: tuple[FlightCell, ...]
-    made: int
+    folder: Path  # eval/landing/NAME
+    records: tuple[EpisodeRecord, ...]  # of all episodes of the cells
+    cells: tuple[FlightCell, ...]  # in order; a cell whose episodes failed is left out
+    made: int  # episodes of this run
     places: tuple[PadPlace, ...]
+    # what rendering, network and physics of this run took, of several processes all of theirs
     seconds: dict[str, float]
+    # (what, reason) of episodes that could not be flown; the next run tries them again
     failed: tuple[tuple[str, str], ...] = ()
 
 
@@ -212,19 +204,12 @@ class Clock:
 
 @dataclass(frozen=True)
 class FlightSetup:
-    """What all flights of a run share.
-
-    Attributes:
-        config: of the run.
-        seed: of all draws.
-        sites: pads on their places.
-        pads, predictors: by name; None for classical finders.
-    """
+    """What all flights of a run share."""
 
     config: FlyConfig
     seed: int
-    sites: Sites
-    pads: dict[str, Pad]
+    sites: Sites  # pads on their places
+    pads: dict[str, Pad]  # pads, predictors: by name; None for classical finders
     predictors: dict[str, Regressor | None]
 
     def key(self, cell: FlightCell) -> str:
@@ -247,11 +232,6 @@ def fly_all(
     same wind and noise, in every cell. A cell in which episodes fail is left out.
 
     Args:
-        space: the workspace.
-        config: what.
-        seed: of all draws.
-        device: where the networks run.
-        restart: forget what an earlier run left.
         engine: where episodes are flown; by default in this process.
 
     Raises:

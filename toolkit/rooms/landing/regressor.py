@@ -99,17 +99,11 @@ class RegressorRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Regressor:
-    """A trained network that is ready to use.
+    """A trained network that is ready to use."""
 
-    Attributes:
-        record: see `RegressorRecord`.
-        module: in eval mode, its parameters without gradient.
-        device: where it runs.
-    """
-
-    record: RegressorRecord
-    module: torch.nn.Module
-    device: str = "cpu"
+    record: RegressorRecord  # see `RegressorRecord`
+    module: torch.nn.Module  # in eval mode, its parameters without gradient
+    device: str = "cpu"  # where it runs
 
     @property
     def name(self) -> str:
@@ -161,11 +155,8 @@ def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> torch.nn
     """A network with random weights whose last layer has some outputs.
 
     Args:
-        arch: one of torchvision's.
-        outputs: of the last layer.
         pool: what that sees: the features' `average`, as in the paper; or the `grid` of them as it lies over the
             picture, so that where something is needs not be coded in what it is. For ResNets.
-        image_px: side of its pictures.
 
     Raises:
         FieldError: a grid of a network that is no ResNet.
@@ -255,7 +246,6 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
 
     Args:
         answers: (n, 2) metres; NaN where the pad was not found.
-        samples: with the truth.
     """
     errors = np.linalg.norm(answers - samples.offsets, axis=1)
     heights = samples.heights

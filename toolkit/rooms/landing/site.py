@@ -52,17 +52,11 @@ DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacin
 
 @dataclass(frozen=True)
 class Pad:
-    """A square sheet with a picture.
+    """A square sheet with a picture."""
 
-    Attributes:
-        name: `plain`, `apriltag`, `grey`, `noise`, or that of a trained pad.
-        picture: (n, n, 3) uint8 sRGB; its top is the pad's +y.
-        size_m: side of the sheet, metres.
-    """
-
-    name: str
-    picture: np.ndarray
-    size_m: float = 2.0
+    name: str  # `plain`, `apriltag`, `grey`, `noise`, or that of a trained pad
+    picture: np.ndarray  # (n, n, 3) uint8 sRGB; its top is the pad's +y
+    size_m: float = 2.0  # side of the sheet, metres
 
     def __post_init__(self) -> None:
         if not SMALLEST_M <= self.size_m <= LARGEST_M:
@@ -150,17 +144,11 @@ def _draw_tag() -> np.ndarray:
 
 @dataclass(frozen=True)
 class PadPlace:
-    """Where a pad lies.
+    """Where a pad lies."""
 
-    Attributes:
-        name: the spot's with a number.
-        centre: (x, y, z) of the sheet's middle, metres.
-        turn_deg: of the pad, counter-clockwise from above.
-    """
-
-    name: str
-    centre: tuple[float, float, float]
-    turn_deg: float
+    name: str  # the spot's with a number
+    centre: tuple[float, float, float]  # (x, y, z) of the sheet's middle, metres
+    turn_deg: float  # of the pad, counter-clockwise from above
 
 
 def find_world(word: str, seed: int = 0) -> World:
@@ -185,9 +173,6 @@ def plan_places(
     A pad does not lie in the middle of a deck, so that a deck's own picture does not tell where it is.
 
     Args:
-        world: in which.
-        size_m: side of the pad.
-        count: how many.
         seed: of the draws; place k depends on (seed, k) alone.
         ground: on decks (`pads`), on grass (`bare`), or both in turn.
         without: names of spots that are not meant, such as those that were trained on.
@@ -275,19 +260,12 @@ def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SiteView:
-    """What a photograph is taken with.
+    """What a photograph is taken with."""
 
-    Attributes:
-        T_world_camera: (4, 4) pose, metres.
-        seed: of noise and weather, with `item`.
-        item: number of the photograph among those of the seed.
-        weather: (name, severity).
-    """
-
-    T_world_camera: np.ndarray
-    seed: int
-    item: int
-    weather: tuple[str, int] = CLEAR
+    T_world_camera: np.ndarray  # (4, 4) pose, metres
+    seed: int  # of noise and weather, with `item`
+    item: int  # number of the photograph among those of the seed
+    weather: tuple[str, int] = CLEAR  # (name, severity)
 
 
 class PadSite:

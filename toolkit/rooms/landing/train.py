@@ -104,18 +104,12 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
 
 @dataclass(frozen=True)
 class TrainedRegressor:
-    """What a run made.
+    """What a run made."""
 
-    Attributes:
-        file, regressor: the weights, and them loaded.
-        resumed_from: steps that an earlier run had made.
-        was_finished: whether there was nothing left to do.
-    """
-
-    file: Path
+    file: Path  # file, regressor: the weights, and them loaded
     regressor: Regressor
-    resumed_from: int
-    was_finished: bool
+    resumed_from: int  # steps that an earlier run had made
+    was_finished: bool  # whether there was nothing left to do
 
 
 def train_regressor(
@@ -127,10 +121,7 @@ def train_regressor(
     Args:
         space: the workspace; `rig/regressors` is written.
         datasets: names of sets below captures/landing, or their folders; of the same camera and pad.
-        config: how.
-        seed: of all draws.
         device: `auto`, `cpu` or `cuda`.
-        restart: forget what an earlier run left.
 
     Raises:
         ToolkitError: data, weights or checkpoint cannot be used.

@@ -285,18 +285,13 @@ def read_fields(found: object, where: str) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Address:
-    """Where a simulator listens, and what in it is used.
+    """Where a simulator listens, and what in it is used."""
 
-    Attributes:
-        host, port: of its server.
-        camera, vehicle: names in its settings; empty for the first vehicle.
-        origin: (3,) where our world's origin lies, metres north, east and down.
-    """
-
-    host: str
+    host: str  # host, port: of its server
     port: int = PORT
-    camera: str = "0"
+    camera: str = "0"  # camera, vehicle: names in its settings; empty for the first vehicle
     vehicle: str = ""
+    # (3,) where our world's origin lies, metres north, east and down
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
@@ -333,17 +328,11 @@ class Address:
 
 @dataclass(frozen=True)
 class SimulatorShot:
-    """What a simulator's camera saw.
+    """What a simulator's camera saw."""
 
-    Attributes:
-        picture: (h, w, 3) uint8 sRGB.
-        depth_m: (h, w) float32 along each ray, inf where it met nothing.
-        segmentation: (h, w, 3) uint8, a colour for each thing.
-    """
-
-    picture: np.ndarray
-    depth_m: np.ndarray
-    segmentation: np.ndarray
+    picture: np.ndarray  # (h, w, 3) uint8 sRGB
+    depth_m: np.ndarray  # (h, w) float32 along each ray, inf where it met nothing
+    segmentation: np.ndarray  # (h, w, 3) uint8, a colour for each thing
 
 
 class AirSim:
@@ -434,7 +423,6 @@ class AirSim:
         """Put an actor where an object stands; an actor that is not in the level is spawned from the asset of its name.
 
         Args:
-            name: of the actor or asset.
             T_world_object: (4, 4) in metres; None takes it out of sight.
 
         Raises:

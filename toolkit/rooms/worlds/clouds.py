@@ -29,19 +29,12 @@ SUN_GAP_DEG = (5.0, 16.0)
 
 @dataclass(frozen=True)
 class CloudLayer:
-    """What clouds do to rays, a row of (n,) for each.
+    """What clouds do to rays, a row of (n,) for each."""
 
-    Attributes:
-        passed: (n,) share of the sky's light behind them that passes.
-        sunlit: (n,) share of a white surface's light that they send from the sun.
-        skylit: (n,) the same from the sky around.
-        distance_m: (n,) how far away they are.
-    """
-
-    passed: np.ndarray
-    sunlit: np.ndarray
-    skylit: np.ndarray
-    distance_m: np.ndarray
+    passed: np.ndarray  # (n,) share of the sky's light behind them that passes
+    sunlit: np.ndarray  # (n,) share of a white surface's light that they send from the sun
+    skylit: np.ndarray  # (n,) the same from the sky around
+    distance_m: np.ndarray  # (n,) how far away they are
 
 
 def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
@@ -105,7 +98,6 @@ def march_clouds(
         sun: (3,) unit vector to the sun or to where its light comes from.
         cover: share of the sky that is covered, 0 to 1.
         pixel_rad: angle between neighbouring rays; finer detail is averaged.
-        rng: draws the clouds.
     """
     heaps = _Heaps.draw(directions, sun, cover, pixel_rad, rng)
     sine, cosine = directions[:, 2], heaps.cosine
@@ -161,8 +153,6 @@ def paint_noise(rng: np.random.Generator, side_px: int, slope: float, coarsest: 
     """(side, side) float32 periodic noise, every value in [0, 1] as frequent.
 
     Args:
-        rng: draws it.
-        side_px: of the pattern.
         slope: amplitudes fall as frequency^-slope.
         coarsest: waves longer than this part of the side are no stronger.
     """

@@ -23,21 +23,13 @@ NAMES = ("fog", "dust", "rain", "snow")
 
 @dataclass(frozen=True)
 class TimeOfDay:
-    """Where the sun stands and what hangs before it.
+    """Where the sun stands and what hangs before it."""
 
-    Attributes:
-        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
-        sun_azimuth_deg: counter-clockwise from +x, seen from above.
-        turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
-        cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
-        lamps_on: whether street lamps are lit.
-    """
-
-    sun_elevation_deg: float
-    sun_azimuth_deg: float = 50.0
-    turbidity: float = 2.6
-    cloud_cover: float = 0.3
-    lamps_on: bool = False
+    sun_elevation_deg: float  # of the sun's middle; below -6 it is nearly night
+    sun_azimuth_deg: float = 50.0  # counter-clockwise from +x, seen from above
+    turbidity: float = 2.6  # of the air: 2 very clear, 3 clear, 6 hazy
+    cloud_cover: float = 0.3  # share of the sky; from 0.85 up the sun is hidden little by little
+    lamps_on: bool = False  # whether street lamps are lit
 
     def __post_init__(self) -> None:
         for name, (low, high) in BOUNDS.items():

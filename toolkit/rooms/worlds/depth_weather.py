@@ -216,7 +216,6 @@ class Weather(Protocol):
         Args:
             view: depth, camera, and where ground and surfaces that face up are.
             airlight: (3,) linear light that an endless depth of fog sends, in the picture's unit: `Sky.airlight`.
-            rng: draws drops, flakes, grains and patches.
         """
         ...
 
@@ -272,8 +271,6 @@ def add_weather(
 
     Args:
         light: (h, w, 3) float32 linear light in clear air.
-        view, airlight, rng: see `Weather.change_light`.
-        weather: which.
     """
     return weather.change_light(view, airlight, rng).apply(light)
 

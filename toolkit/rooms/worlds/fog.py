@@ -51,10 +51,8 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
     0.4, so that it stays from 0.65 to 1.45. A wave's integral along a ray has a closed form.
 
     Args:
-        view: gives rays and depth.
         patchiness: 0 even … 1 all of those bounds.
         farthest_m: where nothing is seen any more, and the integral ends.
-        rng: draws directions and phases.
     """
     # normal numbers in three axes point evenly all around
     towards = rng.normal(size=(len(PATCHES_M), 3))

@@ -418,7 +418,6 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
 
     Args:
         space: whose worlds are known; its own win.
-        world: name or path.
         seed: of a built-in world, or of the free spots of another.
         scale: from a mesh file's units to metres.
 

@@ -57,9 +57,6 @@ def see_through(
 
     Args:
         renderer: of the world, with an object or none.
-        world, sky: that it renders.
-        view: camera and `T_world_camera`.
-        weathers: names with severities, see `parse_weathers`.
         seed: of grain and weather: that of the run, and number of the view.
     """
     light, found = renderer.render_with_depth(*view)
@@ -72,10 +69,7 @@ def develop_through(
     """(h, w, 3) uint8 sRGB pictures of linear light (h, w, 3), one through each weather; grain and lens are the same.
 
     Args:
-        light: of a render in clear air.
         through: how far away everything in it is, see `find_depths`.
-        sky: gives the air's light.
-        weathers, seed: as in `see_through`.
     """
     pictures, grain = [], draw_grain(light.shape, seed)
     for weather in weathers:
@@ -95,10 +89,7 @@ def find_depths(
     Rain makes no water darker and no snow lies on it; nor does snow lie on the object.
 
     Args:
-        world, sky: that were rendered.
-        view: camera and `T_world_camera`.
         found: buffers of the same view, see `Renderer.render_with_depth`.
-        weathers: which.
     """
     names = {name for name, _ in weathers}
     ground = normals = None
@@ -128,7 +119,6 @@ def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
         path: `.mp4`.
         frames: (height, width, 3) uint8 sRGB.
         size: width and height, even.
-        count: how many frames there are.
 
     Raises:
         ToolkitError: this OpenCV writes no film, or the film cannot be read back whole: mostly a full disk.

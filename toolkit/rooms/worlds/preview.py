@@ -95,9 +95,7 @@ def draw_map(
 
     Args:
         picture: (h, w, 3) uint8 sRGB, seen by the sheet's camera.
-        sheet: of the map.
         world: its spots are drawn as far as they are free, its pads green.
-        viewpoints: cameras, as arrows.
         path: (n, 3) of a flight.
     """
     image = Image.fromarray((picture * np.float32(0.8)).astype(np.uint8))
@@ -183,25 +181,16 @@ def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> Non
 
 @dataclass(frozen=True)
 class PreviewSettings:
-    """What to make.
+    """What to make."""
 
-    Attributes:
-        resolution: width and height of pictures, pixels.
-        film_size: and of the film; both even.
-        map_px: side of the map.
-        film_s: length of the film, seconds; 0 leaves it out.
-        weathers: (name, severity) in which the first sky is seen besides clear air.
-        seed: of viewpoints, flight, grain and weather.
-        renderer: what draws them.
-    """
-
-    resolution: tuple[int, int] = (960, 540)
-    film_size: tuple[int, int] = (480, 270)
-    map_px: int = 1400
-    film_s: float = 3.0
+    resolution: tuple[int, int] = (960, 540)  # width and height of pictures, pixels
+    film_size: tuple[int, int] = (480, 270)  # and of the film; both even
+    map_px: int = 1400  # side of the map
+    film_s: float = 3.0  # length of the film, seconds; 0 leaves it out
+    # (name, severity) in which the first sky is seen besides clear air
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
-    seed: int = 0
-    renderer: str = RAYCAST
+    seed: int = 0  # of viewpoints, flight, grain and weather
+    renderer: str = RAYCAST  # what draws them
 
     def __post_init__(self) -> None:
         for name in ("resolution", "film_size"):
@@ -224,15 +213,10 @@ class PreviewSettings:
 
 @dataclass(frozen=True)
 class PreviewResult:
-    """What lies in the folder now.
+    """What lies in the folder now."""
 
-    Attributes:
-        folder: of all.
-        made, kept: names of the files made by this call, and of those that were there.
-    """
-
-    folder: Path
-    made: list[str]
+    folder: Path  # of all
+    made: list[str]  # made, kept: names of the files made by this call, and of those that were there
     kept: list[str]
 
 
@@ -249,21 +233,13 @@ class _Record(BaseModel):
 
 @dataclass(frozen=True)
 class _Job:
-    """A file to make.
+    """A file to make."""
 
-    Attributes:
-        file: its name.
-        kind: what it is.
-        sky: number of the sky.
-        item: number of the view.
-        weather: of a picture.
-    """
-
-    file: str
-    kind: Literal["picture", "map", "film"]
-    sky: int
-    item: int = 0
-    weather: tuple[str, int] = CLEAR
+    file: str  # its name
+    kind: Literal["picture", "map", "film"]  # what it is
+    sky: int  # number of the sky
+    item: int = 0  # number of the view
+    weather: tuple[str, int] = CLEAR  # of a picture
 
 
 @dataclass(frozen=True)
@@ -352,10 +328,7 @@ def preview_world(
     """Make the pictures, the map and the film of a world in a folder; what is there from the same request stays.
 
     Args:
-        world: which.
         skies: each gives a picture from every viewpoint; the first sky also the weathers, the map and the film.
-        folder: where to.
-        settings: see there.
         placed: an object in the world, under whatever sky.
 
     Raises:

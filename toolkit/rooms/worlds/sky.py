@@ -49,22 +49,15 @@ LAMPS = 0.06
 
 @dataclass(frozen=True)
 class Sky:
-    """All light that comes from far away.
+    """All light that comes from far away."""
 
-    Attributes:
-        name: for records.
-        panorama: (h, w, 3) float32 linear radiance, kcd/m², as `Studio.environment`: row 0 is straight up, the middle
-            column azimuth 0, azimuth grows to the left. The sun's glow is in it, its disc is not.
-        sun: the sun; its irradiance in klx is (0, 0, 0) where it is hidden or has set.
-        exposure: factor from radiance to the picture's linear values.
-        lamps_on: whether street lamps are lit.
-    """
-
-    name: str
+    name: str  # for records
+    # (h, w, 3) float32 linear radiance, kcd/m², as `Studio.environment`: row 0 is straight up, the middle column
+    # azimuth 0, azimuth grows to the left. The sun's glow is in it, its disc is not.
     panorama: np.ndarray
-    sun: KeyLight
-    exposure: float
-    lamps_on: bool = False
+    sun: KeyLight  # the sun; its irradiance in klx is (0, 0, 0) where it is hidden or has set
+    exposure: float  # factor from radiance to the picture's linear values
+    lamps_on: bool = False  # whether street lamps are lit
 
     @property
     def lamps(self) -> float:
@@ -131,7 +124,6 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
 
     Args:
         time: one of `TIMES`, or your own.
-        seed: of the clouds.
         height_px: of the panorama, which is twice as wide; 512 is 3 pixels a degree.
 
     Raises:
@@ -281,7 +273,6 @@ def load_sky(path: Path, azimuth_deg: float = 0.0) -> Sky:
     that what they light has no sharp shadow. A sun is taken out of the panorama and becomes `Sky.sun`.
 
     Args:
-        path: of the file.
         azimuth_deg: of the world where the picture's middle comes to lie.
 
     Raises:

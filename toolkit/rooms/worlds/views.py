@@ -39,17 +39,11 @@ GLANCE_PX = 48
 
 @dataclass(frozen=True)
 class WorldSetting:
-    """A world under one sky or several; a block of views has one place and one sky. See `toolkit.rig.views.Setting`.
+    """A world under one sky or several; a block of views has one place and one sky. See `toolkit.rig.views.Setting`."""
 
-    Attributes:
-        world: in metres, as are the meshes that stand in it.
-        skies: at least one; light on the world is worked out once for each.
-        detail: how finely light on the object is worked out.
-    """
-
-    world: World
-    skies: tuple[Sky, ...]
-    detail: BakeDetail = DETAIL
+    world: World  # in metres, as are the meshes that stand in it
+    skies: tuple[Sky, ...]  # at least one; light on the world is worked out once for each
+    detail: BakeDetail = DETAIL  # how finely light on the object is worked out
     _known: dict[float, list[Spot]] = field(default_factory=dict, repr=False)
 
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:

@@ -45,16 +45,12 @@ MIN_STRETCH_M = 40.0
 
 @dataclass
 class Filling:
-    """A city's blocks while they are filled.
+    """A city's blocks while they are filled."""
 
-    Attributes:
-        plan, fleet, looks: of the city.
-        pieces, solids, pads, spots: what was built so far; pads are x, y, z, radius.
-    """
-
-    plan: Plan
+    plan: Plan  # plan, fleet, looks: of the city
     fleet: Fleet
     looks: Looks
+    # pieces, solids, pads, spots: what was built so far; pads are x, y, z, radius
     pieces: list[Piece] = field(default_factory=list)
     solids: list[np.ndarray] = field(default_factory=list)
     pads: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -283,7 +279,6 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     """City number `seed`, the same everywhere.
 
     Args:
-        seed: of everything in it.
         blocks: how many from west to east and from south to north; 5 x 6 are about 450 m across.
     """
     rng = np.random.default_rng([seed, 20])

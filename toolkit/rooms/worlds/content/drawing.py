@@ -130,9 +130,7 @@ class Canvas:
     """A drawing in metres on a plain ground, y up, drawn twice as fine as it is kept.
 
     Args:
-        width_m, height_m: its extent.
         px_per_m: of the kept picture.
-        ground: its colour.
         low: metres at its lower left corner.
     """
 

@@ -29,23 +29,14 @@ PLAIN_MM = 1.0
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of surface with its chart.
+    """A piece of surface with its chart."""
 
-    Attributes:
-        vertices: (n, 3) millimetres.
-        faces: (m, 3), counter-clockwise from outside.
-        corner_uv: (m, 3, 2) position of each corner on the chart, millimetres.
-        chart_mm: (width, height) of the chart.
-        paint: what the chart shows.
-        material: name of the part's material.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    corner_uv: np.ndarray
-    chart_mm: tuple[float, float]
-    paint: Paint = (200, 200, 200)
-    material: str = "paint"
+    vertices: np.ndarray  # (n, 3) millimetres
+    faces: np.ndarray  # (m, 3), counter-clockwise from outside
+    corner_uv: np.ndarray  # (m, 3, 2) position of each corner on the chart, millimetres
+    chart_mm: tuple[float, float]  # (width, height) of the chart
+    paint: Paint = (200, 200, 200)  # what the chart shows
+    material: str = "paint"  # name of the part's material
 
     def painted(self, paint: Paint, material: str | None = None) -> "Part":
         """The same surface with other paint, and another material if named."""

@@ -35,32 +35,20 @@ GUTTER_PX = 2
 
 @dataclass(frozen=True)
 class Body:
-    """The shape of a vehicle.
+    """The shape of a vehicle."""
 
-    Attributes:
-        length, width: metres.
-        roof: knots (x, z) of its upper outline from the rear to the front.
-        belt: height where the side windows begin.
-        glass: x of the rear window's foot and head, and of the windscreen's head and foot.
-        axles: x of each.
-        wheel_m: radius of the wheels.
-        sill: height of its lower edge.
-        roof_share: half width of the roof over half width of the body.
-        taper: half width of the ends over that of the middle.
-        px_per_m: of its paint.
-    """
-
-    length: float
+    length: float  # length, width: metres
     width: float
-    roof: tuple[Point, ...]
-    belt: float
+    roof: tuple[Point, ...]  # knots (x, z) of its upper outline from the rear to the front
+    belt: float  # height where the side windows begin
+    # x of the rear window's foot and head, and of the windscreen's head and foot
     glass: tuple[float, float, float, float]
-    axles: tuple[float, ...]
-    wheel_m: float = 0.33
-    sill: float = 0.2
-    roof_share: float = 0.74
-    taper: float = 0.84
-    px_per_m: float = 72
+    axles: tuple[float, ...]  # x of each
+    wheel_m: float = 0.33  # radius of the wheels
+    sill: float = 0.2  # height of its lower edge
+    roof_share: float = 0.74  # half width of the roof over half width of the body
+    taper: float = 0.84  # half width of the ends over that of the middle
+    px_per_m: float = 72  # of its paint
 
     @property
     def height(self) -> float:

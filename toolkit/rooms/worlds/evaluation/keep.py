@@ -85,9 +85,6 @@ class KeptFrames:
         """Read what is there.
 
         Args:
-            folder: it need not exist.
-            stage, places: of the run.
-            spec: of the object.
             everything: keep all frames; otherwise a camera of each place.
         """
         self.renderer: str | None = None
@@ -137,10 +134,6 @@ class KeptFrames:
 
     def write(self, task: PictureTask, files: Mapping[str, bytes]) -> None:
         """Put a frame's files into the folder, then its line into the manifest.
-
-        Args:
-            task: what was rendered.
-            files: see `encode_frame`.
 
         Raises:
             ToolkitError: the disk is full or may not be written.
@@ -226,17 +219,11 @@ def _encode(pixels: np.ndarray) -> bytes:
 
 
 class ShotFrames(NamedTuple):
-    """Frames that lie in a folder.
+    """Frames that lie in a folder."""
 
-    Attributes:
-        folder: `frames/` of a run.
-        places: names by the tasks' numbers.
-        renderer: who made them.
-    """
-
-    folder: Path
-    places: tuple[str, ...]
-    renderer: str
+    folder: Path  # `frames/` of a run
+    places: tuple[str, ...]  # names by the tasks' numbers
+    renderer: str  # who made them
 
     def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """The pictures of tasks, without depth and classes, which lie there already.

@@ -56,12 +56,6 @@ def shoot_missing(
 
     The objects are written as GLBs to the folder `objects` beside the frames: for the simulator's project.
 
-    Args:
-        address: of the simulator.
-        stage, places: what is shot.
-        tasks: in all of their weathers.
-        kept: where the frames go.
-
     Raises:
         ToolkitError: as `AirSim` and `shoot_frames`, or the disk is full. What was shot before stays.
     """
@@ -99,8 +93,6 @@ def shoot_frames(
     Args:
         simulator: is moved, and left with the last object in its place.
         stage: the objects; of its camera, field of view and size.
-        places: by the tasks' number.
-        name: of the object.
         tasks: those of the same place and variant follow each other.
 
     Raises:

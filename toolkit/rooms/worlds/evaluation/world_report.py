@@ -230,9 +230,6 @@ def write_results(folder: Path, results: WorldResults, kept: KeptFrames, about: 
     """Write predictions, cameras, figures, the report and last `summary.json`, each whole or not at all.
 
     Args:
-        folder: of the run.
-        results: what was found.
-        kept: the pictures that stay.
         about: further fields of the summary; its `notes` follow those of the results.
 
     Raises:

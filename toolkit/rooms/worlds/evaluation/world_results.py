@@ -45,27 +45,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class WorldResults:
-    """What the network said, and of what.
-
-    Attributes:
-        config: of the run.
-        classifier: who was asked.
-        item: the object.
-        true_index: its class.
-        stage: world, sky, camera, places and variants.
-        places: cameras at each place.
-        answers: by variant and weather, of all cameras of all places, in order.
-        renderer: the simulator that made the pictures; None of our own.
-    """
+    """What the network said, and of what."""
 
     config: WorldEvalConfig
-    classifier: Classifier
+    classifier: Classifier  # who was asked
     item: TableObject
-    true_index: int
-    stage: Stage
-    places: tuple[PlaceCameras, ...]
-    answers: dict[tuple[str, WeatherKey], ViewAnswers]
-    renderer: str | None = None
+    true_index: int  # its class
+    stage: Stage  # world, sky, camera, places and variants
+    places: tuple[PlaceCameras, ...]  # cameras at each place
+    answers: dict[tuple[str, WeatherKey], ViewAnswers]  # by variant and weather, of all cameras of all places, in order
+    renderer: str | None = None  # the simulator that made the pictures; None of our own
 
     @cached_property
     def variants(self) -> list[str]:

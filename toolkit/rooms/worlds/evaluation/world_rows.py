@@ -36,35 +36,24 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
 
 @dataclass(frozen=True)
 class HalfLost:
-    """Visibility at which a variant loses half of its accuracy, in a kind of weather.
+    """Visibility at which a variant loses half of its accuracy, in a kind of weather."""
 
-    Attributes:
-        variant, weather: names of the variant and of the kind of weather.
-        clear_top5: share with the truth among five guesses in clear air.
-        visibility_m: at which half of that is left; None where more is left in the densest that was run, or nothing
-            was recognised.
-        visibility_ci95: None at its lower end: not reached.
-        densest_m: least visibility that was run.
-        times: how many times the extinction of `unpatched` at its own half this variant stands before its half is
-            lost; a lower bound where `visibility_m` is None. None for `unpatched`, and where that has none.
-        times_ci95: infinite ends are None.
-        same_times: the same, up to where this variant is recognised as often as `unpatched` is at its half.
-        same_times_ci95: likewise.
-        same_is_bound, times_is_bound: whether the number is a lower bound.
-    """
-
-    variant: str
+    variant: str  # variant, weather: names of the variant and of the kind of weather
     weather: str
-    clear_top5: float
+    clear_top5: float  # share with the truth among five guesses in clear air
+    # at which half of that is left; None where more is left in the densest that was run, or nothing was recognised
     visibility_m: float | None
-    visibility_ci95: tuple[float | None, float | None] | None
-    densest_m: float
+    visibility_ci95: tuple[float | None, float | None] | None  # None at its lower end: not reached
+    densest_m: float  # least visibility that was run
+    # how many times the extinction of `unpatched` at its own half this variant stands before its half is lost; a lower
+    # bound where `visibility_m` is None. None for `unpatched`, and where that has none.
     times: float | None = None
-    times_ci95: tuple[float | None, float | None] | None = None
+    times_ci95: tuple[float | None, float | None] | None = None  # infinite ends are None
     times_is_bound: bool = False
+    # the same, up to where this variant is recognised as often as `unpatched` is at its half
     same_times: float | None = None
-    same_times_ci95: tuple[float | None, float | None] | None = None
-    same_is_bound: bool = False
+    same_times_ci95: tuple[float | None, float | None] | None = None  # likewise
+    same_is_bound: bool = False  # same_is_bound, times_is_bound: whether the number is a lower bound
 
     def as_json(self) -> dict[str, Any]:
         """An entry of `half_lost` of `summary.json`."""
@@ -115,7 +104,6 @@ def measure_half(
     """The half of a variant, alone and against the bare object.
 
     Args:
-        variant, kind: names.
         extinctions: (m,) 1/m, clear air first.
         shares: (1 + b, m) of what was seen, then of bootstrap samples.
         bare: the same of `unpatched`; None for itself, or without it.

@@ -64,27 +64,16 @@ UNIT_PICTURES = 256
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of whom.
-
-    Attributes:
-        item: the object.
-        stage: world, sky, camera, places and variants.
-        places: the cameras at each place.
-        classifier: who is asked.
-        true_index: class of the object.
-        weathers: that every frame is seen in.
-        batch_size: pictures that are gathered for a pass.
-        shots: pictures that a simulator made, if a simulator was used.
-    """
+    """What is asked of whom."""
 
     item: TableObject
-    stage: Stage
-    places: tuple[PlaceCameras, ...]
-    classifier: Classifier
-    true_index: int
-    weathers: tuple[WeatherKey, ...]
-    batch_size: int | None
-    shots: ShotFrames | None = None
+    stage: Stage  # world, sky, camera, places and variants
+    places: tuple[PlaceCameras, ...]  # the cameras at each place
+    classifier: Classifier  # who is asked
+    true_index: int  # class of the object
+    weathers: tuple[WeatherKey, ...]  # that every frame is seen in
+    batch_size: int | None  # pictures that are gathered for a pass
+    shots: ShotFrames | None = None  # pictures that a simulator made, if a simulator was used
 
     def tasks(self) -> list[PictureTask]:
         """Every frame in every weather; those of a place and variant follow each other."""
@@ -132,10 +121,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
 
     Args:
-        asked: what, of whom.
-        log: of answers.
         kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
-        engine: does the units.
 
     Raises:
         ToolkitError: no camera is left, or the disk is full.
@@ -193,15 +179,10 @@ def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey
 
 
 class Rendered(NamedTuple):
-    """Frames of our own renderer.
+    """Frames of our own renderer."""
 
-    Attributes:
-        stage: what is rendered.
-        light: on what stands around, worked out once by the driver.
-    """
-
-    stage: Stage
-    light: BakedLight
+    stage: Stage  # what is rendered
+    light: BakedLight  # on what stands around, worked out once by the driver
 
     def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """See `render_frames`."""
@@ -214,15 +195,10 @@ AnsweredFrame = tuple[dict[str, RankedAnswer], dict[str, bytes]]
 
 
 class Setup(NamedTuple):
-    """What all units of a run need.
+    """What all units of a run need."""
 
-    Attributes:
-        source: of the pictures.
-        classifier, true_index, batch_size: see `Asked`.
-    """
-
-    source: FrameSource
-    classifier: Classifier
+    source: FrameSource  # of the pictures
+    classifier: Classifier  # classifier, true_index, batch_size: see `Asked`
     true_index: int
     batch_size: int | None
 
@@ -264,19 +240,13 @@ LONGEST_NAME = 90
 
 @dataclass(frozen=True)
 class WorldRun:
-    """What a run found, and where it is.
+    """What a run found, and where it is."""
 
-    Attributes:
-        results: the answers and what they were given to.
-        files: what was written.
-        computed, kept: answers that were computed now, and taken from before.
-        failed: (what, reason) of pictures that could not be made or answered; the next run tries them again.
-    """
-
-    results: WorldResults
-    files: WorldFiles
-    computed: int
+    results: WorldResults  # the answers and what they were given to
+    files: WorldFiles  # what was written
+    computed: int  # computed, kept: answers that were computed now, and taken from before
     kept: int
+    # (what, reason) of pictures that could not be made or answered; the next run tries them again
     failed: tuple[tuple[str, str], ...] = ()
 
 
@@ -290,8 +260,6 @@ def evaluate_world(
 
     Args:
         workspace: whose objects, patches and textures are meant, and whose `eval/` is written to.
-        classifier: who is asked.
-        config: object, variants, world, cameras and weathers.
         engine: where frames are rendered and answered; by default in this process.
 
     Raises:
