@@ -33,7 +33,7 @@ class Graphics:
 
 
 def find_graphics() -> Graphics:
-    """Return the interface of the installed Open3D, or of the one that this Python would get."""
+    """Return the interface of the installed Open3D, or of the version for this Python."""
     try:
         has_vulkan = [*map(int, version("open3d").split(".")[:2])] >= [0, 20]
     except PackageNotFoundError:
@@ -44,7 +44,7 @@ def find_graphics() -> Graphics:
 @lru_cache(maxsize=1)
 def graphics_trouble() -> str | None:
     """Return why Filament's graphics interface does not start without a screen, in a few words, or None if it does."""
-    # in a process of its own: a driver that crashes takes only that one down, and none meets torch's libraries here
+    # in another process: a driver that crashes ends that process alone, and no driver meets torch's libraries here
     done = run_python("from toolkit.rig.graphics import find_graphics; print(find_graphics().start())")
     if done.returncode < 0:
         return f"{find_graphics().name}'s driver crashed (signal {-done.returncode})"

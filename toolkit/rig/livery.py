@@ -30,7 +30,7 @@ from toolkit.rig.wrapped import fill_canvas
 LEVEL = 0.35
 """A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
 ASPECT = 0.02
-"""Relative difference of two pictures' width / height from which they are not of one form."""
+"""Relative difference of two pictures' width / height from which their forms differ."""
 SAMPLES = 3
 """A texel of a pattern is looked up in so many places across and up."""
 
@@ -41,7 +41,7 @@ class Livery:
 
     mesh: Mesh  # the object, with the picture in place of its paint
     record: PictureRecord  # of the picture
-    is_trained: bool  # whether it is a texture or a wrap of the kit; else people made it
+    is_trained: bool  # whether the toolkit trained it; else people made it
 
 
 def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: str = "picture") -> Livery:
@@ -57,14 +57,15 @@ def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: 
             for another object; the object's coordinates carry no single picture.
     """
     file = Path(file)
-    folder = file.parent if file.name == RECORD_FILE else file
+    folder, beside = file.parent if file.name == RECORD_FILE else file, file.with_suffix(".json")
     if folder.is_dir():
         wrap = read_wrap(folder)
         check_wrap(wrap, item)
         mesh = dress_mesh(item.mesh, wrap, fill_canvas(wrap, len(item.mesh.faces)))
         record = PictureRecord(name=wrap.record.name, sha256=wrap.record.map_sha256)
         livery = Livery(mesh, record, wrap.record.booster is not None)
-    elif _is_texture(file):
+    # a texture's record lies beside it; other programs may write a .json there, too
+    elif beside.is_file() and b'"uv_sha256"' in read_bytes(beside, MOST_RECORDED_BYTES):
         texture = read_texture(file)
         mesh = paint_object(item, texture, texture.pixels)
         livery = Livery(mesh, PictureRecord(name=file.name, sha256=texture.record.png_sha256), True)
@@ -87,12 +88,6 @@ def read_picture(file: Path, field: str) -> tuple[np.ndarray, PictureRecord]:
     except UnreadableImage as error:
         raise FieldError(f"cannot be used: {error.reason}", {field: file}) from None
     return pixels, PictureRecord(name=file.name, sha256=sha256_bytes(read_bytes(file, MOST_RECORDED_BYTES)))
-
-
-def _is_texture(file: Path) -> bool:
-    """Whether a texture's record lies beside a picture; other programs may write a .json there, too."""
-    record = file.with_suffix(".json")
-    return record.is_file() and b'"uv_sha256"' in read_bytes(record, MOST_RECORDED_BYTES)
 
 
 def _check_form(item: TableObject, pixels: np.ndarray, file: Path, field: str) -> None:

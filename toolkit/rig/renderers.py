@@ -1,4 +1,4 @@
-"""The table of renderers. What is not in it is unknown to every command; nothing heavy is loaded for it."""
+"""The table of renderers. Commands know the renderers in it alone; nothing heavy is loaded for it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,16 +71,12 @@ RENDERERS: dict[str, RendererKind] = {
     ),
 }  # fmt: skip
 RAYCAST = "raycast"
-"""The default, and the one that boosters are trained in."""
+"""The default, in which boosters are trained."""
 IN_WORLDS = tuple(name for name, kind in RENDERERS.items() if kind.draws_worlds)
 
 
 def check_renderer(name: str) -> str:
-    """Return the name of a renderer.
-
-    Raises:
-        ToolkitError: there is none of that name.
-    """
+    """Return the name of a renderer; raises a `ToolkitError` if there is none of that name."""
     if name not in RENDERERS:
         raise one_of("renderer", name, list(RENDERERS))
     return name
@@ -108,7 +104,7 @@ def make_renderer(
         stand: where in the scene it stands, by default at the origin.
 
     Raises:
-        ToolkitError: an unknown name, a renderer that cannot start here, or one that draws no worlds in a world.
+        ToolkitError: an unknown name, or a renderer that cannot start here or does not draw worlds.
     """
     from toolkit.rig.lighting import FULL_DETAIL
     from toolkit.rig.scene import AT_ORIGIN

@@ -34,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Stand:
-    """Where an object stands: its base's centre in the world, and its turn, counter-clockwise from above."""
+    """The place of an object: its base's centre in the world, and its turn, counter-clockwise from above."""
 
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
@@ -72,7 +72,7 @@ def illuminate(environment: np.ndarray, key: KeyLight) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scene:
-    """What an object is put into: the table-top studio, or a world out of doors.
+    """The surroundings of an object: the table-top studio, or a world out of doors.
 
     Raises:
         ToolkitError: both a table and surroundings.
@@ -95,11 +95,7 @@ class Scene:
             )
 
     def need_table(self) -> Table:
-        """The table.
-
-        Raises:
-            ToolkitError: there is none.
-        """
+        """The table; raises a `ToolkitError` if there is none."""
         if self.table is None:
             raise ToolkitError(f"the scene {self.name} has no table: take a studio's")
         return self.table

@@ -103,7 +103,7 @@ class LinearView:
     dark: np.ndarray  # (h, w, 3) float32 the object with a black material: gloss, and parts that keep their paint
     coverage: np.ndarray  # (h, w) float32 share of each pixel that shows the object
     pixel: np.ndarray  # (k,) int32 which pixel a sample of the material counts for, row · w + column
-    # (k, 2) float32 where it lies on the material's texture, u right and v up; outside [0, 1] that repeats
+    # (k, 2) float32 its place on the material's texture, u right and v up; outside [0, 1] that repeats
     uv: np.ndarray
     lod: np.ndarray  # (k,) float32 base-2 logarithm of the texture's texels per pixel there
     gain: np.ndarray  # (k, 3) float32 light that white texels bring to the pixel

@@ -1,4 +1,4 @@
-"""What a camera sees first: found by rays, or by drawing a mesh whose triangles are not many for the picture."""
+"""First hits of a camera's rays: by rays, or by drawing a mesh that has few triangles for the picture."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from toolkit.rig.kernel.frame import (
     take_nearer,
 )
 from toolkit.rig.kernel.raster import draw_triangles, project_corners
-from toolkit.rig.kernel.scene import LitMesh, View
+from toolkit.rig.kernel.scene import CameraView, LitMesh
 from toolkit.rig.kernel.textures import Colour
 from toolkit.rig.lighting import Shape
 
@@ -45,7 +45,7 @@ class LitBody:
         distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
         return Hits(distance, face, uv, np.full(len(face), self.number, np.uint8), np.full(len(face), -1, np.float32))
 
-    def draw(self, view: View, samples: Samples) -> Hits:
+    def draw(self, view: CameraView, samples: Samples) -> Hits:
         """First hits of samples, as `cast` finds them."""
         count = _count(samples)
         hits = Hits(
@@ -64,7 +64,7 @@ class LitBody:
         draw_triangles(faces, corners, screen, view, samples, slot=slot, furthest=furthest, later=later, hits=hits)
         return hits
 
-    def see(self, view: View, samples: Samples) -> Hits:
+    def see(self, view: CameraView, samples: Samples) -> Hits:
         """First hits of samples, the cheaper way."""
         # drawing costs by the triangle, rays by the sample
         if len(self.lit.faces) <= FACES_PER_SAMPLE * _count(samples):
@@ -93,7 +93,7 @@ class Tracer:
     others: LitBody | None  # its surroundings; None in a studio
     key: Colour  # unit direction to the key light
 
-    def trace(self, view: View, region: tuple[int, int, int, int]) -> TracedRegion:
+    def trace(self, view: CameraView, region: tuple[int, int, int, int]) -> TracedRegion:
         """Trace the pixels that can show a mesh, and again with four samples where edges need them.
 
         Args:
@@ -116,7 +116,7 @@ class Tracer:
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
         return TracedRegion(left, top, right, bottom, hits, refine, fine)
 
-    def see(self, view: View, samples: Samples, near: np.ndarray) -> Hits:
+    def see(self, view: CameraView, samples: Samples, near: np.ndarray) -> Hits:
         """First hits of samples; those of the part's pixels that are `near` (n,) bool may show the object."""
         if self.others is None:
             return self.body.see(view, samples)
@@ -143,7 +143,7 @@ def _count(samples: Samples) -> int:
     return len(samples.pixels) * len(samples.offsets)
 
 
-def _rays_of(view: View, samples: Samples) -> np.ndarray:
+def _rays_of(view: CameraView, samples: Samples) -> np.ndarray:
     rays = np.empty((_count(samples), 6), np.float32)
     fill_rays(view, samples, rays)
     return rays

@@ -22,7 +22,7 @@ GREY = 128
 class AppliedBooster(ABC):
     """A booster that is put on an object, such as the printed patch of the variant `patched`.
 
-    To add a kind, derive a class from this one, write a `find` function, and register both:
+    To add a kind, derive a class, write a `find` function, and register both:
 
         register(BoosterKind("banded", "band", find_band))
     """
@@ -37,11 +37,7 @@ class AppliedBooster(ABC):
 
     @abstractmethod
     def apply(self, item: TableObject) -> Mesh:
-        """Return the mesh to photograph.
-
-        Raises:
-            ToolkitError: the booster does not fit the object.
-        """
+        """Return the mesh to photograph; raises a `ToolkitError` if the booster does not fit the object."""
 
     @abstractmethod
     def describe(self, item: TableObject) -> dict[str, Any]:

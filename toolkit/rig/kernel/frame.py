@@ -9,9 +9,9 @@ from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.lanes import prefetch, weighted_sum
 from toolkit.rig.kernel.scene import (
     TILE,
+    CameraView,
     LitMesh,
     Surround,
-    View,
     all_inside,
     background,
     ray_through,
@@ -57,7 +57,7 @@ def fill_key_rays(
         hits: their `key_share` becomes 0.
         seen: (n, 6) float32 the rays that hit.
         key: unit direction to the light.
-        lift: the rays start so far above the surface, and one ten-thousandth of the distance.
+        lift: the rays start so far above the surface, and 1e-4 of the distance.
         which, rays: (n,) int32 and (n, 6) float32, are filled from the front with hits and their rays.
     """
     count = 0
@@ -99,7 +99,7 @@ class Samples(NamedTuple):
 def sample_place(samples: Samples, n: int) -> tuple[float, float]:
     """Pixel coordinates (x, y) of a sample."""
     shots, width = len(samples.offsets), samples.right - samples.left
-    # samples of one pixel lie side by side
+    # samples of a pixel lie side by side
     pixel, k = samples.pixels[n // shots], n % shots
     return (
         samples.left + pixel % width + 0.5 + samples.offsets[k, 0],
@@ -108,7 +108,7 @@ def sample_place(samples: Samples, n: int) -> tuple[float, float]:
 
 
 @kernel
-def fill_rays(view: View, samples: Samples, rays: np.ndarray) -> None:
+def fill_rays(view: CameraView, samples: Samples, rays: np.ndarray) -> None:
     """Fill (n, 6) float32 with rays through samples: origin, unit direction."""
     for n in range(len(rays)):
         x, y = sample_place(samples, n)
@@ -151,14 +151,14 @@ def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
 
 @kernel
 def describe_hits(
-    mesh: LitMesh, number: int, view: View, samples: Samples, hits: Hits, material: np.ndarray, normal: np.ndarray,
-    needed: np.ndarray,
+    mesh: LitMesh, number: int, view: CameraView, samples: Samples, hits: Hits, material: np.ndarray,
+    normal: np.ndarray, needed: np.ndarray,
 ) -> None:  # fmt: skip
     """Fill in what is seen of a mesh, for `mark_edges`; pixels on materials that are seen finely are marked.
 
     Args:
         mesh, number: the mesh, and its number in `Hits.mesh`.
-        samples: one in each pixel of a part.
+        samples: a single sample in each pixel of a part.
         material: (n,) int32, -1 where nothing is met.
         normal: (n, 3) float32 towards the camera.
         needed: (n,) bool, the marks.
@@ -172,11 +172,11 @@ def describe_hits(
                 continue
             face = int(hits.face[n])
             needed[n] = mesh.finely[mesh.faces[face].material]
-            # one number for both: neighbours of different meshes never count as alike
+            # a number for both: neighbours of different meshes never count as alike
             material[n] = 2 * mesh.faces[face].material + number
             x, y, z = surface_normal(mesh, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
             dx, dy, dz = ray_through(view, column + 0.5, row + 0.5)
-            # so that two sides of one sheet seen from one side make no crease
+            # so that both sides of a sheet make no crease
             sign = -1.0 if x * dx + y * dy + z * dz > 0 else 1.0
             normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
 
@@ -227,7 +227,7 @@ class TracedRegion(NamedTuple):
 
 @kernel
 def paint_background(
-    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
+    around: Surround, view: CameraView, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
     apart: bool,
 ) -> None:  # fmt: skip
     """Add table and room to a picture (h · w, 3) float32, in exposure units, where the object leaves some to be seen.
@@ -265,7 +265,7 @@ def paint_background(
 
 
 class Linear(NamedTuple):
-    """Where the object's part of a linear view is written; see `toolkit.rig.shading.LinearView`."""
+    """Output of the object's part of a linear view; see `toolkit.rig.shading.LinearView`."""
 
     coverage: np.ndarray  # (h · w,) float32
     # pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where no
@@ -278,7 +278,7 @@ class Linear(NamedTuple):
 
 @kernel
 def paint_mesh(
-    around: Surround, mesh: LitMesh, number: int, view: View, part: TracedRegion, picture: np.ndarray, out: Linear
+    around: Surround, mesh: LitMesh, number: int, view: CameraView, part: TracedRegion, picture: np.ndarray, out: Linear
 ) -> int:
     """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
 

@@ -1,4 +1,4 @@
-"""What the kernels ask of a processor that Python has no word for: four numbers at a time, the bits of a number."""
+"""Processor instructions that Python has no word for: four numbers at a time, the bits of a number."""
 
 import math
 from collections.abc import Callable

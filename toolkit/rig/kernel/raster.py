@@ -1,4 +1,4 @@
-"""First hits of a camera's rays by drawing one triangle after another: cheaper where there are not many of them."""
+"""First hits of a camera's rays by drawing triangle after triangle: cheaper if there are not many."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.rig.kernel.compiled import exact, kernel
 from toolkit.rig.kernel.frame import SUBPIXELS, Hits, Samples, sample_place
-from toolkit.rig.kernel.scene import View, ray_through
+from toolkit.rig.kernel.scene import CameraView, ray_through
 from toolkit.rig.kernel.textures import Colour
 
 
@@ -33,7 +33,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
 
 @exact
 def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
-    """What is 0 on the line from a to b, times x, y and 1 of a pixel; from b to a it is exactly its opposite."""
+    """Factors of x, y and 1 whose sum is 0 on the line from a to b; from b to a they are exactly the opposite."""
     # the cross product of two homogeneous points is the line through them; in `exact` code, so that triangles that
     # share an edge leave no gap between them
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
@@ -49,7 +49,7 @@ def _range(a: float, b: float, c: float) -> tuple[float, float]:
 
 @exact
 def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float, float]:
-    """What is left of a range of columns where start + slope · column is not below 0."""
+    """The part of a range of columns where start + slope · column is not below 0."""
     # solved for the column: the half-plane cuts the range at -start / slope, on the side that the slope says
     if slope > 0:
         return max(low, -start / slope), high
@@ -195,14 +195,14 @@ def _draw(
 
 @kernel
 def draw_triangles(
-    faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: View, samples: Samples, slot: np.ndarray,
+    faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: CameraView, samples: Samples, slot: np.ndarray,
     furthest: np.ndarray, later: np.ndarray, hits: Hits,
 ) -> None:  # fmt: skip
     """First hits of samples.
 
-    A sample belongs to a triangle where the three edge functions have one sign; they are homogeneous, so that triangles
-    that reach behind the camera need no cutting (Olano and Greer, 1997). Those that turn their back are drawn last,
-    when most of them are hidden.
+    A sample belongs to a triangle if the three edge functions have the same sign. They are homogeneous: triangles that
+    reach behind the camera need no cutting (Olano and Greer, 1997). Those that turn their back are drawn last, when
+    most of them are hidden.
 
     Args:
         faces: (m, 3) of the mesh.
@@ -247,7 +247,7 @@ def draw_triangles(
             of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
             # the triple product of the corners: six times the volume of the tetrahedron with the camera, signed
             volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
-            # one sign for both sides, so that inside is always positive
+            # the same sign for both sides, so that inside is always positive
             if volume < 0:
                 volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)
             if volume > 0:

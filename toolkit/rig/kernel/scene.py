@@ -22,8 +22,8 @@ FACE = np.dtype(
         ("steps", np.int32), ("first", np.int64),
     ]
 )  # fmt: skip
-"""A triangle, all in one place of memory: its corners, material, texels per unit of length, and where its stored light
-begins and how fine it is."""
+"""A triangle, all in the same place of memory: its corners, material, texels per unit of length, and where its stored
+light begins and how fine it is."""
 
 
 class LitMesh(NamedTuple):
@@ -46,7 +46,7 @@ class LitMesh(NamedTuple):
 
 
 class Surround(NamedTuple):
-    """What stands around the object, and the light."""
+    """The surroundings of the object, and the light."""
 
     backdrop: np.ndarray  # (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count
     # four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it
@@ -57,7 +57,7 @@ class Surround(NamedTuple):
     exposure: float  # factor of the picture
     lamps: float  # radiance of a surface whose emission is 1
     has_table: bool  # whether there is a table at z = 0
-    table: Texels  # its one texture
+    table: Texels  # its texture
     table_size: tuple[float, float]  # along x and y
     table_roughness: float  # of the table
     ground_light: LightMap  # irradiance of the table; out of doors by how much the object dims the sky's on the ground
@@ -65,7 +65,7 @@ class Surround(NamedTuple):
     ground_reach: float  # and how far above or below it that still holds; 0 on a table
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """A camera in its place."""
 
     rotation: Rotation  # rows of the rotation from camera to world
@@ -91,7 +91,7 @@ def as_rotation(matrix: np.ndarray) -> Rotation:
 
 
 @inlined
-def ray_through(view: View, x: float, y: float) -> Colour:
+def ray_through(view: CameraView, x: float, y: float) -> Colour:
     """The direction through a pixel, in the world; its part along the camera's axis is 1."""
     # the pinhole model backwards: d = R K^-1 (x, y, 1); left without unit length, so that depth stays a simple factor
     a, b, r = (x - view.cx) * (1 / view.fx), (y - view.cy) * (1 / view.fy), view.rotation
@@ -110,7 +110,7 @@ def _rough_level(roughness: float) -> int:
 
 @inlined
 def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
-    """What the lit table sends out at (x, y)."""
+    """Radiance of the lit table at (x, y)."""
     # the texture spans the table once, its middle at the world's origin
     u, v = x * (1 / around.table_size[0]) + 0.5, y * (1 / around.table_size[1]) + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
@@ -125,10 +125,10 @@ TILE = 8
 
 
 @kernel
-def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
+def fill_sheen(around: Surround, view: CameraView, sheen: np.ndarray) -> None:
     """Fill (h, w, 4) float32 every `TILE` pixels from the first.
 
-    What the table mirrors of the room, and the base-2 logarithm of its texels per pixel.
+    Light of the room that the table mirrors, and the base-2 logarithm of its texels per pixel.
     """
     roughness = around.table_roughness
     mirrored = around.mirrored[_rough_level(roughness)]
@@ -154,7 +154,7 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
 
 @inlined
 def background(
-    around: Surround, view: View, edges: np.ndarray, shine: tuple[float, float, float, float],
+    around: Surround, view: CameraView, edges: np.ndarray, shine: tuple[float, float, float, float],
     pixel: tuple[int, int], inside: bool,
 ) -> Colour:  # fmt: skip
     """Radiance of table and room in a pixel (row, column).
@@ -170,7 +170,7 @@ def background(
     cover = 1.0
     if not inside:
         for k in range(4):
-            # share of the pixel on the inner side of the nearest edge: a box filter of one pixel
+            # share of the pixel on the inner side of the nearest edge: a box filter of a pixel
             cover = min(cover, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] + 0.5)
         cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
@@ -190,11 +190,11 @@ def background(
 
 
 @kernel
-def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
+def find_table_edges(around: Surround, view: CameraView, edges: np.ndarray) -> None:
     """Fill (4, 3): a pixel (x, y) lies a · x + b · y + c pixels on the inner side of each of the table's edges.
 
-    Each edge is a straight line in the picture: a ray d from p meets the table on the inner side of x = half where
-    (half - p_x)·(-d_z) - p_z·d_x > 0, and likewise for the others. None is inside where there is no table.
+    Each edge is a straight line in the picture. A ray d from p meets the table inside of x = half if (half -
+    p_x)·(-d_z) - p_z·d_x > 0; likewise for the others. None is inside where there is no table.
     """
     r = view.rotation
     for k in range(4):
@@ -253,7 +253,7 @@ def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour
     corner, t = mesh.faces[face], mesh.turn
     a, b, c, weights = 5 * int(corner.a), 5 * int(corner.b), 5 * int(corner.c), (1 - u - v, u, v)
     x, y, z, texture_u = weighted_sum(mesh.corners, (a, b, c), weights)
-    # four lanes hold normal and u; v is the fifth number, read by starting one place later
+    # four lanes hold normal and u; v is the fifth number, read by starting a place later
     texture_v = weighted_sum(mesh.corners, (a + 1, b + 1, c + 1), weights)[3]
     # blended normals are shorter than 1; a rotation keeps their length, so one division serves
     scale = 1 / max(math.sqrt(x * x + y * y + z * z), 1e-9)
@@ -266,7 +266,7 @@ def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour
 
 
 class Seen(NamedTuple):
-    """What a sample shows: radiance, and where a texture is left out, by how much it counts and where it is read."""
+    """Radiance of a sample; for a texture that is left out, its weight and where it is read."""
 
     colour: Colour
     gain: Colour
@@ -277,7 +277,7 @@ class Seen(NamedTuple):
 
 @inlined
 def shade(
-    around: Surround, mesh: LitMesh, view: View, pixel: tuple[float, float],
+    around: Surround, mesh: LitMesh, view: CameraView, pixel: tuple[float, float],
     hit: tuple[int, float, float, float, float],
 ) -> Seen:  # fmt: skip
     """The light that a point of a mesh sends to the camera.
@@ -307,7 +307,7 @@ def shade(
     if not left_out:
         albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
     point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
-    # 3. light that arrives, and what becomes of it: a diffuse part (Lambert, albedo / pi) and a mirrored one
+    # 3. light that arrives, and what becomes of it: a diffuse part (Lambert, albedo / pi) and a mirrored part
     red, green, blue, key_share, room_share = _arriving(around, mesh, (face, u, v, key_share), point, (nx, ny, nz))
     roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
     # glTF's metallic-roughness model: a metal has no diffuse part, and mirrors in its own colour
@@ -324,7 +324,7 @@ def shade(
     colour = (
         albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
     )  # fmt: skip
-    # lamps and lit windows give off light of their own, whatever falls on them
+    # lamps and lit windows give off light, whatever falls on them
     glow = mesh.glow[material]
     if glow >= 0:
         given = sample_texture(mesh.glow_texels, int(glow), float(tu), float(tv), lod + mesh.glow_lod[material], True)
@@ -363,7 +363,7 @@ def _arriving(
 def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Stored light: irradiance RGB, share of the key light, share of the room."""
     a, b, c, wb, wc = find_samples(int(mesh.faces[face].steps), u, v)
-    # five numbers for each sample: as with corners, the fifth is read by starting one place later
+    # five numbers for each sample: as with corners, the fifth is read by starting a place later
     start, wa, s = mesh.faces[face].first, 1 - wb - wc, mesh.stored
     a, b, c, weights = 5 * (start + a), 5 * (start + b), 5 * (start + c), (wa, wb, wc)
     red, green, blue, key_share = weighted_sum(s, (a, b, c), weights)

@@ -12,7 +12,7 @@ Colour = tuple[float, float, float]
 
 
 class Texels(NamedTuple):
-    """Pyramids of several textures in one array."""
+    """Pyramids of several textures in an array."""
 
     # (n + 1, 3) uint16 linear light, 65535 is 1; level by level, row by row; the last is none of theirs
     values: np.ndarray
@@ -24,7 +24,7 @@ class Texels(NamedTuple):
 
 
 Corners = tuple[tuple[int, int, int, int], tuple[float, float, float, float]]
-"""Where the four colours around a place begin in an array of numbers, and how much each counts."""
+"""Starts of the four colours around a place in an array of numbers, and the weight of each."""
 
 
 @inlined
