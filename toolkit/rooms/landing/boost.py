@@ -231,11 +231,13 @@ def compare_pads(
     config: BoostConfig, regressor: Regressor, pads: Sequence[Pad], seed: int
 ) -> dict[str, dict[str, float]]:
     """Mean error as a share of the height, by pad and weather, on photographs of new cameras and places."""
+    # a stream of its own: none of these views was trained on
     plan = plan_views(config.with_overrides(views=COMPARED), regressor, pads[0], seed, own=3_000_017)
     weathers = [("clear", 0), *((name, severity) for name, severity in config.weathers if severity in (1, 3, 5))]
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:
         for pad in pads:
+            # the same places and light with this pad
             worn = {id(view.site): view.site.with_pad(pad) for view in plan}
             found[pad.name] = {}
             for weather in weathers:
@@ -252,7 +254,7 @@ def compare_pads(
 
 
 def describe_boosted(boosted: Boosted) -> dict[str, Any]:
-    """What a script is told."""
+    """The result for a script."""
     return {
         "pad": str(boosted.file), "pdf": str(boosted.pdf), "pages": boosted.pages, "was_finished": boosted.was_finished,
         "errors": boosted.errors, "final": boosted.patch.record.final,

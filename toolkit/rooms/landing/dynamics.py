@@ -1,6 +1,6 @@
 """A quadrotor as a rigid body, many at a time, with the numbers of AirSim's SimpleFlight vehicle.
 
-Frames: the world is z up, metres; the body is x forward, y left, z up. Arrays hold one column per vehicle.
+Frames: the world is z up, metres; the body is x forward, y left, z up. Arrays hold a column per vehicle.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ ROTOR_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Multirotor:
-    """What a vehicle weighs and how it pushes air; the defaults are AirSim's generic quadrotor."""
+    """Masses, thrust and drag of a vehicle; the defaults are AirSim's generic quadrotor."""
 
     mass_kg: float = 1.0  # of the whole
     arm_m: float = 0.2275  # from the middle to each rotor, the arms at 45°
@@ -57,7 +57,7 @@ class Multirotor:
 
     @property
     def hover_signal(self) -> float:
-        """Share of full thrust that carries its weight."""
+        """Share of full thrust that balances its weight."""
         return self.mass_kg * GRAVITY / (4 * self.thrust_n)
 
 
@@ -66,7 +66,7 @@ SIMPLE_FLIGHT = Multirotor()
 
 @dataclass(frozen=True)
 class MultirotorState:
-    """Where n vehicles are and how they move; float64."""
+    """Places and motions of n vehicles; float64."""
 
     position: np.ndarray  # position, velocity: (3, n) in the world, metres and m/s
     velocity: np.ndarray
@@ -76,7 +76,7 @@ class MultirotorState:
 
     @classmethod
     def at(cls, position: np.ndarray, yaw_rad: np.ndarray, signal: float) -> "MultirotorState":
-        """At rest and level at (3, n) positions, turned by (n,) yaw, all rotors at one signal."""
+        """At rest and level at (3, n) positions, turned by (n,) yaw, all rotors at the same signal."""
         count = position.shape[1]
         attitude = np.zeros((4, count))
         # the unit quaternion of a turn about z: (cos(a / 2), 0, 0, sin(a / 2))

@@ -35,7 +35,7 @@ NaN where it was not found."""
 
 
 class Ground(Protocol):
-    """What a drone can touch."""
+    """The ground and obstacles of a flight."""
 
     def height_below(self, points: np.ndarray) -> np.ndarray:
         """(n,) height of the first surface under points (n, 3), metres; -inf where there is none."""
@@ -63,7 +63,7 @@ class FlatGround:
 
 @dataclass(frozen=True)
 class EpisodeDraws:
-    """What episode `index` of a seed meets; it depends on these two alone."""
+    """Random conditions of episode `index` of a seed; they depend on these two alone."""
 
     offset: np.ndarray  # (3,) of the start from the pad's centre, metres, in the world
     yaw_rad: float  # its heading, held throughout
@@ -78,7 +78,7 @@ class EpisodeDraws:
         rng = draws.of("start")
         height, angle = rng.uniform(*config.start_height_m), np.radians(rng.uniform(*config.start_angle_deg))
         around, yaw = rng.uniform(0, 2 * np.pi, 2)
-        # the start lies on a cone that stands on the pad
+        # the start is on a cone that stands on the pad
         aside = height * np.tan(angle)
         rng = draws.of("wind")
         speed, bearing = rng.uniform(*config.wind_m_s), rng.uniform(0, 2 * np.pi)
@@ -102,10 +102,10 @@ class EpisodeDraws:
 
 @dataclass
 class Episode:
-    """How one episode went."""
+    """How an episode went."""
 
     index: int
-    outcome: str = FLYING  # one of `OUTCOMES`, or `FLYING`
+    outcome: str = FLYING  # from `OUTCOMES`, or `FLYING`
     error_m: float | None = None  # distance of its end from the pad's centre, level; None where it never came down
     time_s: float = 0.0  # how long it took
     path_m: float = 0.0  # length of its way

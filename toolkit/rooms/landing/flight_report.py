@@ -1,4 +1,4 @@
-"""What flights show: success with intervals per cell and paired tests, as files, figures, one HTML page and a film."""
+"""Results of flights: success with intervals per cell and paired tests, as files, figures, a page and a film."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ class PairResult:
 
     @property
     def other(self) -> str:
-        """What is different in `against`: `pad plain`, or `pad plain, regressor net`."""
+        """Differences of `against`: `pad plain`, or `pad plain, regressor net`."""
         names = ("pad", "regressor", "gains")
         theirs = {name: getattr(self.against, name) for name in names}
         return ", ".join(f"{name} {value}" for name, value in theirs.items() if value != getattr(self.cell, name))
@@ -127,7 +127,7 @@ def group_cells(flown: Flown) -> list[CellResult]:
 def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
     """Each pad against the first, each regressor against the first on the same pad, each gains against the first.
 
-    Where pad and regressor are both others, as for a regressor trained on a boosted pad, also against both first.
+    If pad and regressor both differ, as for a regressor trained on a boosted pad, also against both first.
     """
     known = {result.cell: result for result in results}
     pairs = []
@@ -193,7 +193,7 @@ def _to_csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def describe_success(config: EpisodeConfig) -> str:
-    """What counts as what, and how often the camera looks."""
+    """The definitions of outcomes, and how often the camera looks."""
     return f"{config.describe()}; {config.camera_hz:g} pictures a second, {1000 * config.latency_s:g} ms late"
 
 
@@ -261,7 +261,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     panels = figure.subplots(2 * bands, columns, squeeze=False)
     for panel in panels.flat:
         panel.set_visible(False)
-    # one range for all, so that a wide track looks wide
+    # the same range for all, so that a wide track looks wide
     flown = [np.array(record.track) for result in some for record in result.records if record.track] or [
         np.zeros((1, 3))
     ]
@@ -383,11 +383,7 @@ class Film:
         return file.getvalue()
 
     def write(self, path: Path) -> Path:
-        """Write an MP4.
-
-        Raises:
-            ToolkitError: this build of OpenCV writes no MP4.
-        """
+        """Write an MP4; raises a `ToolkitError` if this build of OpenCV writes no MP4."""
         height, width = self.frames.shape[1:3]
         with TemporaryDirectory() as folder:
             made = Path(folder) / "film.mp4"

@@ -104,7 +104,7 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
 
 @dataclass(frozen=True)
 class TrainedRegressor:
-    """What a run made."""
+    """Results of a training run."""
 
     file: Path  # file, regressor: the weights, and them loaded
     regressor: Regressor
@@ -315,7 +315,7 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
-    """What a record says of the data: of a set, or of each below `sets`."""
+    """The data in a record: of a set, or of each below `sets`."""
     rows = [
         {INPUTS: loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
          "world_seed": loaded.about.world_seed, "places": loaded.about.places}
@@ -384,7 +384,7 @@ def export_onnx(regressor: Regressor, file: Path) -> Path:
 
 
 def describe_trained(trained: TrainedRegressor) -> dict[str, Any]:
-    """What a script is told."""
+    """The result for a script."""
     return {
         "regressor": str(trained.file), "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
         "record": trained.regressor.record.model_dump(mode="json"),
