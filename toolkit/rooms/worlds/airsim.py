@@ -89,11 +89,7 @@ class Connection:
     """
 
     def __init__(self, host: str, port: int, where: str, timeout_s: float = 60.0) -> None:
-        """Connect.
-
-        Raises:
-            ToolkitError: msgpack is not installed, or nobody answers.
-        """
+        """Connect; raises a `ToolkitError` if msgpack is not installed, or nobody answers."""
         try:
             import msgpack
         except ImportError as error:
@@ -261,7 +257,7 @@ def _number(value: object) -> float:
 
 
 def show(found: object) -> str:
-    """What a server said, in a few words, however much it is."""
+    """A server's answer in a few words, however long it is."""
     return reprlib.repr(found)
 
 
@@ -285,7 +281,7 @@ def read_fields(found: object, where: str) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Address:
-    """Where a simulator listens, and what in it is used."""
+    """A simulator's server, and what is used of it."""
 
     host: str  # host, port: of its server
     port: int = PORT
@@ -328,7 +324,7 @@ class Address:
 
 @dataclass(frozen=True)
 class SimulatorShot:
-    """What a simulator's camera saw."""
+    """Pictures of a simulator's camera."""
 
     picture: np.ndarray  # (h, w, 3) uint8 sRGB
     depth_m: np.ndarray  # (h, w) float32 along each ray, inf where it met nothing
@@ -415,7 +411,7 @@ class AirSim:
             self._wait_until_paused()
 
     def number_things(self) -> None:
-        """Give everything one colour in segmentations, so that the object's own is alone; Cosys-AirSim's are anyway."""
+        """Give all things one segmentation colour, so that only the object differs; Cosys-AirSim does this itself."""
         if not self.is_cosys:
             self._call("simSetSegmentationObjectID", r"[\w]*", 0, True)
 

@@ -29,7 +29,7 @@ SUN_GAP_DEG = (5.0, 16.0)
 
 @dataclass(frozen=True)
 class CloudLayer:
-    """What clouds do to rays, a row of (n,) for each."""
+    """Effects of clouds on rays, each (n,)."""
 
     passed: np.ndarray  # (n,) share of the sky's light behind them that passes
     sunlit: np.ndarray  # (n,) share of a white surface's light that they send from the sun
@@ -140,7 +140,7 @@ def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.r
     angle = rng.uniform(0, np.pi)
     x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
     along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
-    # drawn out along one direction, as wind does with ice
+    # drawn out along a direction, as wind does with ice
     streaks = sample_noise(levels, 0.35 * along, 1.6 * across, lod)
     wisps = sample_noise(levels, 1.1 * x, 1.1 * y, lod)
     return 0.45 * np.clip(2.2 * (streaks * wisps - 0.75 + 0.6 * amount), 0, 1)

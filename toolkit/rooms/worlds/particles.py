@@ -1,4 +1,4 @@
-"""What falls or flies before a camera that knows depth, drop by drop: rain, flakes, grains of sand.
+"""Particles before a camera with depth, drop by drop: rain, flakes, grains of sand.
 
 A particle of diameter D at distance z, in focus or not, moving while the shutter is open, shades π/4 (fD/z)² pixels in
 full. That is spread over the streak it draws. Those too faint to be told from the veil of all the others are not drawn.
@@ -76,7 +76,7 @@ class DepthView:
 
 @dataclass(frozen=True)
 class AffineLight:
-    """What weather makes of linear light: `factor · light + offset`, whatever the light; so a gradient is `factor`."""
+    """Effect of weather on linear light: `factor · light + offset`, whatever the light; so a gradient is `factor`."""
 
     factor: np.ndarray  # (h, w, 1 or 3) float32 in [0, 1]
     offset: np.ndarray  # (h, w, 3) float32, in the unit of the airlight that it was made with

@@ -1,4 +1,4 @@
-"""Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather; a film."""
+"""Pictures of a world with or without an object: rendered once, seen in all weathers; a film."""
 
 import contextlib
 import secrets
@@ -84,9 +84,9 @@ def find_depths(
     world: World, sky: Sky, view: tuple[Camera, np.ndarray], found: Mapping[str, np.ndarray],
     weathers: Sequence[tuple[str, int]],
 ) -> DepthView:  # fmt: skip
-    """What weathers need to know of a view: depth, for rain and snow the ground, for snow which way surfaces face.
+    """Inputs of weathers for a view: depth, for rain and snow the ground, for snow the surfaces' normals.
 
-    Rain makes no water darker and no snow lies on it; nor does snow lie on the object.
+    Rain does not darken water, and snow covers neither water nor the object.
 
     Args:
         found: buffers of the same view, see `Renderer.render_with_depth`.
@@ -130,11 +130,12 @@ def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
         for frame in frames:
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
         writer.release()
+        # OpenCV reports no failed write, so the frames are counted
         found = count_frames(partial)
         if found != count:
             raise ToolkitError(
                 f"cannot write {path}: of {count} frames {found} can be read back: is the disk full? Free some space "
-                "and run the same command again, it goes on where it stopped"
+                "and run the same command again to resume"
             )
         return move_file(partial, path, path.parent)
     finally:

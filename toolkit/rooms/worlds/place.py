@@ -23,7 +23,7 @@ FAN_DIRECTIONS = 96
 ABOVE_M = 1.0
 """Rays that look for what an object stands on start so far above its spot: below awnings, above kerbs."""
 CONTACT = 1e-3
-"""Vertices that carry an object lie within this share of its length above its base."""
+"""An object stands on its vertices within this share of its length above its base."""
 KERB_M = 0.3
 
 

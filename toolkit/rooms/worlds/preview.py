@@ -138,12 +138,14 @@ def spread_labels(
         sizes: (width, height) of each label, pixels.
         within: width and height of the picture, which no label leaves.
     """
+    # candidates: the wanted place, then 24 on each ring of growing radius
     turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rings = np.concatenate([np.zeros((1, 2)), *(radius * circle for radius in range(8, 200, 8))])
     middles, halves = np.zeros((0, 2)), np.array(sizes).reshape(-1, 2) / 2
     for (x, y), half in zip(wanted, halves, strict=True):
         tried = np.clip(rings + (x, y), half, np.maximum(np.array(within) - half, half))
+        # rectangles are apart if they are apart along x or along y
         apart = np.abs(tried[:, None] - middles) >= halves[: len(middles)] + half
         free = apart.any(axis=2).all(axis=1)
         middles = np.vstack([middles, tried[int(np.argmax(free))]])
@@ -213,7 +215,7 @@ class PreviewSettings:
 
 @dataclass(frozen=True)
 class PreviewResult:
-    """What lies in the folder now."""
+    """The folder and its files."""
 
     folder: Path  # of all
     made: list[str]  # made, kept: names of the files made by this call, and of those that were there
@@ -411,7 +413,7 @@ def _light(show: _Show, sky: Sky) -> Renderer:
 
 
 def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> Iterator[tuple[_Job, bytes | None]]:
-    """The content of files of one view; None where it is written already."""
+    """The content of files of a view; None where it is written already."""
     first = jobs[0]
     sky = show.skies[first.sky]
     if first.kind == "picture":
@@ -431,7 +433,7 @@ def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> It
 
 
 def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
-    """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
+    """Frames first, each in a file, so that an interrupted film resumes; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
     poses = show.flight.poses(show.settings.frames)
@@ -441,6 +443,7 @@ def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     for k, light in zip(todo, renderer.render_many((camera, poses[k]) for k in todo), strict=True):
         write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))
         advance(FRAME - 1)
+    # left by a killed run
     for old in show.folder.glob(".*.partial.mp4"):
         delete_file(old)
 
@@ -466,7 +469,7 @@ def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool
 
 
 def _read_record(folder: Path) -> dict[str, tuple[str, str]]:
-    """What an earlier call made; nothing where its record is damaged, for all can be made again."""
+    """Files of an earlier call; none if its record is damaged, for all can be made again."""
     file = folder / RECORD
     if not file.is_file():
         return {}

@@ -1,8 +1,8 @@
-"""Where cameras see much of a world: still ones in the street, at roofs and in the air, and a flight through it.
+"""Cameras that see much of a world: in the street, at roofs and in the air, and a flight through it.
 
-Places of still ones are drawn by the seed, what is seen from each is found with few rays, and the best are taken. The
-flight goes down from the air, along the streets, and up again; its way is found on a grid of places and heights whose
-distance from the nearest surface is known.
+Places of still cameras are drawn by the seed, what is seen from each is found with few rays, and the best are taken.
+The flight goes down from the air, along the streets, and up again. Its way is found on a grid of places and heights
+with known distances from surfaces.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from toolkit.rooms.worlds.world import STANDING, SceneClass, World
 
 FOV_DEG = 68.0
 PROBE = Camera.from_fov(32, 18, FOV_DEG)
-"""What each place is judged by."""
+"""The camera that judges each place."""
 YAWS = 8
 HEADROOM_M = 1.2
 """A camera keeps so far from everything."""

@@ -1,9 +1,9 @@
 """Views in a world to train on: random places, turns, skies and cameras, ahead of who uses them.
 
-None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle; here position,
-roll, field of view and aim are drawn from continuous ranges, and so are place and turn of the object. By default the
-world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are
-left out while there are others.
+None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle. Here position,
+roll, field of view and aim are drawn from continuous ranges, and so are the object's place and turn. By default the
+world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are left
+out while there are others.
 """
 
 from collections.abc import Sequence
@@ -109,7 +109,7 @@ class WorldSetting:
         return [spot for spot in spots if spot not in held_out] or spots, held_out
 
     def record(self, meshes: Sequence[Mesh]) -> dict[str, Any]:
-        """What was seen of it in training, for a booster's record."""
+        """The places and skies of the training views, for a booster's record."""
         trained, held_out = (
             sorted({spot.name for mesh in meshes for spot in self.divide(mesh)[part]}) for part in (0, 1)
         )

@@ -118,7 +118,7 @@ class World:
     def inside_building(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: whether points (n, 3) in metres lie within a building.
 
-        Where no solids are known, a point is inside if most of three rays meet the back of a face first.
+        Without solids, a point is inside if most of three rays meet the back of a face first.
         """
         points = np.asarray(points, np.float64).reshape(-1, 3)
         if self.solids is None:

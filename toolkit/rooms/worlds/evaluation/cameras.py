@@ -33,7 +33,7 @@ HIDDEN = 0.01
 
 @dataclass(frozen=True)
 class GridCamera:
-    """One camera of the grid."""
+    """A camera of the grid."""
 
     number: int  # of its point in the grid, from 1; up changes first, then across
     T_world_camera: np.ndarray  # (4, 4) pose, metres; it looks at the middle of the object

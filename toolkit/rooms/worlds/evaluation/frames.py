@@ -38,7 +38,7 @@ class FrameAnswers(BaseModel):
     """Line of `answers.jsonl`: the answers to a frame in some weathers.
 
     Attributes:
-        frame: hash of what the frame in clear air, its grain and the network are made of.
+        frame: hash of the frame in clear conditions, its grain and the network.
         answers: by what `name_weather` calls the weather.
     """
 
@@ -119,8 +119,8 @@ class WorldVariant:
 
     @classmethod
     def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
-        """A variant of a bare mesh: faces with a picture that the bare mesh lacks are boosted."""
-        # by identity: a variant has the bare mesh's own textures, and new textures beside them
+        """A variant of an unmodified mesh: faces with a new picture are boosted."""
+        # by identity: a variant has the unmodified mesh's textures, and new textures beside them
         own = {id(material.texture) for material in bare.materials}
         new = np.array([id(material.texture) not in own for material in mesh.materials])
         return cls(mesh, new[mesh.face_material])
@@ -128,13 +128,13 @@ class WorldVariant:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What all frames of a run share; equal only to itself."""
+    """Inputs of all frames of a run; equal only to itself."""
 
     world: World  # world, sky: around the object
     sky: Sky
     camera: Camera  # of all pictures
     seed: int  # of grain and weather
-    places: tuple[Placed, ...]  # the bare object in its places
+    places: tuple[Placed, ...]  # the unmodified object in its places
     variants: dict[str, WorldVariant]  # by name
     renderer: str = RAYCAST  # what draws the pictures
 
@@ -150,7 +150,7 @@ class FrameSource(Protocol):
 def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
     """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
 
-    Tasks of one place and variant should follow each other: their light is worked out once.
+    Tasks of a place and variant should follow each other: their light is worked out once.
     """
 
     def prepare() -> Iterator[tuple[PictureTask, Renderer]]:
@@ -162,7 +162,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
 
 @lru_cache(maxsize=1)
 def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
-    """The renderer of a variant in its place; the last one is kept."""
+    """The renderer of a variant in its place; the last is kept."""
     return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh), stage.renderer)
 
 

@@ -25,7 +25,7 @@ MOST_PICTURE_BYTES = 64 << 20
 
 
 class KeptFrame(BaseModel):
-    """One line of `frames/manifest.jsonl`.
+    """A line of `frames/manifest.jsonl`.
 
     Attributes:
         path: folder of the frame below `frames/`: `PLACE/VARIANT/CAMERA`.
@@ -140,7 +140,7 @@ class KeptFrames:
         """
         path = self.path_of(self._name(task), task.variant, task.camera)
         names = [name_picture(weather) for weather in task.weathers]
-        # files first, the line last: a line says that all is there
+        # files first, the line last: a frame with a line is whole
         for name, content in files.items():
             write_bytes(self.folder / path / name, content)
         before = self._known.get(path)
@@ -235,7 +235,7 @@ class ShotFrames(NamedTuple):
             yield Frame(task._replace(is_kept=False), tuple(self._decode(task, weather) for weather in task.weathers))
 
     def hash_pictures(self, task: PictureTask) -> list[object]:
-        """What tells a task's pictures from all others: who made them, and their bytes."""
+        """Identity of a task's pictures: who made them, and their bytes."""
         files = [self._file(task, weather) for weather in task.weathers]
         return [self.renderer, [[file.stem, sha256_bytes(read_bytes(file, MOST_PICTURE_BYTES))] for file in files]]
 

@@ -93,7 +93,7 @@ def choose_weathers(weathers: Sequence[WeatherKey]) -> list[WeatherKey]:
 
 @with_default_style
 def draw_curves(results: WorldResults, summary: Summary) -> bytes:
-    """PNG: top-5 by where the camera stood; solid in clear air, dashed in the middle severity of the first weather."""
+    """PNG: top-5 by the camera's place; solid in clear conditions, dashed in the first weather's middle severity."""
     figure = make_figure(11, 2 * PANEL_IN)
     panels = figure.subplots(2, 3).ravel()
     shown = choose_weathers(results.weathers)[:2]

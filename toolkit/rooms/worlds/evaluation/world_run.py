@@ -64,7 +64,7 @@ UNIT_PICTURES = 256
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of whom."""
+    """An evaluation's object, places and network."""
 
     item: TableObject
     stage: Stage  # world, sky, camera, places and variants
@@ -118,7 +118,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     """All answers, those that are not in the log computed and added to it.
 
     Memory holds the units that wait, and in one process a batch of pictures and a few frames, whatever the size of the
-    grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
+    grid. A killed run resumes with the next frames. If a unit fails, its cameras are left out.
 
     Args:
         kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
@@ -133,7 +133,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     cache = WorkLog(log, FrameAnswers, FrameAnswers.entries, keys)
 
     def find_rest(task: PictureTask) -> PictureTask:
-        """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
+        """Missing weathers of a frame: all of them if it must be kept on disk and is not."""
         weathers = [weather for weather in task.weathers if (task.frame, names[weather]) not in cache.known]
         if kept is None:
             return task._replace(weathers=tuple(weathers))
@@ -179,7 +179,7 @@ def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey
 
 
 class Rendered(NamedTuple):
-    """Frames of our own renderer."""
+    """Frames of our renderers."""
 
     stage: Stage  # what is rendered
     light: BakedLight  # on what stands around, worked out once by the driver
@@ -191,11 +191,11 @@ class Rendered(NamedTuple):
 
 
 AnsweredFrame = tuple[dict[str, RankedAnswer], dict[str, bytes]]
-"""What was said of a frame, by what `name_weather` calls the weather; of a kept frame its files, see `encode_frame`."""
+"""Guesses for a frame, by the weather's name (`name_weather`); files of a kept frame, see `encode_frame`."""
 
 
 class Setup(NamedTuple):
-    """What all units of a run need."""
+    """Inputs of all units of a run."""
 
     source: FrameSource  # of the pictures
     classifier: Classifier  # classifier, true_index, batch_size: see `Asked`
@@ -240,7 +240,7 @@ LONGEST_NAME = 90
 
 @dataclass(frozen=True)
 class WorldRun:
-    """What a run found, and where it is."""
+    """Results of a run, and their files."""
 
     results: WorldResults  # the answers and what they were given to
     files: WorldFiles  # what was written
@@ -305,7 +305,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     sky = make_sky(config.time, config.seed)
     if config.is_simulated:
         if config.time != WorldEvalConfig.model_fields["time"].default:
-            raise FieldError("goes with {renderer} raycast: a simulator has a sky of its own", {"time": config.time})
+            raise FieldError("goes with {renderer} raycast: a simulator draws its own sky", {"time": config.time})
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     # all variants stand in the same places, so the widest decides
