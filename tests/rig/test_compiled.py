@@ -180,7 +180,7 @@ def test_a_cache_that_another_user_could_have_filled_is_not_loaded(start, tmp_pa
     start(tmp_path / "cache")
     compiled.prepare(lambda: None)
     said = capsys.readouterr().err
-    assert PLANTED[how] in said and "set TOOLKIT_CACHE to a folder of your own" in said and said.count("\n") == 1
+    assert PLANTED[how] in said and "set TOOLKIT_CACHE to your own folder" in said and said.count("\n") == 1
     fresh = compiled.cache_folder()
     assert not fresh.is_relative_to(tmp_path) and fresh.stat().st_mode & 0o077 == 0
     assert [path.name for path in fresh.iterdir() if path.name != "complete"] == [compiled.MARK]

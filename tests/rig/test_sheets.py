@@ -115,7 +115,7 @@ def test_sheets_that_lie_on_one_another_are_a_line(crate, first, second, overlap
     if not overlap:
         assert len(mount_sheets(crate.mesh, PX, mounts, [20, 20], "crate")) == 2
         return
-    with pytest.raises(ToolkitError, match=r"crate: sheet 1 \(top\) and sheet 2 \(top\) lie on one another"):
+    with pytest.raises(ToolkitError, match=r"crate: sheet 1 \(top\) and sheet 2 \(top\) overlap"):
         mount_sheets(crate.mesh, PX, mounts, [20, 20], "crate")
 
 
@@ -126,7 +126,7 @@ def test_a_sheet_below_one_that_spans_two_ridges_is_under_it(make_box):
     tray = merge_meshes([make_box((200.0, 100.0, 20.0)), *ridges])
     heights = [mount_sheets(tray, PX, [TOP], [size])[0].mesh.vertices[:, 2].mean() for size in (80, 40)]
     assert heights[0] - heights[1] > 10
-    with pytest.raises(ToolkitError, match="lie on one another"):
+    with pytest.raises(ToolkitError, match="overlap"):
         mount_sheets(tray, PX, [TOP, TOP], [80, 40])
 
 
@@ -143,7 +143,7 @@ def test_which_sheet_does_not_lie_is_said(space, crate):
         mount_sheets(crate.mesh, PX, crate.spec.mounts, (40, 70), "crate")
     twice = TableObject(crate.spec.with_mounts([TOP, TOP]), crate.mesh)
     (line,) = describe_misfits(twice, (40, 40))
-    assert "sheet 1 (top) and sheet 2 (top) lie on one another" in line
+    assert "sheet 1 (top) and sheet 2 (top) overlap" in line
     write_mounts(space.object_spec("crate"), space.object_spec("crate"), [TOP, LEFT.model_copy(update={"size_mm": 46})])
     assert any("sheet 2" in one for one in list_misfits(space, ["crate"]))
 

@@ -208,7 +208,7 @@ def test_a_universal_texture_and_one_of_its_own(space, block, blank):
     for suffix in ("png", "json"):
         (space.textures_dir / f"all-blocks.{suffix}").unlink()
     (space.textures_dir / "turntable.png").write_bytes(encode_png(RED))  # no texture: it has no record
-    with pytest.raises(ToolkitError, match="no texture for object 'brick': train one with 'toolkit train-texture"):
+    with pytest.raises(ToolkitError, match="no texture for object 'brick': run 'toolkit train-texture"):
         find_texture(space, brick)
     save(space, name="brick")  # named like it, and of another object
     with pytest.raises(ToolkitError, match="--object brick'"):
@@ -220,9 +220,7 @@ def test_a_universal_texture_and_one_of_its_own(space, block, blank):
 
 @pytest.mark.parametrize("variant", PAINTED)
 def test_what_is_missing_or_does_not_fit_is_said_before_anything_is_shot(space, variant, blank):
-    with pytest.raises(
-        ToolkitError, match="no texture for object 'block': train one with 'toolkit train-texture --object"
-    ):
+    with pytest.raises(ToolkitError, match="no texture for object 'block': run 'toolkit train-texture --object"):
         shoot(space, ["unpatched", variant])
     save(space)
     (space.objects_dir / "block.toml").write_text(SPEC.format(name="block", mm=99))

@@ -1,7 +1,7 @@
 """From where and in what light: camera, poses, studio, renderers, patch mounting.
 
-What is asked for is declared here: how a plan's cameras are spread, where a patch may go, what is shot in which order.
-Nothing heavy is loaded for it: commands make their options from it.
+Settings of plans, places for patches and shot lists. Nothing heavy is loaded for them: commands make their options
+from them.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ MOST_POSES = 10_000
 PAIR = ("unpatched", "patched")
 Order = Literal["aba", "blocks", "alternate"]
 MOST_PLACES = 6
-"""Shown at once: each has a colour of its own."""
+"""Shown at once: each has its own colour."""
 SHOT_LIST = "The shot list"
 PICTURE = "What is on it"
 STUCK_ON = "How a wrap is stuck on"
@@ -38,7 +38,7 @@ def _check_sheet(sheet_mm: Range) -> Range:
 
 
 class Pattern(Config):
-    """How camera positions are spread over one object."""
+    """How camera positions are spread over an object."""
 
     name: Annotated[Literal["grid", "ring", "hemisphere", "fibonacci"], Flag("--pattern")] = Field(
         "grid", description="How the positions are spread."
@@ -82,7 +82,7 @@ class WrapConfig(Config):
 
     pieces: Annotated[int, Field(ge=1, le=MOST_PIECES), Flag()] = Field(12, description="Most pieces.")
     material: Annotated[Material, Flag()] = Field(
-        "film", description="What is stuck on: paper gives 1 %, film 3 %, vinyl 8 %."
+        "film", description="Material of the pieces; it stretches: paper 1 %, film 3 %, vinyl 8 %."
     )
     stretch: Annotated[float | None, Field(gt=0, le=0.5), Flag()] = Field(
         None, description="Most stretch of a piece, 0.03 is 3 %. Default: as {material} allows."
@@ -136,7 +136,7 @@ class Misfit(Config):
 
 
 class ShotListConfig(Config):
-    """What is shot in which order, and the paper that it is listed on."""
+    """Objects and order of the shots, and the paper of the list."""
 
     paper: Annotated[str, Flag(metavar="SIZE", group=SHOT_LIST)] = Field("a4", description="a4, letter, or larger.")
     variants: Annotated[tuple[str, ...], Flag("--variant", metavar="NAME", group=SHOT_LIST)] = Field(

@@ -1,4 +1,4 @@
-"""What is worked out of a mesh, a picture or a sky, and kept for the renderers that have the same."""
+"""Results for a mesh, a picture or a sky, kept for renderers that have the same."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def kept(make: Callable[..., F], *sources: object) -> F:
 
 
 class PackedPaint(NamedTuple):
-    """What is painted on a mesh, ready for the kernel."""
+    """Paint of a mesh, ready for the kernel."""
 
     texels: Texels
     texture: np.ndarray
@@ -48,7 +48,7 @@ class PackedPaint(NamedTuple):
 
 
 class Glow(NamedTuple):
-    """What a mesh's materials give off; the fields of `LitMesh`."""
+    """Light that a mesh's materials give off; the fields of `LitMesh`."""
 
     glow: np.ndarray
     glow_lod: np.ndarray
@@ -67,7 +67,7 @@ NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
 
 
 def pack_one(picture: np.ndarray) -> Texels:
-    """The pyramid of one picture."""
+    """The pyramid of a picture."""
     return pack_textures([picture])
 
 
@@ -137,12 +137,12 @@ def place_unlit(mesh: Mesh, stand: Stand, number: int) -> LitBody:
 
 
 def with_lamps(body: LitBody, mesh: Mesh) -> LitBody:
-    """The same with what its materials give off; the light on it is not baked anew."""
+    """The same body with the light that its materials give off; its baked light stays."""
     return replace(body, lit=body.lit._replace(**kept(_prepare_glow, mesh)._asdict()))
 
 
 def surroundings_of(scene: Scene) -> LitBody:
-    """What stands around the object and never moves; kept for the next renderer in the same sky, its light on disk."""
+    """The fixed surroundings of the object; kept for the next renderer in the same sky, their light on disk."""
 
     def light(mesh: Mesh) -> BakedLight:
         colour = paint_of(mesh).mean_colour

@@ -28,7 +28,7 @@ from toolkit.rig.markers import (
 )
 
 MARKER_SHARE = 0.75
-"""Share of a square's side that a marker takes: the white round a marker is then wider than one of its modules."""
+"""Share of a square's side that a marker takes: the white around it is then wider than a module."""
 FEWEST_SQUARES = 3
 MOST_SQUARES = 200
 
@@ -36,12 +36,12 @@ MOST_SQUARES = 200
 class Board(ABC):
     """A sheet whose markers or squares tell a photograph's camera; our own, and those that others printed.
 
-    Sheet positions (2,) are millimetres to the right of and down from its upper left corner as printed; in the world,
-    down the sheet is +x, to its right +y, and its middle the origin.
+    Sheet positions (2,) are millimetres to the right and down from the upper left corner as printed. In the world the
+    sheet's middle is the origin, down the sheet is +x and to its right +y.
 
     Attributes:
         marker_mm: side of a marker, its black border included; 0 where there are none.
-        dictionary: one of OpenCV's, by name; empty where there are no markers.
+        dictionary: OpenCV's name of it; empty if there are no markers.
         ink_percent: how dark it is printed, 100 is black.
     """
 
@@ -74,11 +74,11 @@ class Board(ABC):
 
     @abstractmethod
     def describe(self) -> str:
-        """One line: what it is made of."""
+        """A line: what it is made of."""
 
     @property
     def looks_the_same_turned(self) -> bool:
-        """Whether it is its own picture when turned half round, so that one of two opposite cameras is meant."""
+        """Whether it looks the same turned by 180°, so that two opposite cameras are possible."""
         return False
 
     def sheet_corners(self, marker_ids: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
@@ -114,7 +114,7 @@ class SquareBoard(Board):
         return False
 
     def is_black(self, row: int, column: int) -> bool:
-        """Whether a square is black; (0, 0) is the upper left one."""
+        """Whether a square is black; (0, 0) is the upper left square."""
         return (row + column) % 2 == int(self.starts_white)
 
     def list_squares(self, black: bool) -> list[tuple[int, int]]:
@@ -168,26 +168,18 @@ def _check_counts(columns: int, rows: int, fewest: int, what: str) -> None:
 class CharucoBoard(SquareBoard):
     """A ChArUco board as OpenCV has them; checked when it is made.
 
-    Attributes:
-        columns, rows: squares across and down the page.
-        square_mm: side of a square.
-        marker_mm: side of a marker, its black border included.
-        dictionary: one of OpenCV's, by name.
-        ink_percent: how dark squares and markers are, 100 is black.
-        first_id: number of the first marker.
-        legacy: whether it is of the pattern before OpenCV 4.6, whose upper left square is white where `rows` is even.
-
     Raises:
         ToolkitError: the marker does not fit its square with white round it, or the dictionary has too few.
     """
 
-    columns: int
+    columns: int  # columns, rows: squares across and down the page
     rows: int
-    square_mm: float
-    marker_mm: float
-    dictionary: str = DICTIONARY
-    ink_percent: float = 100.0
-    first_id: int = 0
+    square_mm: float  # side of a square
+    marker_mm: float  # side of a marker, its black border included
+    dictionary: str = DICTIONARY  # OpenCV's name of it
+    ink_percent: float = 100.0  # how dark squares and markers are, 100 is black
+    first_id: int = 0  # number of the first marker
+    # whether it is of the pattern before OpenCV 4.6, whose upper left square is white where `rows` is even
     legacy: bool = False
 
     def __post_init__(self) -> None:
@@ -215,8 +207,8 @@ class CharucoBoard(SquareBoard):
 
     @property
     def marker_count(self) -> int:
-        """One in every white square."""
-        # rounded down: of an odd number of squares one more is black
+        """A marker in every white square."""
+        # rounded down: an odd number of squares has a black square more
         return self.columns * self.rows // 2
 
     @property
@@ -241,7 +233,7 @@ class CharucoBoard(SquareBoard):
         return made
 
     def describe(self) -> str:
-        """One line: what it is made of."""
+        """A line: what it is made of."""
         return (
             f"ChArUco board of {self.columns} × {self.rows} squares, {self.square_mm:g} mm, markers "
             f"{self.marker_mm:g} mm, {self.dictionary} {self.marker_ids[0]}-{self.marker_ids[-1]}, "
@@ -253,19 +245,15 @@ class CharucoBoard(SquareBoard):
 class Chessboard(SquareBoard):
     """A plain chessboard; checked when it is made.
 
-    Attributes:
-        columns, rows: squares across and down the page, one more each than the inner corners that OpenCV counts.
-        square_mm: side of a square.
-        ink_percent: how dark the black squares are, 100 is black.
-
     Raises:
         ToolkitError: too few squares, or sizes that cannot be.
     """
 
+    # columns, rows: squares across and down the page: OpenCV counts inner corners, which are 1 fewer
     columns: int
     rows: int
-    square_mm: float
-    ink_percent: float = 100.0
+    square_mm: float  # side of a square
+    ink_percent: float = 100.0  # how dark the black squares are, 100 is black
     marker_mm = 0.0
     dictionary = ""
 
@@ -288,11 +276,11 @@ class Chessboard(SquareBoard):
 
     @property
     def looks_the_same_turned(self) -> bool:
-        """Turned half round, the upper left square is where the lower right one was."""
+        """Turned by 180°, the upper left square is where the lower right square was."""
         return (self.columns + self.rows) % 2 == 0
 
     def describe(self) -> str:
-        """One line: what it is made of."""
+        """A line: what it is made of."""
         return f"chessboard of {self.columns} × {self.rows} squares, {self.square_mm:g} mm"
 
 
@@ -322,39 +310,31 @@ class MarkerBoard(Board):
 class MarkerGrid(MarkerBoard):
     """Markers in rows and columns, as OpenCV's `GridBoard` has them; checked when it is made.
 
-    Attributes:
-        columns, rows: markers across and down the page.
-        square_mm: from a marker's left edge to its right neighbour's, the same downwards.
-        marker_mm: side of a marker, its black border included.
-        dictionary: one of OpenCV's, by name; AprilTag's are among them.
-        ink_percent: how dark the markers are, 100 is black.
-        first_id: number of the upper left marker; the others follow row by row.
-
     Raises:
         ToolkitError: the markers touch, or the dictionary has too few.
     """
 
-    columns: int
+    columns: int  # columns, rows: markers across and down the page
     rows: int
-    square_mm: float
-    marker_mm: float
-    dictionary: str
-    ink_percent: float = 100.0
-    first_id: int = 0
+    square_mm: float  # from a marker's left edge to its right neighbour's, the same downwards
+    marker_mm: float  # side of a marker, its black border included
+    dictionary: str  # OpenCV's name of it; AprilTag's are among them
+    ink_percent: float = 100.0  # how dark the markers are, 100 is black
+    first_id: int = 0  # number of the upper left marker; the others follow row by row
 
     def __post_init__(self) -> None:
         require_ink("board", self.ink_percent)
         _check_counts(self.columns, self.rows, 1, "markers")
         if self.columns * self.rows < 2:
             raise ToolkitError(
-                "board: one marker alone: expected at least 2, a lens and a pose need more than 4 corners"
+                "board: a single marker: expected at least 2, a lens and a pose need more than 4 corners"
             )
         require_mm("board: square_mm", self.square_mm)
         require_mm("board: marker_mm", self.marker_mm)
         if self.marker_mm >= self.square_mm:
             raise ToolkitError(
-                f"board: markers of {self.marker_mm:g} mm every {self.square_mm:g} mm touch: square_mm is from one "
-                "marker's left edge to the next one's"
+                f"board: markers of {self.marker_mm:g} mm every {self.square_mm:g} mm touch: square_mm is from a "
+                "marker's left edge to the left edge of the next"
             )
         require_ids("board", self.dictionary, self.first_id, self.columns * self.rows)
 
@@ -365,7 +345,7 @@ class MarkerGrid(MarkerBoard):
 
     @property
     def size_mm(self) -> tuple[float, float]:
-        """Width and height from the first marker's edge to the last one's."""
+        """Width and height from the first marker's edge to the last marker's."""
         gap = self.square_mm - self.marker_mm
         return self.columns * self.square_mm - gap, self.rows * self.square_mm - gap
 
@@ -376,7 +356,7 @@ class MarkerGrid(MarkerBoard):
         return [(self.first_id + number, middle, 0.0) for number, middle in enumerate(middles)]
 
     def describe(self) -> str:
-        """One line: what it is made of."""
+        """A line: what it is made of."""
         return (
             f"grid of {self.columns} × {self.rows} markers, {self.marker_mm:g} mm every {self.square_mm:g} mm, "
             f"{self.dictionary} {self.marker_ids[0]}-{self.marker_ids[-1]}"

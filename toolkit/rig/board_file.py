@@ -1,4 +1,4 @@
-"""Which board is meant: the one that was printed last, or another in a TOML file; the ring of a turntable."""
+"""Which board is meant: the last printed board, or another in a TOML file; the ring of a turntable."""
 
 import math
 from collections.abc import Callable
@@ -33,24 +33,16 @@ class MarkerRing(MarkerBoard):
     The first marker lies at the front (the lower edge of the page), the others follow counter-clockwise from above.
     Sheet positions are counted from the corner of the square round the ring.
 
-    Attributes:
-        inner_mm: diameter of the free disc that the object stands on.
-        marker_mm: side of a marker, its black border included.
-        count: of the markers.
-        dictionary: one of OpenCV's, by name.
-        first_id: number of the marker at the front.
-        ink_percent: how dark the markers are, 100 is black.
-
     Raises:
         ToolkitError: the markers do not fit side by side, or the dictionary has too few.
     """
 
-    inner_mm: float
-    marker_mm: float
-    count: int
-    dictionary: str = DICTIONARY
-    first_id: int = RING_FIRST_ID
-    ink_percent: float = 100.0
+    inner_mm: float  # diameter of the free disc that the object stands on
+    marker_mm: float  # side of a marker, its black border included
+    count: int  # of the markers
+    dictionary: str = DICTIONARY  # OpenCV's name of it
+    first_id: int = RING_FIRST_ID  # number of the marker at the front
+    ink_percent: float = 100.0  # how dark the markers are, 100 is black
 
     def __post_init__(self) -> None:
         require_ink("ring", self.ink_percent)
@@ -67,7 +59,7 @@ class MarkerRing(MarkerBoard):
 
     @property
     def quiet_mm(self) -> float:
-        """White paper inside and outside the markers, one module."""
+        """White paper inside and outside the markers, a module wide."""
         return self.marker_mm / 7
 
     @property
@@ -89,7 +81,7 @@ class MarkerRing(MarkerBoard):
 
     @property
     def marker_ids(self) -> tuple[int, ...]:
-        """Numbers of the markers, the front one first."""
+        """Numbers of the markers, the front marker first."""
         return tuple(range(self.first_id, self.first_id + self.count))
 
     def place_markers(self) -> list[tuple[int, np.ndarray, float]]:
@@ -102,7 +94,7 @@ class MarkerRing(MarkerBoard):
         ]
 
     def describe(self) -> str:
-        """One line: what it is made of."""
+        """A line: what it is made of."""
         last = self.first_id + self.count - 1
         return (
             f"ring of {self.count} ArUco markers, {self.marker_mm:g} mm, round {self.inner_mm:g} mm, "
@@ -113,7 +105,7 @@ class MarkerRing(MarkerBoard):
 def count_that_fit(inner_mm: float, marker_mm: float) -> int:
     """The most markers round a free disc that have a module of white paper between them."""
     apothem = inner_mm / 2 + marker_mm / 7  # of the polygon of the markers' inner sides
-    # a polygon of n sides of length s has apothem s / (2 tan(pi / n)), solved for n; a side is a marker and one module
+    # a polygon of n sides of length s has apothem s / (2 tan(pi / n)), solved for n; a side is a marker and a module
     return int(math.pi / math.atan(marker_mm * 8 / 7 / 2 / apothem))
 
 
@@ -147,7 +139,7 @@ DEFAULT_RING = MarkerRing(inner_mm=300.0, marker_mm=24.0, count=30)
 
 
 PRINTED = "printed"
-"""What the board is called that 'toolkit print --board' made last."""
+"""Name of the board that 'toolkit print --board' made last."""
 Kind = Literal["charuco", "aruco-grid", "apriltag-grid", "chessboard"]
 MAKERS: dict[Kind, Callable[..., Board]] = {
     "charuco": CharucoBoard, "aruco-grid": MarkerGrid, "apriltag-grid": MarkerGrid, "chessboard": Chessboard,
@@ -231,21 +223,20 @@ class BoardSpec(BaseModel):
 
 
 def boards_dir(workspace: Workspace) -> Path:
-    """Where boards of others are described."""
+    """Folder of other people's boards."""
     return workspace.root / "rig" / "boards"
 
 
 def board_file(workspace: Workspace) -> Path:
-    """Where the board is described that is worked with."""
+    """File of the current board."""
     return workspace.board or workspace.root / "rig" / "board.json"
 
 
 def with_board(workspace: Workspace, board: str | Path | None) -> Workspace:
-    """The same workspace with another board than the one that was printed last.
+    """The same workspace with another board than the last printed board.
 
     Args:
-        workspace: whose `rig/boards` is looked into.
-        board: a name in it, or a TOML file; None or `PRINTED` for the printed one.
+        board: a name in it, or a TOML file; None or `PRINTED` for the printed board.
 
     Raises:
         ToolkitError: there is none, or the file is broken.
@@ -263,6 +254,7 @@ def with_board(workspace: Workspace, board: str | Path | None) -> Workspace:
                 f"no board called '{board}': {boards_dir(workspace)} holds none; 'toolkit calibrate --find-board "
                 "PHOTOS/' makes one from photographs, or name a TOML file"
             )
+    # read now, so that a broken file is told before any work
     found = replace(workspace, board=path.resolve())
     read_board(found)
     return found
@@ -291,7 +283,7 @@ def write_spec(path: Path, spec: BoardSpec) -> Path:
 
 
 def read_board(workspace: Workspace) -> Board:
-    """The board of `with_board`, else the one that `toolkit print --board` or `--ring` printed last, else the default.
+    """The board of `with_board`, else the last that `toolkit print --board` or `--ring` printed, else the default.
 
     Raises:
         ToolkitError: the file is broken, names both a board and a ring or neither, or its sizes cannot be.

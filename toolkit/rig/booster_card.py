@@ -23,9 +23,6 @@ def write_card(
     """The card's text.
 
     Args:
-        item: the object that wears the booster.
-        kind: of the booster.
-        booster: what is put on the object.
         record: the content of the booster's JSON file.
         files: that lie beside the card, for the picture and the list.
     """
@@ -33,6 +30,8 @@ def write_card(
     trained = record if "networks" in record else record.get("booster") or {}
     label = record.get("class_name") or str(item.spec.class_name)
     picture = next((file.name for file in files if file.suffix == ".png"), None)
+    folder = {"patch": "print/patches", "texture": "rig/textures"}.get(kind.noun, f"print/wraps/{item.name}")
+    printed = {"patch": f"--object {item.name}", "wrap": f"--wrap {item.name}"}.get(kind.noun)
     lines = [
         "---", "tags:", "- unadversarial-example", "- image-classification", f"- {json.dumps(kind.noun)}", "---", "",
         f"# {item.name}: a {kind.noun}", "",
@@ -42,8 +41,10 @@ def write_card(
         *([f"![the {kind.noun}]({picture})", ""] if picture else []),
         *_list_facts(item, kind, booster, record, trained), "",
         *_list_networks(trained), *_list_shares(trained),
-        "## Use it", "", "```sh", *_list_commands(item, kind), "```", "",
-        f"Copy the files into `{_folder_of(kind, item)}` of a workspace that has the object. The "
+        "## Use it", "", "```sh", *([f"toolkit print {printed}"] if printed else []),
+        f"toolkit capture-sim --object {item.name} --variant unpatched --variant {kind.variant}",
+        "toolkit eval captures/", "```", "",
+        f"Copy the files into `{folder}` of a workspace that has the object. The "
         f"{kind.noun} fits this object alone, at this size.", "",
         *_list_limits(trained),
     ]  # fmt: skip
@@ -72,7 +73,7 @@ def _list_facts(
 def _list_networks(trained: Record) -> list[str]:
     if not trained.get("networks"):
         return []
-    rows = [f"| {one['arch']} | {one['weights']} | `{one['sha256']}` |" for one in trained["networks"]]
+    rows = [f"| {net['arch']} | {net['weights']} | `{net['sha256']}` |" for net in trained["networks"]]
     return ["## Trained on", "", "| network | weights | SHA-256 |", "|---|---|---|", *rows, ""]
 
 
@@ -102,13 +103,3 @@ def _list_limits(trained: Record) -> list[str]:
         "and photographs of the real object, with `toolkit eval`.", "",
         "## Settings", "", "```json", settings, "```", "",
     ]  # fmt: skip
-
-
-def _folder_of(kind: BoosterKind, item: TableObject) -> str:
-    return {"patch": "print/patches", "texture": "rig/textures"}.get(kind.noun, f"print/wraps/{item.name}")
-
-
-def _list_commands(item: TableObject, kind: BoosterKind) -> list[str]:
-    printed = {"patch": f"--object {item.name}", "wrap": f"--wrap {item.name}"}.get(kind.noun)
-    shoot = f"toolkit capture-sim --object {item.name} --variant unpatched --variant {kind.variant}"
-    return [*([f"toolkit print {printed}"] if printed else []), shoot, "toolkit eval captures/"]

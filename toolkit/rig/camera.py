@@ -1,7 +1,7 @@
 """A pinhole camera in OpenCV's convention.
 
-Convention: camera axes x right, y down, z forward; pixel (0, 0) is the upper left one and its centre lies at
-(0.5, 0.5); `T_world_camera` maps camera points to the world, millimetres.
+Convention: camera axes are x right, y down, z forward. The centre of the upper left pixel is (0.5, 0.5).
+`T_world_camera` maps camera points to the world, millimetres.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of pictures of one size, as OpenCV has them; the renderers leave distortion out.
+    """Intrinsics of pictures of a size, as OpenCV has them; the renderers leave distortion out.
 
     Attributes:
         width, height: pixels.
@@ -93,7 +93,7 @@ class Camera:
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
     def rotated(self, quarter_turns: int = 1) -> "Camera":
-        """The same lens in pictures turned clockwise by so many quarter turns, as EXIF's orientation 6 asks for one."""
+        """The same lens in pictures turned clockwise by so many quarter turns; EXIF's orientation 6 is 1 turn."""
         turned = self
         for _ in range(quarter_turns % 4):
             k1, k2, p1, p2, k3 = turned.distortion
@@ -201,10 +201,8 @@ def distance_to_fill(
     - z, with the room on each side of the principal point in place of S/2 where the lens is not centred.
 
     Args:
-        camera: gives focal length and frame.
         points_mm: (n, 3) of the object.
         target_mm: (3,) what the camera looks at.
-        azimuth_deg, elevation_deg, roll_deg: from where.
         fill: in (0, 1).
     """
     rotation = orbit_pose(np.zeros(3), azimuth_deg, elevation_deg, 1.0, roll_deg)[:3, :3]

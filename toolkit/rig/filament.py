@@ -1,7 +1,7 @@
-"""The second renderer: Open3D's Filament rasteriser, for comparison with the ray-cast one.
+"""The second renderer: Open3D's Filament rasteriser, for comparison with the ray caster.
 
 The scene is built once and only the camera moves. Post-processing is off, as it costs most of a frame on a software
-driver; the picture comes back in linear 8 bit, so that its dark parts are coarser than the ray-cast renderer's.
+driver. The picture comes back in linear 8 bit: its dark parts are coarser than the ray-cast renderer's.
 """
 
 import contextlib
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 SUN_LUX, ROOM_LUX = 79_000, 27_000
-"""Lux for an irradiance of 1 at exposure 1, from the key light and from the room: with these a matt box is as bright as
-the ray caster shows it. Filament's own camera keeps its default exposure."""
+"""Lux for an irradiance of 1 at exposure 1, from the key light and from the room. A matt box is then as bright as in
+the ray caster. Filament's own camera keeps its default exposure."""
 
 
 class FilamentRenderer(Renderer):
-    """Renders one object in one studio from any camera; hard-edged shadows, and silhouettes in steps.
+    """Renders an object in a studio from any camera; hard-edged shadows, and silhouettes in steps.
 
     Filament antialiases in its post-processing alone, which is off here. `make_renderer` asks
     `graphics_trouble` before.

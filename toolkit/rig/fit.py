@@ -44,27 +44,16 @@ MANY_FACES = 200_000
 
 @dataclass(frozen=True)
 class SheetFit:
-    """How a sheet lies on an object.
+    """How flat a sheet fits on an object."""
 
-    Attributes:
-        at: the side of the object.
-        size_mm: side of the patch.
-        floating: share of the sheet that the surface is too far below, see `FLOATING_OFF`.
-        loose: share of its white margin that no tape can hold, see `LOOSE_MM`.
-        overhang: share of it with no surface below at all.
-        bend_deg: greatest angle between two places of the sheet.
-        relief_mm: how far the surface below rises and falls against the sheet, 5th to 95th percentile.
-        points_mm: (n, 3) all over the sheet, in the world.
-    """
-
-    at: Side
-    size_mm: float
-    floating: float
-    loose: float
-    overhang: float
-    bend_deg: float
-    relief_mm: float
-    points_mm: np.ndarray
+    at: Side  # the side of the object
+    size_mm: float  # side of the patch
+    floating: float  # share of the sheet that the surface is too far below, see `FLOATING_OFF`
+    loose: float  # share of its white margin that no tape can hold, see `LOOSE_MM`
+    overhang: float  # share of it with no surface below at all
+    bend_deg: float  # greatest angle between two places of the sheet
+    relief_mm: float  # how far the surface below rises and falls against the sheet, 5th to 95th percentile
+    points_mm: np.ndarray  # (n, 3) all over the sheet, in the world
 
     @property
     def lies(self) -> bool:
@@ -108,10 +97,11 @@ def measure_fit(
 def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.ndarray:
     """(SAMPLES, SAMPLES) height of the surface over a sheet's plane, as `LaidSheet` has it, without casting rays.
 
-    Every triangle is spread over the places of the grid within its bounds; of all that cover one the highest counts.
+    Every triangle is spread over the places of the grid within its bounds; of all that cover a place the highest
+    counts.
     """
     local = (mesh.vertices - T_object_sheet[:3, 3]) @ T_object_sheet[:3, :3]
-    # a bit for each side of the sheet that a vertex is beyond: a triangle with all three beyond one is not below it
+    # a bit for each side of the sheet that a vertex is beyond: a triangle with all three beyond a side is not below it
     beyond = np.zeros(len(local), np.uint8)
     for bit, (axis, sign) in enumerate(product((0, 1), (1, -1))):
         beyond |= (sign * local[:, axis] > 0.51 * side).astype(np.uint8) << bit
@@ -125,9 +115,9 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     heights = np.full(SAMPLES * SAMPLES, -np.inf)
     counts = size.prod(axis=1)
     for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
-        # all places of all triangles in one array: a loop in Python would be slow on meshes of many faces
+        # all places of all triangles in an array: a loop in Python would be slow on meshes of many faces
         which = np.repeat(part, counts[part])
-        # counts 0, 1, 2, … anew for each triangle
+        # counts 0, 1, 2, … within each triangle
         inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
         x, y = low[which, 0] + inside % size[which, 0], low[which, 1] + inside // size[which, 0]
         a, b, c = (grid[which, k] for k in range(3))
@@ -162,10 +152,9 @@ def _is_margin(size_mm: float) -> np.ndarray:
 
 
 def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
-    """One line on each sheet that does not lie on its place, as `describe_misfit`, or on two that lie on one another.
+    """A line on each sheet that does not fit flat, as `describe_misfit`, or on two that overlap.
 
     Args:
-        item: the object.
         sizes_mm: side of the patch on each of its sheets.
     """
     lines = [line for number, size in enumerate(sizes_mm, 1) if (line := describe_misfit(item, size, number))]
@@ -178,11 +167,9 @@ def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
 
 
 def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str | None:
-    """One line on a sheet that does not lie on its place; None where it lies.
+    """A line on a sheet that does not fit flat in its place; None if it does.
 
     Args:
-        item: the object.
-        size_mm: side of the patch.
         number: of the sheet, 1 for the first.
     """
     mount, is_only = item.spec.mounts[number - 1], len(item.spec.mounts) == 1
@@ -206,7 +193,7 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
 
 
 def mounted_sizes_mm(workspace: Workspace, item: TableObject) -> tuple[float, ...]:
-    """Side of an object's patch on each sheet: as the spec says, else its record, else of a patch as training makes."""
+    """Side of an object's patch on each sheet: from the spec, else its record, else as training makes patches."""
     if all(mount.size_mm is not None for mount in item.spec.mounts):
         return item.spec.sizes_mm(NEW_PATCH_MM)
     file = find_patch_file(workspace, item.spec)
@@ -219,7 +206,7 @@ def is_own(workspace: Workspace, name: str) -> bool:
 
 
 def sheet_points(workspace: Workspace, item: TableObject) -> np.ndarray | None:
-    """(n, 3) points all over the sheets of a user's own object, mm; None where one cannot be mounted."""
+    """(n, 3) points all over the sheets of a user's own object, mm; None if a sheet cannot be mounted."""
     if not is_own(workspace, item.name):
         return None
     try:

@@ -23,23 +23,17 @@ LOADED = "libegl1 libgl1 libgomp1 libidn2-0 libusb-1.0-0 libx11-6"
 
 @dataclass(frozen=True)
 class Graphics:
-    """A graphics interface.
+    """A graphics interface."""
 
-    Attributes:
-        name: its name.
-        found: what a successful start shows.
-        packages: Debian's packages that Open3D and a software driver need.
-        start: tries the interface in the current process, and returns why it does not start, or nothing.
-    """
-
-    name: str
-    found: str
-    packages: str
+    name: str  # its name
+    found: str  # what a successful start shows
+    packages: str  # Debian's packages that Open3D and a software driver need
+    # tries the interface in the current process, and returns why it does not start, or nothing
     start: Callable[[], str]
 
 
 def find_graphics() -> Graphics:
-    """Return the interface of the installed Open3D, or of the one that this Python would get."""
+    """Return the interface of the installed Open3D, or of the version for this Python."""
     try:
         has_vulkan = [*map(int, version("open3d").split(".")[:2])] >= [0, 20]
     except PackageNotFoundError:
@@ -50,7 +44,7 @@ def find_graphics() -> Graphics:
 @lru_cache(maxsize=1)
 def graphics_trouble() -> str | None:
     """Return why Filament's graphics interface does not start without a screen, in a few words, or None if it does."""
-    # in a process of its own: a driver that crashes takes only that one down, and none meets torch's libraries here
+    # in another process: a driver that crashes ends that process alone, and no driver meets torch's libraries here
     done = run_python("from toolkit.rig.graphics import find_graphics; print(find_graphics().start())")
     if done.returncode < 0:
         return f"{find_graphics().name}'s driver crashed (signal {-done.returncode})"

@@ -1,6 +1,6 @@
 """Light that does not change with the camera, worked out once per scene and stored on the mesh.
 
-What stands in the way of light depends on the shape alone and is kept with it: another room or paint costs a sum.
+Occlusion depends on the shape alone and is kept with it: another room or paint costs a sum.
 """
 
 from collections import OrderedDict
@@ -30,20 +30,13 @@ SHEET_MM = 0.1
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Where the samples of a mesh lie.
+    """The samples of a mesh."""
 
-    Attributes:
-        steps: (m,) R of each triangle.
-        first: (m,) index of its first sample.
-        positions: (n, 3) world points of the distinct samples, mm.
-        normals: (n, 3) unit.
-        slot: (k,) the distinct sample behind each of the k stored ones; neighbours share those on common edges.
-    """
-
-    steps: np.ndarray
-    first: np.ndarray
-    positions: np.ndarray
-    normals: np.ndarray
+    steps: np.ndarray  # (m,) R of each triangle
+    first: np.ndarray  # (m,) index of its first sample
+    positions: np.ndarray  # (n, 3) world points of the distinct samples, mm
+    normals: np.ndarray  # (n, 3) unit
+    # (k,) the distinct sample behind each of the k stored ones; neighbours share those on common edges
     slot: np.ndarray
 
 
@@ -55,7 +48,7 @@ def place_samples(
 ) -> SampleGrid:
     """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3).
 
-    Those closer than `shared` of that, on surfaces that face alike, share one value.
+    Those closer than `shared` of that, on surfaces that face alike, share a value.
     """
     # a triangle is cut into R² smaller ones, R by its longest edge: long thin ones get more than they need
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
@@ -73,10 +66,10 @@ def place_samples(
         positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    # samples in one cell of place, way they face and plane are one: seams show no step, and rays are saved
+    # samples with the same cell, direction and plane share a value: seams show no step, and rays are saved
     cell = shared * spacing_mm
     # distance of the sample's plane from the origin
-    depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
+    depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet does not share the wall's light
     key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
     packed = (key.view(np.uint64) * _MIX).sum(axis=1, dtype=np.uint64)  # wraps: a hash of 64 bits
     _, kept, slot = np.unique(packed, return_index=True, return_inverse=True)
@@ -114,15 +107,11 @@ BOUNCE = 0.45
 
 @dataclass(frozen=True)
 class BakeDetail:
-    """How finely light is worked out.
+    """How finely light is worked out."""
 
-    Attributes:
-        key_rays, room_rays: directions to the key light's disc and to the room.
-        surface_spacing, table_spacing: distance between samples as a share of the object's longest side.
-    """
-
-    key_rays: int = 24
+    key_rays: int = 24  # key_rays, room_rays: directions to the key light's disc and to the room
     room_rays: int = 96
+    # surface_spacing, table_spacing: distance between samples as a share of the object's longest side
     surface_spacing: float = 0.016
     table_spacing: float = 0.015
 
@@ -154,7 +143,7 @@ class Shape:
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Shape":
-        """The shape of a mesh, the one of before where it was met already."""
+        """The shape of a mesh, from the known shapes if it is among them."""
         key = hash_triangles(mesh)
         with cls._keeping:
             shape = cls._known.pop(key, None) or cls(mesh)
@@ -180,7 +169,7 @@ class Shape:
             if spacing not in self._grids:
                 faces = self.mesh.faces
                 grid = place_samples(self.mesh.vertices[faces], self.mesh.normals[faces], spacing, shared)
-                # the last one alone is kept: grids are large
+                # only the last is kept: grids are large
                 self._grids = {spacing: grid}
             return self._grids[spacing]
 
@@ -204,7 +193,6 @@ def find_free(
     """(d, n) uint8 at points: 0 where they look away from a direction, 1 where it is free, 2 where it is blocked.
 
     Args:
-        rays: what can block.
         bounds: (2, 3) of the same.
         points, normals: (n, 3) float32.
         directions: (d, 3) float32 unit.
@@ -224,27 +212,20 @@ def find_free(
 
 @dataclass(frozen=True)
 class Lighting:
-    """Baked light.
+    """Baked light."""
 
-    Attributes:
-        grid: where the object's samples lie.
-        stored: (k, 5) irradiance RGB, share of the key light seen, share of the room seen.
-        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors
-            the share of the sky's light that the object leaves the ground.
-        table_side_mm: side of that square.
-        open_irradiance: (3,) of the table far from the object.
-    """
-
-    grid: SampleGrid
-    stored: np.ndarray
+    grid: SampleGrid  # where the object's samples lie
+    stored: np.ndarray  # (k, 5) irradiance RGB, share of the key light seen, share of the room seen
+    # (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors the share
+    # of the sky's light that the object leaves the ground
     table: np.ndarray
-    table_side_mm: float
-    open_irradiance: np.ndarray
+    table_side_mm: float  # side of that square
+    open_irradiance: np.ndarray  # (3,) of the table far from the object
 
 
 @dataclass(frozen=True)
 class _Directions:
-    """Where light comes from: (n, 3) unit directions spread evenly over the sphere, and over the key light's disc.
+    """Directions of light: (n, 3) unit, spread evenly over the sphere, and over the key light's disc.
 
     `room_radiance` (n, 3) arrives around each of the former, `key_irradiance` (3,) from each of the latter.
     """
@@ -279,11 +260,7 @@ def bake_lighting(
     """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:
-        shape: of the object.
         albedo: (3,) mean linear colour of the object, and of what stands around it, for bounce.
-        scene: light, room and table.
-        detail: how finely.
-        stand: where the object stands.
         around: the scene's surroundings. The map of the ground then holds by how much the object dims the sky's light.
     """
     size, is_indoors = shape.size, around is None
@@ -293,7 +270,9 @@ def bake_lighting(
     bounce = (BOUNCE * albedo * open_irradiance / np.pi).astype(np.float32)
 
     # the map of the ground ends where the object no longer changes its light
-    side = 2 * _shadow_reach(size, float(shape.bounds[1, 2]) if is_indoors else 0.0, scene.key)
+    # the lower rim of the light throws the longest shadow, height / tan(elevation); below 5 degrees it is cut off
+    shadow = float(shape.bounds[1, 2]) / np.tan(np.radians(max(scene.key.elevation_deg - scene.key.radius_deg, 5)))
+    side = 2 * (0.75 * size + max(0.55 * size, float(shadow) if is_indoors else 0.0))
     count = min(round(side / size / detail.table_spacing), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
@@ -325,7 +304,7 @@ def bake_lighting(
 
 
 SURROUNDING_SAMPLES = 250_000
-"""About so many places of the surroundings have light of their own."""
+"""About so many places of the surroundings have their light worked out."""
 SURROUNDING_RAYS, SURROUNDING_SHARED = 48, 0.7
 
 
@@ -333,9 +312,7 @@ def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lightin
     """Work out the sky's light on what stands around an object; the key light's is found for each picture.
 
     Args:
-        shape: of the surroundings.
         albedo: (3,) their mean linear colour, for bounce.
-        scene: whose sky and sun it is.
     """
     first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
     # half the cross product of two edges is a triangle's area
@@ -363,18 +340,11 @@ def _find_lights(scene: Scene, detail: BakeDetail, stand: Stand) -> _Directions:
 
 
 class _Ground(NamedTuple):
-    """What shines from below: (t, t, 4) irradiance over a square of this side, and (3,) albedo; nothing where 0."""
+    """Light from below: (t, t, 4) irradiance over a square of this side, and (3,) albedo; none if the side is 0."""
 
     irradiance: np.ndarray
     side: float
     albedo: np.ndarray
-
-
-def _shadow_reach(size: float, height: float, key: KeyLight) -> float:
-    """Distance from the origin within which the table's light can differ from the open table's, mm."""
-    # the lower rim of the light throws the longest shadow, height / tan(elevation); below 5 degrees it is cut off
-    lowest = np.radians(max(key.elevation_deg - key.radius_deg, 5))
-    return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
 NO_GROUND = _Ground(np.zeros((2, 2, 4), np.float32), 0.0, np.zeros(3, np.float32))

@@ -30,31 +30,24 @@ from toolkit.rig.wrapped import fill_canvas
 LEVEL = 0.35
 """A piece that rises less than this, millimetres per millimetre, lies level: its arrow points to the front."""
 ASPECT = 0.02
-"""Relative difference of two pictures' width / height from which they are not of one form."""
+"""Relative difference of two pictures' width / height from which their forms differ."""
 SAMPLES = 3
 """A texel of a pattern is looked up in so many places across and up."""
 
 
 @dataclass(frozen=True)
 class Livery:
-    """An object in a picture that exists.
+    """An object in a picture that exists."""
 
-    Attributes:
-        mesh: the object, with the picture in place of its paint.
-        record: of the picture.
-        is_trained: whether it is a texture or a wrap of the kit; else people made it.
-    """
-
-    mesh: Mesh
-    record: PictureRecord
-    is_trained: bool
+    mesh: Mesh  # the object, with the picture in place of its paint
+    record: PictureRecord  # of the picture
+    is_trained: bool  # whether the toolkit trained it; else people made it
 
 
 def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: str = "picture") -> Livery:
     """Put a picture on an object.
 
     Args:
-        item: the object.
         file: a picture in the object's own texture coordinates, the PNG of a texture, or a wrap's folder or record.
         keep: names of materials that keep their paint; only of a picture.
         field: of the config that names the file, for errors.
@@ -64,14 +57,15 @@ def read_livery(item: TableObject, file: Path, keep: Sequence[str] = (), field: 
             for another object; the object's coordinates carry no single picture.
     """
     file = Path(file)
-    folder = file.parent if file.name == RECORD_FILE else file
+    folder, beside = file.parent if file.name == RECORD_FILE else file, file.with_suffix(".json")
     if folder.is_dir():
         wrap = read_wrap(folder)
         check_wrap(wrap, item)
         mesh = dress_mesh(item.mesh, wrap, fill_canvas(wrap, len(item.mesh.faces)))
         record = PictureRecord(name=wrap.record.name, sha256=wrap.record.map_sha256)
         livery = Livery(mesh, record, wrap.record.booster is not None)
-    elif _is_texture(file):
+    # a texture's record lies beside it; other programs may write a .json there, too
+    elif beside.is_file() and b'"uv_sha256"' in read_bytes(beside, MOST_RECORDED_BYTES):
         texture = read_texture(file)
         mesh = paint_object(item, texture, texture.pixels)
         livery = Livery(mesh, PictureRecord(name=file.name, sha256=texture.record.png_sha256), True)
@@ -96,12 +90,6 @@ def read_picture(file: Path, field: str) -> tuple[np.ndarray, PictureRecord]:
     return pixels, PictureRecord(name=file.name, sha256=sha256_bytes(read_bytes(file, MOST_RECORDED_BYTES)))
 
 
-def _is_texture(file: Path) -> bool:
-    """Whether a texture's record lies beside a picture; other programs may write a .json there, too."""
-    record = file.with_suffix(".json")
-    return record.is_file() and b'"uv_sha256"' in read_bytes(record, MOST_RECORDED_BYTES)
-
-
 def _check_form(item: TableObject, pixels: np.ndarray, file: Path, field: str) -> None:
     """Refuse a picture that is wider or higher than the object's own texture: it was drawn for another object."""
     drawn = [material.texture for material in item.mesh.materials if (material.texture != material.texture[0, 0]).any()]
@@ -118,8 +106,6 @@ def draw_pattern(wrap: Wrap, mesh: Mesh, pixels: np.ndarray, long_mm: float) -> 
     """(n, n, 3) uint8 sRGB canvas with a picture that repeats on each piece, undistorted and the right way up.
 
     Args:
-        wrap: whose pieces they are.
-        mesh: of its object.
         pixels: (h, w, 3) uint8 sRGB.
         long_mm: length of the picture's longer side, mm.
     """

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import cv2
 
 DICTIONARY = "DICT_5X5_1000"
-"""One dictionary for everything that is printed: markers of a board, a ring and a colour strip never share a number."""
+"""The dictionary of everything that is printed: markers of a board, a ring and a colour strip never share a number."""
 DICTIONARIES = {f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)} | {
     "DICT_ARUCO_ORIGINAL": 1024,
     "DICT_ARUCO_MIP_36h12": 250,
@@ -30,16 +30,13 @@ STRIP_FIRST_ID = 990
 
 PALE_PERCENT = 10.0
 """Ink of a board for photographs that a network shall judge. A black board under the object is what the network then
-sees: "crossword puzzle" and "scoreboard" instead of the object (docs/results.md). Cameras find the pale one as well."""
+sees: "crossword puzzle" and "scoreboard" instead of the object (docs/results.md). Cameras find the pale board as
+well."""
 LEAST_INK_PERCENT = 5.0
 
 
 def require_mm(what: str, value: float, most: float = 5000.0) -> None:
-    """Check a length.
-
-    Raises:
-        ToolkitError: it is not above 0, or over `most`.
-    """
+    """Check a length; raises a `ToolkitError` if it is not above 0, or over `most`."""
     if not (math.isfinite(value) and 0 < value <= most):
         raise ToolkitError(f"{what}: expected millimetres above 0 and up to {most:g}, found {value:g}")
 
@@ -52,11 +49,7 @@ def sheet_to_world(points_mm: np.ndarray, size_mm: tuple[float, float]) -> np.nd
 
 
 def count_markers(dictionary: str) -> int:
-    """How many markers one of OpenCV's dictionaries has.
-
-    Raises:
-        ToolkitError: there is none of that name.
-    """
+    """How many markers an OpenCV dictionary has; raises a `ToolkitError` if there is none of that name."""
     if dictionary not in DICTIONARIES:
         raise one_of("dictionary of markers", dictionary, list(DICTIONARIES))
     return DICTIONARIES[dictionary]
@@ -92,26 +85,29 @@ def require_ids(what: str, dictionary: str, first_id: int, count: int) -> None:
 
 
 def get_dictionary(name: str) -> "cv2.aruco.Dictionary":
-    """One of OpenCV's dictionaries.
-
-    Raises:
-        ToolkitError: there is none of that name.
-    """
+    """An OpenCV dictionary by name; raises a `ToolkitError` if there is none of that name."""
     import cv2
 
     count_markers(name)
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
-def find_markers(dictionary: str, grey: np.ndarray) -> list[int]:
-    """The numbers of all markers of a dictionary that OpenCV reads in a picture (h, w) uint8."""
+def find_markers(dictionary: str, grey: np.ndarray, *, refined: bool = False) -> list[tuple[int, np.ndarray]]:
+    """Number and corners (4, 2), pixels, of each marker of a dictionary that OpenCV reads in a picture (h, w) uint8.
+
+    Corners are in OpenCV's order; `refined` ones lie between pixels.
+    """
     import cv2
 
+    parameters = cv2.aruco.DetectorParameters()
+    if refined:
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     try:
-        _, ids, _ = cv2.aruco.ArucoDetector(get_dictionary(dictionary)).detectMarkers(grey)
+        corners, ids, _ = cv2.aruco.ArucoDetector(get_dictionary(dictionary), parameters).detectMarkers(grey)
     except cv2.error:  # a shape that it takes for a marker can fail its own checks
         return []
-    return [] if ids is None else [int(one) for one in ids.reshape(-1)]
+    numbers = [] if ids is None else ids.ravel().tolist()
+    return [(number, corner.reshape(4, 2)) for number, corner in zip(numbers, corners, strict=True)]
 
 
 @lru_cache(maxsize=2048)
@@ -120,7 +116,7 @@ def marker_modules(dictionary: str, marker_id: int) -> np.ndarray:
     import cv2
 
     known = get_dictionary(dictionary)
-    # one black module of border all round
+    # a black module of border all round
     side = known.markerSize + 2
     return cv2.aruco.generateImageMarker(known, marker_id, side, borderBits=1) == 0
 
@@ -128,7 +124,7 @@ def marker_modules(dictionary: str, marker_id: int) -> np.ndarray:
 def black_rects(modules: np.ndarray) -> np.ndarray:
     """(k, 4) left, top, right, bottom of the black runs of (m, m) modules, in shares of the marker's side.
 
-    They do not overlap; equal runs of neighbouring rows are one rectangle.
+    They do not overlap; equal runs of neighbouring rows are joined.
     """
     side = len(modules)
     open_runs: dict[tuple[int, int], int] = {}
@@ -162,11 +158,7 @@ def add_rects(ink: np.ndarray, rects: np.ndarray) -> None:
 
 
 def require_ink(what: str, percent: float) -> None:
-    """Check how dark a sheet is printed.
-
-    Raises:
-        ToolkitError: it is below `LEAST_INK_PERCENT`, or over 100.
-    """
+    """Check how dark a sheet is printed; raises a `ToolkitError` if it is below `LEAST_INK_PERCENT`, or over 100."""
     if not LEAST_INK_PERCENT <= percent <= 100:
         raise ToolkitError(
             f"{what}: ink_percent: expected {LEAST_INK_PERCENT:g} (paler is not found) to 100, found {percent:g}"

@@ -40,7 +40,7 @@ _ONE_AT_A_TIME = Lock()
 
 @lru_cache(maxsize=1)
 def mitsuba_trouble() -> str | None:
-    """None where Mitsuba and the denoiser start, else the reason in a few words; asked in a process of its own."""
+    """None if Mitsuba and the denoiser start in another process, else the reason in a few words."""
     missing = [name for name in ("mitsuba", "pyoidn") if find_spec(name) is None]
     if missing:
         return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not installed"
@@ -53,7 +53,7 @@ def mitsuba_trouble() -> str | None:
 
 
 class MitsubaRenderer(Renderer):
-    """Renders one object in one scene by path tracing; the same inputs give the same bytes on one machine."""
+    """Renders an object in a scene by path tracing; the same inputs give the same bytes on one machine."""
 
     def __init__(self, mesh: Mesh, scene: Scene, stand: Stand = AT_ORIGIN, samples: int = SAMPLES) -> None:
         """Keep what is rendered; `samples` are the rays of a pixel. `make_renderer` asks `mitsuba_trouble` before."""

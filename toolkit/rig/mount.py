@@ -20,7 +20,7 @@ MAX_SLOPE_DEG = 38.0
 MAX_TILT_DEG = 50.0
 CLEARANCE_MM = 0.4
 ALIKE = 0.8
-"""Cosine of the angle up to which two sheets face one way."""
+"""Cosine of the angle up to which two sheets face the same way."""
 SAMPLES = 81
 PAPER = (243, 243, 240)
 PAPER_MATERIAL, BACK_MATERIAL = "paper", "paper-back"
@@ -34,38 +34,28 @@ SIDES = {
     "left": ((-1, 0, 0), (0, 0, 1)),
     "right": ((1, 0, 0), (0, 0, 1)),
 }
-"""Right and up of each side as one sees it; for the top, right is the object's front."""
+"""Right and up of each side as seen; for the top, right is the object's front."""
 
 
 @dataclass(frozen=True)
 class MountedSheet:
-    """A mounted sheet.
+    """A mounted sheet."""
 
-    Attributes:
-        mesh: the sheet's two faces; materials `paper` (printed) and `paper-back` (white).
-        size_mm: side of the patch, without the white margin around it.
-        T_object_sheet: (4, 4), the sheet's own frame before bending: x right, y up, z off the surface.
-    """
-
-    mesh: Mesh
-    size_mm: float
-    T_object_sheet: np.ndarray
+    mesh: Mesh  # the sheet's two faces; materials `paper` (printed) and `paper-back` (white)
+    size_mm: float  # side of the patch, without the white margin around it
+    T_object_sheet: np.ndarray  # (4, 4), the sheet's own frame before bending: x right, y up, z off the surface
 
 
 def mount_patch(
     mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object"
 ) -> MountedSheet:
-    """Stick a printed sheet on one side of an object.
+    """Stick a printed sheet on a side of an object.
 
-    The sheet is first tilted with the surface below it, then bent about one axis (paper bends about one at a time) into
-    the taut curve over the highest points below. Its lengths are kept: a millimetre on paper stays one on the object.
+    The sheet is first tilted with the surface below it. It is then bent about a single axis, as paper is, into the taut
+    curve over the highest points below. Its lengths are kept: a millimetre on paper stays a millimetre on the object.
 
     Args:
-        mesh: the object on the table.
         pixels: (n, n, 3) uint8 sRGB; row 0 is the sheet's upper edge.
-        size_mm: side of the printed patch.
-        mount: which side, and where on it.
-        name: for messages.
 
     Raises:
         ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
@@ -78,19 +68,12 @@ def mount_patch(
 
 @dataclass(frozen=True)
 class LaidSheet:
-    """Where a sheet comes to lie, in its own frame: x right, y up, z off the surface.
+    """Place and shape of a sheet, in its own frame: x right, y up, z off the surface."""
 
-    Attributes:
-        points: (SAMPLES, 2, 3) along the bend, and at both straight edges.
-        along_right: whether it is bent along right, and else along up.
-        T_object_sheet: (4, 4) of that frame.
-        heights: (SAMPLES, SAMPLES) of the surface below, rows along up; -inf where there is none.
-    """
-
-    points: np.ndarray
-    along_right: bool
-    T_object_sheet: np.ndarray
-    heights: np.ndarray
+    points: np.ndarray  # (SAMPLES, 2, 3) along the bend, and at both straight edges
+    along_right: bool  # whether it is bent along right, and else along up
+    T_object_sheet: np.ndarray  # (4, 4) of that frame
+    heights: np.ndarray  # (SAMPLES, SAMPLES) of the surface below, rows along up; -inf where there is none
 
 
 def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_heights: FindHeights) -> LaidSheet:
@@ -130,40 +113,38 @@ def mount_sheets(
     """Stick the same patch on an object in several places, each as `mount_patch` does.
 
     Args:
-        mesh, pixels: as there.
-        mounts: one for each sheet.
-        sizes_mm: side of the patch on each.
         name: for messages, which say which sheet is meant where there are several.
 
     Raises:
-        ToolkitError: one cannot be mounted, or two lie on one another.
+        ToolkitError: a sheet cannot be mounted, or two overlap.
     """
     sheets = [
         mount_patch(mesh, pixels, size_mm, mount, name if len(mounts) == 1 else f"{name}, sheet {number}")
         for number, (mount, size_mm) in enumerate(zip(mounts, sizes_mm, strict=True), 1)
     ]
-    for (first, one), (second, other) in combinations(enumerate(sheets), 2):
-        if do_overlap(one, other):
+    # every pair is tested: mounts are few
+    for (first, sheet), (second, other) in combinations(enumerate(sheets), 2):
+        if do_overlap(sheet, other):
             raise ToolkitError(
-                f"{name}: sheet {first + 1} ({mounts[first].at}) and sheet {second + 1} ({mounts[second].at}) lie on "
-                "one another: move one by its offset_mm, or print them smaller"
+                f"{name}: sheet {first + 1} ({mounts[first].at}) and sheet {second + 1} ({mounts[second].at}) overlap: "
+                "move either by its offset_mm, or print them smaller"
             )
     return sheets
 
 
-def do_overlap(one: MountedSheet, other: MountedSheet) -> bool:
-    """Whether two sheets lie on one another, or one pierces the other; edges that only touch do not count.
+def do_overlap(sheet: MountedSheet, other: MountedSheet) -> bool:
+    """Whether two sheets overlap, or pierce each other; edges that only touch do not count.
 
-    Of two that face about one way, one may also span the other, with air between them: both are looked at from there.
+    Two that face about the same way are compared as seen from there, as there may be air between them.
     """
     from scipy.spatial import cKDTree
 
-    (points, normals), (other_points, other_normals) = _survey(one), _survey(other)
-    outward, other_outward = one.T_object_sheet[:3, 2], other.T_object_sheet[:3, 2]
+    (points, normals), (other_points, other_normals) = _survey(sheet), _survey(other)
+    outward, other_outward = sheet.T_object_sheet[:3, 2], other.T_object_sheet[:3, 2]
     if outward @ other_outward > ALIKE:
         middle = (outward + other_outward) / np.linalg.norm(outward + other_outward)
         points, other_points = (each - np.outer(each @ middle, middle) for each in (points, other_points))
-    near = (max(one.size_mm, other.size_mm) + 2 * TAPE_MARGIN_MM) / (SAMPLES - 1)
+    near = (max(sheet.size_mm, other.size_mm) + 2 * TAPE_MARGIN_MM) / (SAMPLES - 1)
     distance, which = cKDTree(other_points).query(points, distance_upper_bound=near)
     close = np.flatnonzero(np.isfinite(distance))
     which = which[close]
@@ -182,10 +163,10 @@ def _survey(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wear_sheets(mesh: Mesh, sheets: Sequence[MountedSheet]) -> tuple[Mesh, np.ndarray]:
-    """The object with sheets of one patch on it, and the texture of their paper, which all of them share.
+    """The object with a patch's sheets on it, and the texture of their paper, which all of them share.
 
-    Paper has a margin of the same millimetres round a patch of any size. The smallest sheet's, which is the widest in
-    texels, serves the others too: texel on texel as on papers of their own.
+    Paper has a margin of the same millimetres round a patch of any size. The smallest sheet's paper, the widest in
+    texels, serves the others too, texel on texel.
     """
     n_px = [len(sheet.mesh.materials[0].texture) for sheet in sheets]
     paper = sheets[int(np.argmax(n_px))].mesh.materials[0]
@@ -206,7 +187,7 @@ def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:
 
 
 def attach(mesh: Mesh, *sheets: MountedSheet) -> Mesh:
-    """The object with sheets on it, each of a paper of its own."""
+    """The object with sheets on it, each with its own paper."""
     return merge_meshes([mesh, *(sheet.mesh for sheet in sheets)])
 
 
@@ -275,7 +256,7 @@ def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, boo
         across, height = _taut_curve(highest, side)
         below = np.where(np.isfinite(heights), heights, np.nan)
         lifted = np.interp(np.linspace(-side / 2, side / 2, SAMPLES), across, height)
-        # mean air under the sheet: the bend that leaves less is the one that paper takes
+        # mean air under the sheet: paper takes the bend that leaves less
         gap = np.nanmean((lifted if along_right else lifted[:, None]) - below)
         choices.append((gap, across, height, along_right))
     _, across, height, along_right = min(choices, key=lambda choice: choice[0])
@@ -298,7 +279,7 @@ def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarr
     taut = np.interp(steps, steps[hull], lifted[hull])
     width = 9  # paper has no kinks: a running mean over a tenth of the sheet
     padded = np.interp(np.arange(-width, SAMPLES + width), np.arange(SAMPLES), taut)
-    # both ends go on with their own slope, or the mean would pull them level
+    # both ends keep their slope beyond the sheet, or the mean would pull them level
     padded[:width] = taut[0] + (taut[0] - taut[1]) * np.arange(width, 0, -1)
     padded[-width:] = taut[-1] + (taut[-1] - taut[-2]) * np.arange(1, width + 1)
     smooth = np.convolve(padded, np.ones(width) / width, "same")[width:-width]

@@ -1,4 +1,4 @@
-"""Where on an object a patch is best stuck: places and sizes scored by what cameras see of the sheet."""
+"""The best places for a patch on an object: places and sizes scored by what cameras see of the sheet."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -35,21 +35,14 @@ COLOURS = ((214, 40, 40), (36, 98, 196), (28, 140, 60), (220, 140, 0), (130, 50,
 
 @dataclass(frozen=True)
 class Place:
-    """A place for a sheet, and what the cameras see of it.
+    """A place for a sheet, and what the cameras see of it."""
 
-    Attributes:
-        mount: side, size and offset.
-        fit: how the sheet lies there.
-        shares: (poses,) share of the sheet that each sees.
-        areas_px: (poses,) what it covers of each picture, square pixels.
-        score: mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the
-            sheet that lies on the surface. One large view does not outweigh many in which nothing is seen.
-    """
-
-    mount: PatchMount
-    fit: SheetFit
-    shares: np.ndarray
-    areas_px: np.ndarray
+    mount: PatchMount  # side, size and offset
+    fit: SheetFit  # how the sheet lies there
+    shares: np.ndarray  # (poses,) share of the sheet that each sees
+    areas_px: np.ndarray  # (poses,) what it covers of each picture, square pixels
+    # mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the sheet
+    # that lies on the surface. A large view does not outweigh many in which nothing is seen.
     score: float
 
     @property
@@ -64,7 +57,7 @@ class Place:
 
     @property
     def area_px(self) -> float:
-        """What it covers of the picture, square pixels, mean over the poses."""
+        """Area in the picture, square pixels, mean over the poses."""
         return float(self.areas_px.mean())
 
     def as_json(self) -> dict[str, Any]:
@@ -80,15 +73,11 @@ def find_places(
     item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float],
     today: Sequence[PatchMount] = (),
 ) -> list[Place]:  # fmt: skip
-    """The best places for each size, best first; of two that overlap only the better one.
+    """The best places for each size, best first; of two that overlap only the better.
 
-    Where a sheet does not lie, see `SheetFit.lies`, is no place.
+    A place where a sheet does not fit flat is left out, see `SheetFit.lies`.
 
     Args:
-        item: the object.
-        camera, poses: of the plan.
-        config: which places are tried.
-        sizes_mm: printed sides of the patch.
         today: places that are tried at each size beside those of the grid.
     """
     found = _judge_all(item, camera, poses, config, sizes_mm, today)
@@ -99,21 +88,18 @@ def find_sheets(
     item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float],
     today: Sequence[PatchMount] = (),
 ) -> list[Place]:  # fmt: skip
-    """Places for `config.sheets` sheets that go on together, the best alone first; fewer where no more find room.
+    """Places for `config.sheets` sheets together, the best alone first; fewer if no more fit.
 
-    Each next one is where it adds most to the score of all, the mean over the poses of the side of a square as large as
-    what is seen of any of them: that is where the poses see those before it least. None overlap.
+    Each next sheet is where it adds most to the score of all: the mean over the poses of the root of the area seen.
+    None overlap.
 
     Args:
-        item: the object.
         camera, poses: what looks at it: `draw_poses` for a choice that no plan decides.
-        config: which places are tried.
-        sizes_mm: printed sides of the patch.
         today: places that are tried at each size beside those of the grid.
     """
     found = _judge_all(item, camera, poses, config, sizes_mm, today)
     # squared, as the score is a length: the root of an area times the share that lies
-    areas = np.array([one.areas_px * (1 - one.fit.floating) ** 2 for one in found]).reshape(len(found), -1)
+    areas = np.array([place.areas_px * (1 - place.fit.floating) ** 2 for place in found]).reshape(len(found), -1)
     chosen: list[Place] = []
     sheets: list[MountedSheet] = []
     seen = np.zeros(len(poses))
@@ -157,7 +143,7 @@ def _judge_all(
     scene = make_ray_scene(item.mesh)
     step_mm = float(item.mesh.size_mm.max()) / config.steps
     tried = [
-        *(one.model_copy(update={"size_mm": size}) for size in sizes_mm for one in today if one.at in config.sides),
+        *(spot.model_copy(update={"size_mm": size}) for size in sizes_mm for spot in today if spot.at in config.sides),
         *(mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)),
     ]
     found: list[Place] = []
@@ -176,7 +162,7 @@ def judge_place(
     item: TableObject, scene: "RaycastingScene", camera: Camera, poses: Sequence[Pose], mount: PatchMount,
     only_lying: bool = False,
 ) -> Place | None:  # fmt: skip
-    """What the poses see of a sheet there; None where it cannot be mounted, or does not lie and should."""
+    """The score of a sheet in a place; None if it cannot be mounted, or should fit flat and does not."""
     assert mount.size_mm is not None
     try:
         fit = measure_fit(item, mount.size_mm, mount, scene)
@@ -206,7 +192,7 @@ def _mount(item: TableObject, mount: PatchMount, number: int = 1) -> MountedShee
 
 
 def _number(number: int, side: int = 96) -> np.ndarray:
-    """(side, side, 3) uint8: a white number on a colour of its own."""
+    """(side, side, 3) uint8: a white number on its own colour."""
     image = Image.new("RGB", (side, side), COLOURS[(number - 1) % len(COLOURS)])
     font = ImageFont.load_default(size=side * 3 // 4)
     ImageDraw.Draw(image).text((side / 2, side / 2), str(number), fill="white", font=font, anchor="mm")
@@ -214,7 +200,7 @@ def _number(number: int, side: int = 96) -> np.ndarray:
 
 
 def _spread(item: TableObject, at: Side, size_mm: float, step_mm: float) -> Iterator[PatchMount]:
-    """Mounts on a grid over one side, as far as the patch's middle stays on the object's outline."""
+    """Mounts on a grid over a side, as far as the patch's middle stays on the object's outline."""
     low, high = item.mesh.bounds
     reach = [float(np.abs(np.array(axis)) @ (high - low)) / 2 for axis in SIDES[at]]
     counts = [int(max(0.0, half - size_mm / 4) // step_mm) for half in reach]
@@ -247,19 +233,19 @@ def _see(
     inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1) & (depth > 0)
     seen = is_free & ((normals * towards).sum(axis=2) > 0) & inside.reshape(is_free.shape)
     x, y = pixels.reshape(*is_free.shape, 2).transpose(2, 0, 1)
-    one, other = (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]), (x[1:, :-1] - x[:-1, 1:], y[1:, :-1] - y[:-1, 1:])
-    cells = np.abs(one[0] * other[1] - one[1] * other[0]) / 2  # a quadrilateral, by its diagonals
+    fall, rise = (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]), (x[1:, :-1] - x[:-1, 1:], y[1:, :-1] - y[:-1, 1:])
+    cells = np.abs(fall[0] * rise[1] - fall[1] * rise[0]) / 2  # a quadrilateral, by its diagonals
     # a square counts by how many of its corners are seen
     corners = np.stack([seen[:-1, :-1], seen[1:, :-1], seen[:-1, 1:], seen[1:, 1:]]).mean(axis=0)
     return float(seen.mean()), float((cells * corners).sum())
 
 
 def _pick(places: Sequence[Place], size_mm: float, count: int) -> list[Place]:
-    """The best of one size whose sheets do not lie on each other."""
+    """The best of a size whose sheets do not overlap."""
     chosen: list[Place] = []
-    for place in (one for one in places if one.mount.size_mm == size_mm):
+    for place in (found for found in places if found.mount.size_mm == size_mm):
         middle = place.fit.points_mm.mean(axis=0)
-        apart = [np.linalg.norm(middle - one.fit.points_mm.mean(axis=0)) for one in chosen]
+        apart = [np.linalg.norm(middle - other.fit.points_mm.mean(axis=0)) for other in chosen]
         if len(chosen) < count and all(distance >= size_mm + 2 * TAPE_MARGIN_MM for distance in apart):
             chosen.append(place)
     return chosen

@@ -58,7 +58,7 @@ def _grid(count: int, low: float, high: float) -> np.ndarray:
 
 
 def _ring(count: int, low: float, high: float) -> np.ndarray:
-    """One circle at the middle elevation."""
+    """A circle at the middle elevation."""
     return np.stack([np.arange(count) * 360 / count, np.full(count, (low + high) / 2)], axis=1)
 
 
@@ -67,7 +67,7 @@ def _hemisphere(count: int, low: float, high: float) -> np.ndarray:
     rows = max(1, round(np.sqrt(count * (high - low) / 150))) if low < high else 1
     edges = np.linspace(low, high, rows + 1)
     elevations = (edges[:-1] + edges[1:]) / 2
-    # a ring's circumference; the small term leaves a ring at the zenith its one pose
+    # a ring's circumference; the small term leaves a ring at the zenith its pose
     shares = np.cos(np.radians(elevations)) + 1e-6
     # rounded sums, not rounded parts: they add up to `count`
     ends = np.round(np.cumsum(shares) / shares.sum() * count).astype(int)
@@ -199,7 +199,7 @@ class _InFile:
 
 
 class Pose(BaseModel):
-    """One camera position.
+    """A camera position.
 
     Attributes:
         id: number of the pose: 1, 2, …
@@ -250,7 +250,7 @@ def hash_pose(camera: Camera, pose: Pose) -> str:
         *camera.intrinsics.values(), *camera.distortion, pose.azimuth_deg, pose.elevation_deg, pose.roll_deg,
         pose.distance_mm, *pose.target_mm,
     ]  # fmt: skip
-    # + 0.0: there is one zero
+    # + 0.0: no negative zero
     return sha256_json([f"{round(number, 6) + 0.0:.6f}" for number in numbers])
 
 
@@ -279,12 +279,9 @@ WHOLE = 0.98
 def plan_poses(
     item: TableObject, camera: Camera, pattern: Pattern, sheet_mm: np.ndarray | None = None
 ) -> list[Pose]:  # fmt: skip
-    """The poses of one object: the camera looks at the middle of its bounding box, which is never cropped.
+    """The poses of an object: the camera looks at the middle of its bounding box, which is never cropped.
 
     Args:
-        item: the object.
-        camera: of the plan.
-        pattern: how the poses are spread.
         sheet_mm: (n, 3) points of the sheet that is stuck on it, which is never cropped either.
 
     Raises:
@@ -340,11 +337,9 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
 def make_plan(
     items: list[TableObject], camera: Camera, pattern: Pattern, workspace: Workspace | None = None
 ) -> CapturePlan:
-    """One plan for several objects.
+    """A plan for several objects.
 
     Args:
-        items: the objects.
-        camera, pattern: of the plan.
         workspace: whose patches are on them: its own objects are framed together with their sheets.
 
     Raises:
@@ -395,7 +390,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
 
 
 def keep_others(old: CapturePlan | None, new: CapturePlan) -> CapturePlan:
-    """The new plan with those objects of the old one that it does not name; a plan of another camera is replaced."""
+    """The new plan with those objects of the old plan that it does not name; a plan of another camera is replaced."""
     if old is None or old.camera != new.camera:
         return new
     return new.model_copy(update={"objects": {**old.objects, **new.objects}})
@@ -450,13 +445,12 @@ def _move(pose: Pose, factor: float) -> Pose:
 def plan_objects(
     workspace: Workspace, objects: Sequence[str] = (), pattern: Pattern | None = None, camera: Camera | None = None
 ) -> CapturePlan:
-    """Plan the poses of objects anew and write `rig/plan.json`; without names, of all that the workspace knows.
+    """Plan the poses of objects again and write `rig/plan.json`; without names, of all that the workspace knows.
 
     Objects that the plan holds already and that are not named keep their poses, if the camera is the same.
 
     Args:
         workspace: whose objects are meant, and whose plan is written.
-        objects: names.
         pattern: how the poses are spread; 18 on a grid by default. Degrees and millimetres.
         camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
 
@@ -482,12 +476,11 @@ def seen_share(points_mm: np.ndarray, camera: Camera, pose: Pose) -> float:
 
 
 def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan | None = None) -> list[str]:
-    """What to know of the sheets of objects before they are printed or shot, one line each.
+    """Warnings about the sheets of objects before they are printed or shot, a line each.
 
     Args:
-        workspace: whose objects and patches are meant.
-        names: of objects.
-        plan: its cameras must have all sheets of one's own objects whole in the frame; built-in ones are framed alone.
+        plan: its cameras must have all sheets of the user's objects whole in the frame; built-in objects are framed
+            alone.
 
     Raises:
         ToolkitError: an object or a patch cannot be read.
@@ -500,6 +493,7 @@ def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan |
         if points is None or plan is None:
             continue
         seen = {pose.id: seen_share(points, plan.camera, pose) for pose in plan.objects[name]}
+        # a share of 0.001 is rounding at the border
         cut = {pose: share for pose, share in seen.items() if share < 0.999}
         if cut:
             worst = min(cut, key=lambda pose: cut[pose])

@@ -1,6 +1,6 @@
-"""The rig's renderer: drawing or Embree (Open3D's ray scene) finds what is seen, one compiled kernel makes light of it.
+"""The rig's renderer: drawing or Embree (Open3D's ray scene) finds what is seen, a compiled kernel makes light of it.
 
-Light that does not change with the camera is baked once; what is left per frame is which surface each pixel sees, its
+Light that does not change with the camera is baked once. Per frame there is left which surface each pixel sees, its
 texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.
 """
 
@@ -49,10 +49,10 @@ GROUND_REACH = 0.02
 
 
 class RaycastRenderer(Renderer):
-    """Renders one object in one scene from any camera.
+    """Renders an object in a scene from any camera.
 
-    What is worked out of a shape or a texture is kept for the next renderer that has the same, so that another place,
-    light or paint costs little.
+    Results for a shape or a texture are kept for the next renderer that has the same: another place, light or paint
+    costs little.
     """
 
     def __init__(
@@ -62,10 +62,6 @@ class RaycastRenderer(Renderer):
         """Bake the light.
 
         Args:
-            mesh: on the table.
-            scene: what it stands in.
-            detail: how finely light is worked out.
-            stand: where in it.
             keep_light: on disk for other runs, see `bake_studio_light`; for an object on its table, at the origin.
         """
         compiled.prepare(_compile_all)
@@ -125,11 +121,11 @@ class RaycastRenderer(Renderer):
         """What `render` shows, linear in the colours of those of the mesh's materials that share a texture.
 
         Args:
-            camera, T_world_camera: as for `render`.
-            texture: the one of the materials' textures (the array itself) that is left out; its materials must not be
-                metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
+            texture: the texture of materials (the array itself) that is left out; its materials must not be
+                metallic, for their gloss has their colour. Light that bounces off the table has the texture's mean
+                colour.
         """
-        # the array itself is compared: two materials may look alike and only one be trained
+        # the array itself is compared: of two materials that look alike only a single may be trained
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         lit = self._object.lit._replace(left_out=left_out)
         dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
@@ -141,10 +137,10 @@ class RaycastRenderer(Renderer):
     def _paint_meshes(
         self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
     ) -> tuple[np.ndarray, Linear, Hits]:
-        """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
+        """(h, w, 3) float32 what rays met before black, samples of a linear view if asked for, first hits."""
         view = view_from(camera, T_world_camera)
         part = self._tracer.trace(view, self._region(camera, T_world_camera))
-        # a pixel is one sample, or the one and four finer ones
+        # a pixel has its centre's sample, and four finer samples if it was refined
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
         pixels = camera.height * camera.width
         picture = np.zeros((camera.height, camera.width, 3), np.float32)
@@ -163,7 +159,7 @@ class RaycastRenderer(Renderer):
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
     ) -> None:
         view, edges = view_from(camera, T_world_camera), np.empty((4, 3))
-        # one tile beyond the picture's rim: values are interpolated between a tile's corners
+        # a tile beyond the picture's rim: values are interpolated between a tile's corners
         sheen = np.zeros((camera.height // TILE + 2, camera.width // TILE + 2, 4), np.float32)
         find_table_edges(self._around, view, edges)
         if self._around.has_table:

@@ -11,7 +11,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.bake_cache import place_unlit
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.kernel.frame import NOTHING, Hits, Samples
-from toolkit.rig.kernel.scene import View, as_rotation, as_triple
+from toolkit.rig.kernel.scene import CameraView, as_rotation, as_triple
 from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
 from toolkit.rig.shading import LinearView
 from toolkit.rig.trace import CENTRE, Tracer
@@ -21,10 +21,10 @@ FARTHEST = 1e9
 
 
 class Renderer(ABC):
-    """One object in one scene, seen from any camera.
+    """An object in a scene, seen from any camera.
 
-    Light is the renderer's own; buffers are exact and the same in all. To add a renderer, derive a class from this one,
-    and name it in the table of `toolkit.rig.renderers`:
+    Light is the renderer's own; buffers are exact and the same in all. To add a renderer, derive a class, and name it
+    in the table of `toolkit.rig.renderers`:
 
         class FlatRenderer(Renderer):
             def render(self, camera, T_world_camera):
@@ -95,7 +95,7 @@ class Renderer(ABC):
 
     @cached_property
     def _tracer(self) -> Tracer:
-        """Finds what is seen. A renderer with light of its own on the meshes puts its own in this place."""
+        """Finds what is seen. A renderer that lights the meshes itself puts its own in this place."""
         around, key = self._scene.surroundings, self._scene.key
         others = None if around is None else place_unlit(around, AT_ORIGIN, 1)
         direction = as_triple(orbit_direction(key.azimuth_deg, key.elevation_deg))
@@ -113,18 +113,14 @@ def name_hits(hits: Hits, shape: tuple[int, int]) -> dict[str, np.ndarray]:
     return {name: values.reshape(shape) for name, values in found.items()}
 
 
-def view_from(camera: Camera, T_world_camera: np.ndarray) -> View:
-    """Return a camera in its place, for the kernel.
-
-    Raises:
-        ToolkitError: the camera stands nowhere.
-    """
+def view_from(camera: Camera, T_world_camera: np.ndarray) -> CameraView:
+    """Return a camera in its place, for the kernel; raises a `ToolkitError` if the camera stands nowhere."""
     pose = np.asarray(T_world_camera, np.float64)
     if not np.isfinite(pose).all() or np.abs(pose[:3, 3]).max() > FARTHEST:
         raise ToolkitError(
             f"the camera stands at {pose[:3, 3].tolist()}: expected numbers within {FARTHEST:g}: check the pose"
         )
-    return View(
+    return CameraView(
         rotation=as_rotation(pose[:3, :3]), origin=as_triple(pose[:3, 3]), fx=float(camera.fx), fy=float(camera.fy),
         cx=float(camera.cx), cy=float(camera.cy), width=camera.width, height=camera.height,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The table of renderers. What is not in it is unknown to every command; nothing heavy is loaded for it."""
+"""The table of renderers. Commands know the renderers in it alone; nothing heavy is loaded for it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,25 +19,18 @@ GRAPHICS = find_graphics()
 
 @dataclass(frozen=True)
 class RendererKind:
-    """A renderer, as commands and pages know it.
+    """A renderer, as commands and pages know it."""
 
-    Attributes:
-        make: (mesh, scene, detail, stand) -> the renderer; its file is imported when it is called.
-        draws_worlds: it draws skies and surroundings as well as studios.
-        version: raised when its pictures change, so that captures are shot again; None: that of the rig says it all.
-        need: what it needs of the machine, a word or two; None: nothing but the package.
-        working: what `toolkit doctor` says if it can start here.
-        find_trouble: returns why it cannot start here in a few words; None if it can.
-        fix: the command that brings it what it needs.
-    """
-
+    # (mesh, scene, detail, stand) -> the renderer; its file is imported when it is called
     make: Callable[["Mesh", "Scene", "BakeDetail", "Stand"], "Renderer"]
-    draws_worlds: bool = False
+    draws_worlds: bool = False  # it draws skies and surroundings as well as studios
+    # raised when its pictures change, so that captures are shot again; None: that of the rig says it all
     version: int | None = None
-    need: str | None = None
-    working: str = ""
+    need: str | None = None  # what it needs of the machine, a word or two; None: nothing but the package
+    working: str = ""  # what `toolkit doctor` says if it can start here
+    # returns why it cannot start here in a few words; None if it can
     find_trouble: Callable[[], str | None] = lambda: None
-    fix: str = ""
+    fix: str = ""  # the command that brings it what it needs
 
 
 def _make_raycast(mesh: "Mesh", scene: "Scene", detail: "BakeDetail", stand: "Stand") -> "Renderer":
@@ -78,16 +71,12 @@ RENDERERS: dict[str, RendererKind] = {
     ),
 }  # fmt: skip
 RAYCAST = "raycast"
-"""The default, and the one that boosters are trained in."""
+"""The default, in which boosters are trained."""
 IN_WORLDS = tuple(name for name, kind in RENDERERS.items() if kind.draws_worlds)
 
 
 def check_renderer(name: str) -> str:
-    """Return the name of a renderer.
-
-    Raises:
-        ToolkitError: there is none of that name.
-    """
+    """Return the name of a renderer; raises a `ToolkitError` if there is none of that name."""
     if name not in RENDERERS:
         raise one_of("renderer", name, list(RENDERERS))
     return name
@@ -110,14 +99,12 @@ def make_renderer(
     """Build a scene for rendering.
 
     Args:
-        name: as the table has it.
         mesh: the object in its own frame, boosters attached.
-        scene: what it stands in.
         detail: how finely light is baked, full by default; of use to the ray caster alone.
         stand: where in the scene it stands, by default at the origin.
 
     Raises:
-        ToolkitError: an unknown name, a renderer that cannot start here, or one that draws no worlds in a world.
+        ToolkitError: an unknown name, or a renderer that cannot start here or does not draw worlds.
     """
     from toolkit.rig.lighting import FULL_DETAIL
     from toolkit.rig.scene import AT_ORIGIN

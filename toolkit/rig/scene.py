@@ -10,33 +10,21 @@ from toolkit.objects.mesh import Mesh
 
 @dataclass(frozen=True)
 class KeyLight:
-    """The main light, a soft box or the sun; far enough away to shine evenly.
+    """The main light, a soft box or the sun; far enough away to shine evenly."""
 
-    Attributes:
-        azimuth_deg, elevation_deg: where it stands.
-        radius_deg: half of its apparent size; larger is softer.
-        irradiance: (3,) linear RGB on a surface that faces it.
-    """
-
-    azimuth_deg: float = 40.0
+    azimuth_deg: float = 40.0  # azimuth_deg, elevation_deg: where it stands
     elevation_deg: float = 52.0
-    radius_deg: float = 7.0
-    irradiance: tuple[float, float, float] = (2.2, 2.15, 2.05)
+    radius_deg: float = 7.0  # half of its apparent size; larger is softer
+    irradiance: tuple[float, float, float] = (2.2, 2.15, 2.05)  # (3,) linear RGB on a surface that faces it
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table top at z = 0.
+    """A table top at z = 0."""
 
-    Attributes:
-        picture: (h, w, 3) uint8 sRGB; its middle is the origin, image right +x, image up +y.
-        size_mm: (width along x, height along y).
-        roughness: 0 mirror … 1 matte.
-    """
-
-    picture: np.ndarray
-    size_mm: tuple[float, float]
-    roughness: float
+    picture: np.ndarray  # (h, w, 3) uint8 sRGB; its middle is the origin, image right +x, image up +y
+    size_mm: tuple[float, float]  # (width along x, height along y)
+    roughness: float  # 0 mirror … 1 matte
 
     @property
     def px_per_mm(self) -> float:
@@ -46,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Stand:
-    """Where an object stands: its base's centre in the world, and its turn, counter-clockwise from above."""
+    """The place of an object: its base's centre in the world, and its turn, counter-clockwise from above."""
 
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
@@ -84,29 +72,21 @@ def illuminate(environment: np.ndarray, key: KeyLight) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scene:
-    """What an object is put into: the table-top studio, or a world out of doors.
-
-    Attributes:
-        name: for the manifest.
-        key: the main light.
-        environment: (h, w, 3) float32 linear radiance of room or sky in all directions, equirectangular: row 0 is
-            straight up, the middle column azimuth 0, azimuth grows to the left.
-        exposure: factor from radiance to the picture's linear values.
-        table: what the object stands on in a studio.
-        surroundings: what stands around it out of doors, in the units of the object's mesh.
-        lamps: radiance of a surface whose `Material.emission` is 1; 0 where lamps are off.
+    """The surroundings of an object: the table-top studio, or a world out of doors.
 
     Raises:
         ToolkitError: both a table and surroundings.
     """
 
-    name: str
-    key: KeyLight
+    name: str  # for the manifest
+    key: KeyLight  # the main light
+    # (h, w, 3) float32 linear radiance of room or sky in all directions, equirectangular: row 0 is straight up, the
+    # middle column azimuth 0, azimuth grows to the left
     environment: np.ndarray
-    exposure: float
-    table: Table | None = None
-    surroundings: Mesh | None = None
-    lamps: float = 0.0
+    exposure: float  # factor from radiance to the picture's linear values
+    table: Table | None = None  # what the object stands on in a studio
+    surroundings: Mesh | None = None  # what stands around it out of doors, in the units of the object's mesh
+    lamps: float = 0.0  # radiance of a surface whose `Material.emission` is 1; 0 where lamps are off
 
     def __post_init__(self) -> None:
         if self.table is not None and self.surroundings is not None:
@@ -115,11 +95,7 @@ class Scene:
             )
 
     def need_table(self) -> Table:
-        """The table.
-
-        Raises:
-            ToolkitError: there is none.
-        """
+        """The table; raises a `ToolkitError` if there is none."""
         if self.table is None:
             raise ToolkitError(f"the scene {self.name} has no table: take a studio's")
         return self.table

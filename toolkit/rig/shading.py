@@ -75,17 +75,12 @@ _CODES = _make_codes()
 
 @dataclass(frozen=True)
 class DepthBuffer:
-    """How far away everything in a view is, for weather that is laid over it.
+    """How far away everything in a view is, for weather that is laid over it."""
 
-    Attributes:
-        depth: (h, w) float32 distance along the ray through each pixel's centre, in the mesh's unit; inf for the sky.
-        camera: of h × w pixels.
-        T_world_camera: (4, 4) its pose, in the same unit.
-    """
-
+    # (h, w) float32 distance along the ray through each pixel's centre, in the mesh's unit; inf for the sky
     depth: np.ndarray
-    camera: Camera
-    T_world_camera: np.ndarray
+    camera: Camera  # of h × w pixels
+    T_world_camera: np.ndarray  # (4, 4) its pose, in the same unit
 
     def scaled(self, metres_per_unit: float) -> "DepthBuffer":
         """The same of what a model stands for, in metres."""
@@ -101,27 +96,18 @@ class DepthBuffer:
 
 @dataclass(frozen=True)
 class LinearView:
-    """One view of h × w pixels; light is linear, in exposure units.
+    """One view of h × w pixels; light is linear, in exposure units."""
 
-    Attributes:
-        behind: (h, w, 3) float32 table and room without the object, its shadow included; 0 where it covers the pixel.
-        dark: (h, w, 3) float32 the object with a black material: gloss, and parts that keep their paint.
-        coverage: (h, w) float32 share of each pixel that shows the object.
-        pixel: (k,) int32 which pixel a sample of the material counts for, row · w + column.
-        uv: (k, 2) float32 where it lies on the material's texture, u right and v up; outside [0, 1] that repeats.
-        lod: (k,) float32 base-2 logarithm of the texture's texels per pixel there.
-        gain: (k, 3) float32 light that white texels bring to the pixel.
-        depth: of what is seen, where it was asked for.
-    """
-
+    # (h, w, 3) float32 table and room without the object, its shadow included; 0 where it covers the pixel
     behind: np.ndarray
-    dark: np.ndarray
-    coverage: np.ndarray
-    pixel: np.ndarray
+    dark: np.ndarray  # (h, w, 3) float32 the object with a black material: gloss, and parts that keep their paint
+    coverage: np.ndarray  # (h, w) float32 share of each pixel that shows the object
+    pixel: np.ndarray  # (k,) int32 which pixel a sample of the material counts for, row · w + column
+    # (k, 2) float32 its place on the material's texture, u right and v up; outside [0, 1] that repeats
     uv: np.ndarray
-    lod: np.ndarray
-    gain: np.ndarray
-    depth: DepthBuffer | None = None
+    lod: np.ndarray  # (k,) float32 base-2 logarithm of the texture's texels per pixel there
+    gain: np.ndarray  # (k, 3) float32 light that white texels bring to the pixel
+    depth: DepthBuffer | None = None  # of what is seen, where it was asked for
 
     @property
     def share(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The table-top studio: key light, the room around it, the table and its backdrop, all from one seed."""
+"""The table-top studio: key light, the room around it, the table and its backdrop, all from a seed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -138,7 +138,7 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
         furnish = (_window, _shelf, _picture)[rng.integers(3)]
         furnish(room, rng, int(azimuth / 360 * width), horizon)
     _window(room, rng, int(rng.uniform(0.30, 0.44) * width), horizon)  # a room has a window
-    # the left edge meets the right one: three side by side are blurred, the middle is kept
+    # the left edge meets the right edge: three side by side are blurred, the middle is kept
     tiled = np.concatenate([room, room, room], axis=1)  # blur across the seam
     blurred = cv2.GaussianBlur(tiled, (0, 0), width / 110)[:, width : 2 * width]
     return np.ascontiguousarray(blurred, np.float32)
@@ -198,10 +198,7 @@ def make_studio(
     """A studio whose backdrop, unless named, and details follow from the seed.
 
     Args:
-        seed: equal seeds give equal studios.
         scale_mm: longest side of the object; the table is sized to it.
-        backdrop: one of `BACKDROPS`.
-        light: one of `LIGHTS`.
 
     Raises:
         ToolkitError: an unknown backdrop or light.
@@ -233,7 +230,7 @@ def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
     """Meter the open table as a camera would: bright tables stay bright, dark ones dark, dim light a bit dim."""
     irradiance = float(illuminate(environment, key).mean())
     albedo = float(srgb_to_linear(table[::8, ::8] / 255).mean())
-    # a power under 1: a white table comes out brighter than a black one, but not by as much as it is
+    # a power under 1: a white table comes out brighter than a black table, but less than it is
     wanted = 0.62 * albedo**0.65
     # what a matt table of this albedo sends out, brought to the wanted level
     metered = wanted / (albedo * irradiance / np.pi)
@@ -256,7 +253,6 @@ def add_board(studio: Scene, board: "Board", px_per_mm: float | None = None) -> 
 
     Args:
         studio: whose table is large enough for the board.
-        board: as it was printed.
         px_per_mm: of the table's picture; by default as fine as the markers need and the memory allows.
     """
     import cv2

@@ -12,11 +12,11 @@ SMALLEST = 4
 
 
 def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
-    """Halve (h, w, 3) linear values, float32 or uint16, by area average until one side is 4; level 0 is the input."""
+    """Halve (h, w, 3) linear values, float32 or uint16, by area average until a side is 4; level 0 is the input."""
     levels: list[np.ndarray] = [np.ascontiguousarray(linear)]
     while min(levels[-1].shape[:2]) > SMALLEST:
         h, w = levels[-1].shape[:2]
-        # each level is made of the one before, in linear light: averages of codes would be too dark
+        # each level is made of the level before, in linear light: averages of codes would be too dark
         levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
     return levels
 
@@ -34,7 +34,7 @@ def pack_textures(textures: list[np.ndarray]) -> Texels:
     counts = np.array([len(pyramid) for pyramid in pyramids], np.int32)
     texels = sizes.astype(np.int64).prod(axis=1)
     return Texels(
-        # one texel more: the kernel reads four numbers at once, past the last texel's three
+        # a texel more: the kernel reads four numbers at once, past the last texel's three
         values=np.concatenate([*(level.reshape(-1, 3) for level in levels), np.zeros((1, 3), np.uint16)]),
         start=np.cumsum(texels) - texels, width=sizes[:, 1].copy(), height=sizes[:, 0].copy(),
         first=(np.cumsum(counts) - counts).astype(np.int32), levels=counts,
@@ -78,7 +78,7 @@ def blur_directions(picture: np.ndarray, sigma_px: float) -> np.ndarray:
         shrink *= 2
     h, w = (side // shrink for side in picture.shape[:2])
     small = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA) if shrink > 1 else picture
-    # azimuth runs round: what lies beyond one edge is copied to the other before the blur; 4 sigma hold all of it
+    # azimuth runs round: what lies beyond an edge is copied to the other before the blur; 4 sigma hold all of it
     margin = min(w, int(np.ceil(4 * sigma_px / shrink)))
     wide = np.concatenate([small[:, w - margin :], small, small[:, :margin]], axis=1)
     blurred = cv2.GaussianBlur(wide, (0, 0), sigma_px / shrink)[:, margin : margin + w]

@@ -1,4 +1,4 @@
-"""What a camera sees first: found by rays, or by drawing a mesh whose triangles are not many for the picture."""
+"""First hits of a camera's rays: by rays, or by drawing a mesh that has few triangles for the picture."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from toolkit.rig.kernel.frame import (
     take_nearer,
 )
 from toolkit.rig.kernel.raster import draw_triangles, project_corners
-from toolkit.rig.kernel.scene import LitMesh, View
+from toolkit.rig.kernel.scene import CameraView, LitMesh
 from toolkit.rig.kernel.textures import Colour
 from toolkit.rig.lighting import Shape
 
@@ -30,19 +30,12 @@ FACES_PER_SAMPLE = 5
 
 @dataclass(frozen=True)
 class LitBody:
-    """A mesh in its place.
+    """A mesh in its place."""
 
-    Attributes:
-        shape: its triangles.
-        lit: the same with their light and paint.
-        is_moved: whether it stands elsewhere than its own frame says.
-        number: of `Hits.mesh`.
-    """
-
-    shape: Shape
-    lit: LitMesh
-    is_moved: bool
-    number: int
+    shape: Shape  # its triangles
+    lit: LitMesh  # the same with their light and paint
+    is_moved: bool  # whether it stands elsewhere than its own frame says
+    number: int  # of `Hits.mesh`
 
     def cast(self, rays: np.ndarray) -> Hits:
         """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
@@ -52,7 +45,7 @@ class LitBody:
         distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
         return Hits(distance, face, uv, np.full(len(face), self.number, np.uint8), np.full(len(face), -1, np.float32))
 
-    def draw(self, view: View, samples: Samples) -> Hits:
+    def draw(self, view: CameraView, samples: Samples) -> Hits:
         """First hits of samples, as `cast` finds them."""
         count = _count(samples)
         hits = Hits(
@@ -71,7 +64,7 @@ class LitBody:
         draw_triangles(faces, corners, screen, view, samples, slot=slot, furthest=furthest, later=later, hits=hits)
         return hits
 
-    def see(self, view: View, samples: Samples) -> Hits:
+    def see(self, view: CameraView, samples: Samples) -> Hits:
         """First hits of samples, the cheaper way."""
         # drawing costs by the triangle, rays by the sample
         if len(self.lit.faces) <= FACES_PER_SAMPLE * _count(samples):
@@ -94,23 +87,16 @@ class LitBody:
 
 @dataclass(frozen=True)
 class Tracer:
-    """An object and what stands around it.
-
-    Attributes:
-        body: the object.
-        others: its surroundings; None in a studio.
-        key: unit direction to the key light.
-    """
+    """An object and what stands around it."""
 
     body: LitBody
-    others: LitBody | None
-    key: Colour
+    others: LitBody | None  # its surroundings; None in a studio
+    key: Colour  # unit direction to the key light
 
-    def trace(self, view: View, region: tuple[int, int, int, int]) -> TracedRegion:
+    def trace(self, view: CameraView, region: tuple[int, int, int, int]) -> TracedRegion:
         """Trace the pixels that can show a mesh, and again with four samples where edges need them.
 
         Args:
-            view: camera.
             region: left, top, right, bottom of those that can show the object; with surroundings all are traced.
         """
         left, top, right, bottom = region if self.others is None else (0, 0, view.width, view.height)
@@ -130,7 +116,7 @@ class Tracer:
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
         return TracedRegion(left, top, right, bottom, hits, refine, fine)
 
-    def see(self, view: View, samples: Samples, near: np.ndarray) -> Hits:
+    def see(self, view: CameraView, samples: Samples, near: np.ndarray) -> Hits:
         """First hits of samples; those of the part's pixels that are `near` (n,) bool may show the object."""
         if self.others is None:
             return self.body.see(view, samples)
@@ -157,7 +143,7 @@ def _count(samples: Samples) -> int:
     return len(samples.pixels) * len(samples.offsets)
 
 
-def _rays_of(view: View, samples: Samples) -> np.ndarray:
+def _rays_of(view: CameraView, samples: Samples) -> np.ndarray:
     rays = np.empty((_count(samples), 6), np.float32)
     fill_rays(view, samples, rays)
     return rays

@@ -35,8 +35,6 @@ def find_booster(
     """Return what is put on `item` in a variant; None for `unpatched`.
 
     Args:
-        workspace: whose boosters are meant.
-        item: the object.
         variant: as `VARIANTS` lists them, or a tag as `parse_tag` takes it; the functions that find a kind say what its
             controls are.
         perfect: nothing is stuck on askew.
@@ -103,12 +101,9 @@ def export_object(
     """Write an object as GLB or USDZ (metres), OBJ or 3MF (millimetres).
 
     Args:
-        workspace: whose object it is.
-        name: of the object.
         formats: each becomes `NAME.FORMAT`; of another variant `NAME-VARIANT.FORMAT`.
         variant: what is on it, as `find_booster` knows it.
-        out: folder, `print/` by default.
-        card: whether all is written into a folder of its own, with the booster's files and its card `README.md`.
+        card: whether all is written into a separate folder, with the booster's files and its card `README.md`.
 
     Returns:
         The files, pictures beside an OBJ not counted, and how the surface stands to being printed in 3D.
@@ -143,7 +138,7 @@ def _write_card(
     """Copy the files of a booster, and write its card; returns the card."""
     kind = KIND_OF.get(variant)
     if booster is None or kind is None or kind.files is None or variant != kind.variant:
-        raise FieldError(f"has no card: expected a booster, one of {', '.join(NOUNS)}", {"variant": variant})
+        raise FieldError(f"has no card: expected {', '.join(NOUNS)}", {"variant": variant})
     files = kind.files(workspace, item)
     record = json.loads(read_bytes(files[0], MOST_RECORDED_BYTES))  # it was validated when the booster was found
     for file in files:

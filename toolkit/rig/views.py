@@ -1,7 +1,7 @@
 """Views to train on: a setting that is drawn, ranges for its cameras, and what is drawn of each view.
 
-Never the poses of a plan. One scheme of seeds serves all: block b of a run is `Draws(seed, b, kind)`, its setting and
-each of its views have draws of their own (`toolkit.core.draws`), so that a view depends on its number alone.
+Never the poses of a plan. Block b of a run is `Draws(seed, b, kind)`, see `toolkit.core.draws`. Its setting and its
+views have separate draws, so that a view depends on its number alone.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ from toolkit.rig.studio import LIGHTS, make_studio
 FOV_DEG = 30.5
 """Field of view of the square picture, degrees: what the middle of a 4:3 frame of 40° shows."""
 PER_STUDIO = 24
-"""Views of one setting: lighting it costs about as much as they do."""
+"""Views of a setting: lighting it costs about as much as they do."""
 TRAIN, HELD_OUT, PICTURES = "train", "held out", "pictures"
 """Kinds of blocks, which share no draw: what is trained on, what is held out, and pictures of the object as it is."""
 DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.022, table_spacing=0.02)
@@ -41,21 +41,15 @@ THUMBNAIL_TABLE_PX, THUMBNAIL_ROOM_PX = 640, 256
 
 @dataclass(frozen=True)
 class ViewRanges:
-    """Where a random camera may stand, lowest and highest; the azimuth is anywhere.
+    """Ranges of random cameras, lowest and highest; the azimuth is anywhere."""
 
-    Attributes:
-        elevation_deg: above the table.
-        roll_deg: about the line of sight.
-        fill: share of the frame's shorter side that the object reaches; above 1 it is cut off.
-        off_centre: the object's middle is shifted by up to this share of the half frame even where it fills it.
-        evenly: elevations are drawn evenly over the sphere's area, not over the angle.
-    """
-
-    elevation_deg: tuple[float, float] = (20.0, 70.0)
-    roll_deg: tuple[float, float] = (-8.0, 8.0)
+    elevation_deg: tuple[float, float] = (20.0, 70.0)  # above the table
+    roll_deg: tuple[float, float] = (-8.0, 8.0)  # about the line of sight
+    # share of the frame's shorter side that the object reaches; above 1 it is cut off
     fill: tuple[float, float] = (0.6, 0.95)
+    # the object's middle is shifted by up to this share of the half frame even where it fills it
     off_centre: float = 0.0
-    evenly: bool = False
+    evenly: bool = False  # elevations are drawn evenly over the sphere's area, not over the angle
 
     def draw(self, rng: np.random.Generator) -> tuple[float, float, float, float]:
         """Azimuth, elevation and roll in degrees, and how much of the frame is filled."""
@@ -79,7 +73,7 @@ def random_pose(
 
     Within `ranges`; the camera looks a little beside the object.
     """
-    # the order of the draws is part of the scheme: another one gives other views of the same seed
+    # the order of the draws is part of the scheme: another order gives other views of the same seed
     azimuth, elevation, roll, fill = ranges.draw(rng)
     target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
     distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
@@ -90,17 +84,11 @@ def random_pose(
 
 @dataclass(frozen=True)
 class PaintableObject:
-    """An object whose texture is left out.
+    """An object whose texture is left out."""
 
-    Attributes:
-        mesh: on the table, some of its materials sharing the texture to be left out, none of these metallic.
-        material: index of one that has it.
-        bare: the object in its own paint, for comparison.
-    """
-
-    mesh: Mesh
-    material: int
-    bare: Mesh
+    mesh: Mesh  # on the table, some of its materials sharing the texture to be left out, none of these metallic
+    material: int  # index of any of them
+    bare: Mesh  # the object in its own paint, for comparison
 
     def for_block(self, draws: Draws) -> "PaintableObject":
         """As a block of views shows it; an object that looks another way in each takes it from the block's draws."""
@@ -109,23 +97,16 @@ class PaintableObject:
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How views are drawn.
+    """How views are drawn."""
 
-    Attributes:
-        ranges: where the camera may stand.
-        image_px: side of the square pictures.
-        studios: blocks that are used together; successive blocks show successive subjects.
-        per_studio: views of each.
-    """
-
-    ranges: ViewRanges = NEAR_VIEWS
-    image_px: int = 224
-    studios: int = 4
-    per_studio: int = PER_STUDIO
+    ranges: ViewRanges = NEAR_VIEWS  # where the camera may stand
+    image_px: int = 224  # side of the square pictures
+    studios: int = 4  # blocks that are used together; successive blocks show successive subjects
+    per_studio: int = PER_STUDIO  # views of each
 
 
 class Setting(Protocol):
-    """Where views are taken: in studios, or in a world."""
+    """The surroundings of views: studios, or a world."""
 
     @property
     def detail(self) -> BakeDetail:
@@ -133,7 +114,7 @@ class Setting(Protocol):
         ...
 
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
-        """What a block of views of a mesh stands in, and where; places for `HELD_OUT` are others than for the rest."""
+        """Scene and place of a block of views of a mesh; `HELD_OUT` has other places than the rest."""
         ...
 
     def aim(
@@ -147,7 +128,7 @@ class OutdoorSetting(Setting, Protocol):
     """A world as the room of worlds opens it: it can say which of its places were trained on, and which held out."""
 
     def record(self, meshes: Sequence[Mesh]) -> dict[str, Any]:
-        """What was seen of it in training, for a booster's record."""
+        """The places and skies of the training views, for a booster's record."""
         ...
 
     def describe(self, meshes: Sequence[Mesh]) -> str:
@@ -157,18 +138,13 @@ class OutdoorSetting(Setting, Protocol):
 
 @dataclass(frozen=True)
 class StudioSetting:
-    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges.
+    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges."""
 
-    Attributes:
-        detail: see `Setting`.
-        is_coarse: the pictures of table and room are no finer than a thumbnail shows.
-    """
-
-    detail: BakeDetail = DETAIL
-    is_coarse: bool = False
+    detail: BakeDetail = DETAIL  # see `Setting`
+    is_coarse: bool = False  # the pictures of table and room are no finer than a thumbnail shows
 
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
-        """A studio of its own for each block."""
+        """Another studio for each block."""
         rng = draws.of("setting")
         light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
         studio = make_studio(draws.key("studio"), float(mesh.size_mm.max()), light=light)
@@ -197,7 +173,7 @@ THUMBNAIL_STUDIO = StudioSetting(THUMBNAIL_DETAIL, is_coarse=True)
 
 
 class ViewBlock:
-    """A mesh in one setting, and cameras around it: view i depends on the block's draws and on i alone."""
+    """A mesh in a setting, and cameras around it: view i depends on the block's draws and on i alone."""
 
     def __init__(self, mesh: Mesh, settings: ViewSettings, draws: Draws, setting: Setting = IN_STUDIO) -> None:
         """Draw the setting and light it."""
@@ -230,12 +206,7 @@ def render_pictures(
     """Yield `count` pictures of a mesh in its own paint, (s, s, 3) uint8 sRGB; picture i depends on (seed, i) alone.
 
     Args:
-        mesh: on the table.
-        count: how many pictures.
         settings: how they are drawn; each `per_studio` share a setting.
-        seed: of all draws.
-        setting: where they are taken.
-        threads: see `map_ahead`.
     """
     for start in range(0, count, settings.per_studio):
         block = ViewBlock(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
@@ -244,18 +215,12 @@ def render_pictures(
 
 @dataclass(frozen=True)
 class RenderedView:
-    """One view of a block.
+    """A view of a block."""
 
-    Attributes:
-        subject: number of the object that it shows.
-        view: what is seen, linear in the colours of the object's texture.
-        bare: (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for.
-        bare_light: (s, s, 3) float16 the same in linear light, where depth was asked for as well.
-    """
-
-    subject: int
-    view: LinearView
-    bare: np.ndarray | None
+    subject: int  # number of the object that it shows
+    view: LinearView  # what is seen, linear in the colours of the object's texture
+    bare: np.ndarray | None  # (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for
+    # (s, s, 3) float16 the same in linear light, where depth was asked for as well
     bare_light: np.ndarray | None = None
 
 
@@ -263,22 +228,18 @@ def render_block(
     subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: str, block: int, *,
     setting: Setting = IN_STUDIO, with_depth: bool = False, threads: int | None = 1,
 ) -> list[RenderedView]:  # fmt: skip
-    """The views of one block; those held out with the object's own paint beside them.
+    """The views of a block; those held out with the object's own paint beside them.
 
     Args:
-        subjects: of which block number `block` shows one.
-        settings: how views are drawn.
-        seed: of all draws.
+        subjects: block number `block` shows the next of them.
         kind: `TRAIN` or `HELD_OUT`.
-        block: its number.
-        setting: where views are taken.
         with_depth: whether views shall have their depth, for weather.
-        threads: see `map_ahead`; one where blocks are what is spread over the cores.
+        threads: see `map_ahead`; 1 if blocks are spread over the cores.
     """
     draws = Draws(seed, block, kind)
     subject = subjects[block % len(subjects)].for_block(draws)
     shown = ViewBlock(subject.mesh, settings, draws, setting)
-    # only what is held out is judged against the bare object, and a second renderer is half of the work
+    # only held-out views are judged against the unmodified object, and a second renderer is half of the work
     own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
 
@@ -313,7 +274,7 @@ def find_depth(renderer: Renderer, scene: Scene, camera: Camera, T_world_camera:
 
 
 class ViewStream:
-    """Groups of `settings.studios` blocks, in order, each rendered while the one before it is used.
+    """Groups of `settings.studios` blocks, in order, each rendered while the previous group is used.
 
     A context manager: leaving it ends the threads. Outside it the blocks are rendered when they are asked for.
     """
@@ -325,19 +286,16 @@ class ViewStream:
         """Prepare `groups` groups of training views.
 
         Args:
-            subjects: at least one.
-            settings: how views are drawn.
-            seed: of all draws.
             groups: how many there are; none is rendered beyond.
-            workers: threads that render ahead, by default one for each core; 0: whoever asks for a group renders it.
-            setting: where views are taken; one that cannot be used raises when its views are asked for.
+            workers: threads that render ahead, by default as many as cores; 0: whoever asks for a group renders it.
+            setting: where views are taken; it raises when its views are asked for if it cannot be used.
             with_depth: whether views shall have their depth, for weather.
         """
         self._setting, self._with_depth = setting, with_depth
         self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
         self._workers = count_cores() if workers is None else workers
         self._pool: ThreadPoolExecutor | None = None
-        # by group; at most the one in use and the one after it
+        # by group; at most the current group and the next
         self._waiting: dict[int, list[Future[list[RenderedView]]]] = {}
         self._current: tuple[int, list[RenderedView]] | None = None
 
@@ -358,7 +316,7 @@ class ViewStream:
         """The views of a group, and a beginning made with the next."""
         if self._current is None or self._current[0] != number:
             self._current = None  # frees the group before
-            # a run that goes on from a checkpoint may skip groups that were begun
+            # a run that resumes from a checkpoint may skip groups that were begun
             for stale in [n for n in self._waiting if n < number]:
                 for future in self._waiting.pop(stale):
                     future.cancel()

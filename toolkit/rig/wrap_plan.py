@@ -37,9 +37,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     """Find the pieces that cover most of what random cameras see of an object, and lay them on a canvas.
 
     Args:
-        item: the object.
         config: how many pieces, of what, and how finely they are drawn.
-        seed: of the cameras.
 
     Returns:
         The wrap, in the object's own paint or the picture that is asked for.
@@ -58,11 +56,13 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
     if (count := len(item.mesh.faces)) > MOST_TRIANGLES:
         raise ToolkitError(f"{item.name}: {count:,} triangles, more than a wrap's {MOST_TRIANGLES:,}: {SIMPLER}")
     draw, picture = choose_paint(item, config)
+    # what cameras see, and which faces a hand can reach
     seen, reached = look_at_faces(item, config.views, seed)
     if not seen.any():
         raise ToolkitError(
             f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
         )
+    # a net goes round the whole object; loose pieces go where a hand reaches
     surface = weld_surface(item.mesh)
     worth = np.where(reached | config.net, seen, 0)
     sheet_mm = _fit_sheet(item, surface, worth, config.sheet_mm, TAB_MM if config.net else 0.0)
@@ -81,7 +81,7 @@ def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0
 
 
 def choose_paint(item: TableObject, config: WrapConfig) -> tuple[Callable[[Wrap], np.ndarray], PictureRecord | None]:
-    """What draws the canvas, and the record of the picture that is asked for; raises as `read_livery`."""
+    """The painter of the canvas, and the record of the picture that is asked for; raises as `read_livery`."""
     if config.picture is None:
         return lambda wrap: draw_paint(wrap, item.mesh), None
     if (long_mm := config.pattern_mm) is None:
@@ -97,7 +97,7 @@ def choose_paint(item: TableObject, config: WrapConfig) -> tuple[Callable[[Wrap]
 def _record_plan(
     item: TableObject, surface: Surface, pieces: list[FlatPiece], seen: np.ndarray, config: WrapConfig, stretch: float
 ) -> WrapRecord:
-    """Where the pieces lie on the canvas, what of the object they cover, and where they meet."""
+    """The pieces' places on the canvas, what of the object they cover, and where they meet."""
     sizes = [(piece.width_mm, piece.height_mm) for piece in pieces]
     texel_mm = config.texel_mm or round(float(item.mesh.size_mm.max()) / 270, 2)
     if config.net and config.texel_mm is None:  # all sides at once need more room than the pieces that are seen
@@ -140,13 +140,13 @@ def _describe(surface: Surface, piece: FlatPiece, least_fold_deg: float, **known
 def _fit_sheet(
     item: TableObject, surface: Surface, worth: np.ndarray, sheet_mm: tuple[float, float], spare_mm: float
 ) -> tuple[float, float]:
-    """The sheet, or one that holds the triangles that are larger: they are printed in tiles."""
+    """The sheet, or a larger area for the triangles that exceed it: they are printed in tiles."""
     large = np.flatnonzero((surface.length.max(axis=1) + 2 * spare_mm > min(sheet_mm)) & (worth > 0))
     room = sheet_mm[0] - 2 * spare_mm, sheet_mm[1] - 2 * spare_mm
     large = large[[not turn_to_fit(sheet[None], room)[1] for sheet in lay_triangles(surface.corners[large])]]
     if not len(large):
         return sheet_mm
-    # all three boxes with a side along an edge have the same area: the one that is nearest to a square
+    # all three boxes with a side along an edge have the same area: the box that is nearest to a square
     base = surface.length[large]
     boxes = np.stack([base, 2 * surface.area[large, None] / base], axis=2)
     boxes = np.sort(boxes, axis=2)
@@ -170,7 +170,7 @@ def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
 
 
 SAMPLES = 20_000
-"""Points on the surface that are looked at, beside one in each face."""
+"""Points on the surface that are looked at, beside the middles of faces."""
 DIRECTIONS = 24
 FINGER_MM = 25.0
 """Room that a finger with a piece of film needs above the surface."""
@@ -216,8 +216,6 @@ def take_best(wrap: Wrap, item: TableObject, share: float) -> Wrap:
     """A wrap's first pieces, as many as cover a share of what random cameras see; of the last its middle alone.
 
     Args:
-        wrap: best piece first.
-        item: its object.
         share: between 0 and 1; more than the wrap covers is all of it.
 
     Returns:

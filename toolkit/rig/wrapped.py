@@ -22,7 +22,7 @@ EDGE_MM = 0.4
 """White at the cut: paper shows where a knife went through it."""
 SHEET_MATERIAL, EDGE_MATERIAL, ROUGHNESS = "wrap", "wrap-edge", 0.75
 SAME_MM = 1e-4
-"""Corners of a flat piece closer than this are one."""
+"""Corners of a flat piece closer than this are the same corner."""
 SLIVER_MM2 = 1e-6
 LIFT_LIMIT = 2.0
 """At a sharp fold a sheet stands off by so many thicknesses at most."""
@@ -60,16 +60,15 @@ def find_canvas(wrap: Wrap, faces_count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def fill_canvas(wrap: Wrap, faces_count: int) -> np.ndarray:
     """(n, n, 3) uint8 sRGB canvas of a wrap, between its pieces the colour of the nearest."""
-    assert wrap.pixels is not None, "one that was read has them"
+    assert wrap.pixels is not None, "a wrap that was read has them"
     return wrap.pixels.reshape(-1, 3)[find_canvas(wrap, faces_count)[1]]
 
 
 def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.ndarray]) -> Mesh:
-    """The object with the pieces of a wrap on it, all of one material, which comes next to last; its paint elsewhere.
+    """The object with the pieces of a wrap on it, all of a material that comes next to last; its paint elsewhere.
 
     Args:
         mesh: the object that the wrap was planned for.
-        wrap: its plan.
         pixels: (n, n, 3) uint8 sRGB canvas, row 0 is v = 1.
         places: (2, 3) `T_flat_sheet` of each piece, see `draw_places`.
     """
@@ -79,6 +78,7 @@ def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.nd
         inside, edge = lay_piece(mesh, piece, T_flat_sheet, height_mm)
         printed.append((inside, wrap.record.pieces[number].origin_px))
         bare.append(edge)
+    # printed fronts share the canvas; cut edges show the white paper
     front = _join([part for part, _ in printed])
     uv = [(part.sheet_mm / wrap.record.texel_mm + origin_px) / wrap.record.n_px for part, origin_px in printed]
     white = np.full((4, 4, 3), PAPER, np.uint8)
@@ -94,21 +94,16 @@ def wear_wrap(mesh: Mesh, wrap: Wrap, pixels: np.ndarray, places: Sequence[np.nd
 
 @dataclass(frozen=True)
 class Laid:
-    """Triangles of a sheet on the surface.
+    """Triangles of a sheet on the surface."""
 
-    Attributes:
-        corners: (t, 3, 3) mm.
-        normals: (t, 3, 3) unit.
-        sheet_mm: (t, 3, 2) which point of the flat piece lies there, mm.
-    """
-
-    corners: np.ndarray
-    normals: np.ndarray
-    sheet_mm: np.ndarray
+    corners: np.ndarray  # (t, 3, 3) mm
+    normals: np.ndarray  # (t, 3, 3) unit
+    sheet_mm: np.ndarray  # (t, 3, 2) which point of the flat piece lies there, mm
 
     def as_mesh(self, uv: np.ndarray, material: Material) -> Mesh:
-        """A mesh of one material; `uv` (t, 3, 2) are the corners' places on it."""
+        """A mesh of a single material; `uv` (t, 3, 2) are the corners' places on it."""
         count = len(self.corners)
+        # corners that agree in place, normal and canvas point become a single vertex
         columns = [
             np.round(axis * scale).astype(np.int64)
             for array, scale in ((self.corners, 1e4), (self.normals, 1e4), (uv, 1e6))
@@ -130,30 +125,31 @@ def _join(parts: Sequence[Laid]) -> Laid:
 
 
 def lay_piece(mesh: Mesh, piece: FlatPiece, T_flat_sheet: np.ndarray, height_mm: float = SHEET_MM) -> tuple[Laid, Laid]:
-    """Stick one piece on: what is printed of it, and its white edge.
+    """Stick a piece on: what is printed of it, and its white edge.
 
     The surface is known flat, triangle by triangle; where the sheet reaches over the piece's border, the triangles
     there are continued in their planes.
 
     Args:
-        mesh: the object.
-        piece: of its surface.
         T_flat_sheet: (2, 3) where the sheet's points come to lie in the piece's flat frame.
         height_mm: over the surface.
     """
     import shapely
 
+    # the sheet as it lies, and its printed part without the white edge
     turned, shift = T_flat_sheet[:, :2], T_flat_sheet[:, 2]
     ground = _find_ground(mesh, piece, height_mm)
     outline = piece.outline()
     sheet = shapely.transform(outline, lambda points: points @ turned.T + shift)
     inner = sheet.buffer(-EDGE_MM, join_style="mitre")
     regions = [(ground, inner, sheet.difference(inner))]
+    # a sheet stuck on askew reaches over the border
     rings = shapely.get_coordinates(outline)
     reach_mm = float(np.linalg.norm(rings @ turned.T + shift - rings, axis=1).max())
     if reach_mm > SAME_MM:
         over = sheet.difference(outline)
         regions.append((_continue_ground(ground, reach_mm), over.intersection(inner), over.difference(inner)))
+    # from the surface back to points of the sheet: T_sheet_flat
     back = np.linalg.inv(turned)
 
     def lay(part: "_FlatSurface", region: "Geometry") -> Laid:
@@ -192,8 +188,8 @@ def _find_ground(mesh: Mesh, piece: FlatPiece, height_mm: float) -> _FlatSurface
     unit = cross_products(corners)
     unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-12)
     corner = _number_corners(flat)
-    # a joined corner is lifted along one normal for all its triangles, far enough to clear each: no crack at a fold;
-    # weighted by the angles there, it does not depend on how faces are cut (Thürmer and Wüthrich 1998)
+    # a joined corner is lifted along the same normal for all its triangles, far enough to clear each: no crack at a
+    # fold; weighted by the angles there, it does not depend on how faces are cut (Thürmer and Wüthrich 1998)
     pull = (_corner_angles(corners)[..., None] * unit[:, None]).reshape(-1, 3)
     lift: np.ndarray = np.stack([np.bincount(corner.ravel(), axis) for axis in pull.T], axis=1)
     lift /= np.maximum(np.linalg.norm(lift, axis=1, keepdims=True), 1e-12)
@@ -212,7 +208,7 @@ def _corner_angles(corners: np.ndarray) -> np.ndarray:
 
 
 def _number_corners(flat: np.ndarray) -> np.ndarray:
-    """(k, 3) one number for corners that lie on one another."""
+    """(k, 3) the same number for corners in the same place."""
     columns = [np.round(axis / SAME_MM).astype(np.int64) for axis in flat.reshape(-1, 2).T]
     return group_rows(columns)[1].reshape(-1, 3)
 
@@ -225,7 +221,7 @@ def _continue_ground(ground: _FlatSurface, reach_mm: float) -> _FlatSurface:
     first, last = corner[triangle, start].astype(np.int64), corner[triangle, end].astype(np.int64)
     count = int(corner.max()) + 1
     border = ~np.isin(first * count + last, last * count + first)  # no triangle on the other side of the edge
-    triangle, start, end, first, last = (one[border] for one in (triangle, start, end, first, last))
+    triangle, start, end, first, last = (part[border] for part in (triangle, start, end, first, last))
     run = ground.flat[triangle, end] - ground.flat[triangle, start]
     outward = np.stack([run[:, 1], -run[:, 0]], axis=1) / np.linalg.norm(run, axis=1, keepdims=True)
 

@@ -205,7 +205,7 @@ def test_a_layout_of_very_many_pieces_is_refused_before_they_are_laid(kit: Path)
 def test_a_layout_without_a_piece_is_one_clear_line(kit: Path, rows: str) -> None:
     place = next(line for line in KIT_TOML.splitlines() if line.startswith("place"))
     kit.write_text(KIT_TOML.replace('["RR", "HR"]', rows).replace(place, ""))
-    with pytest.raises(ToolkitError, match="field 'rows': no piece lies on any cell"):
+    with pytest.raises(ToolkitError, match="field 'rows': every cell is empty"):
         load_world(kit)
 
 

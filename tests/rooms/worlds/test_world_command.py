@@ -123,7 +123,10 @@ def test_an_object_is_exported_where_it_stands(space, tmp_path) -> None:
         (("preview", "grass", "--place", "west"), "--place west: needs an object"),
         (("preview", "grass", "--object", "racre"), "no object called 'racre': did you mean racer?"),
         (("preview", "grass", "--object", "racer", "--place", "wets"), "no place in the world grass called 'wets'"),
-        (("preview", "grass", "--object", "racer", "--variant", "patch-alone"), "lies on a table without its object"),
+        (
+            ("preview", "grass", "--object", "racer", "--variant", "patch-alone"),
+            "shows a patch on a table without its object",
+        ),
         (
             ("preview", "grass", "--object", "racer", "--length-m", "99"),
             "grass has no place for an object that reaches",
@@ -150,7 +153,7 @@ def test_what_cannot_be_meant_is_one_line(space, words, said) -> None:
             r"the world is 40,000 m across, expected 15 to 6000: is it in centimetres\? try --world-scale",
         ),
         ({"scale": 0.1}, r"the world is 4 m across.*give the --world-scale that makes it metres"),
-        ({"picture": False}, r"a world needs textures or colours, this one has none"),
+        ({"picture": False}, r"a world needs textures or colours, but this has none"),
         ({"ground": False}, r"no ground: only \d+% of its plan has anything under it"),
     ],
 )

@@ -1,1 +1,1 @@
-"""What is put on an object before it is photographed: one file for each kind of booster, and the table of kinds."""
+"""Boosters on objects that are photographed: a file for each kind, and the table of kinds."""

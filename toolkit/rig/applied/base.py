@@ -22,33 +22,22 @@ GREY = 128
 class AppliedBooster(ABC):
     """A booster that is put on an object, such as the printed patch of the variant `patched`.
 
-    To add a kind, derive a class from this one, write a `find` function, and register both:
+    To add a kind, derive a class, write a `find` function, and register both:
 
         register(BoosterKind("banded", "band", find_band))
-
-    Attributes:
-        pixels: (n, n, 3) uint8 sRGB.
-        sha256: of its PNG, or of its record.
-        name: of the patch, of the texture, or of the control.
-        sizes_mm: side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets.
-        alone: lies flat on the table, and the object is not there.
-        wrap: whose pieces are stuck on; None if there are no pieces.
     """
 
-    pixels: np.ndarray
-    sha256: str
-    name: str
+    pixels: np.ndarray  # (n, n, 3) uint8 sRGB
+    sha256: str  # of its PNG, or of its record
+    name: str  # of the patch, of the texture, or of the control
+    # side of each sheet of paper, in the order of the object's mounts; empty if it is on no sheets
     sizes_mm: tuple[float, ...] = ()
-    alone: bool = False
-    wrap: Wrap | None = None
+    alone: bool = False  # lies flat on the table, and the object is not there
+    wrap: Wrap | None = None  # whose pieces are stuck on; None if there are no pieces
 
     @abstractmethod
     def apply(self, item: TableObject) -> Mesh:
-        """Return the mesh to photograph.
-
-        Raises:
-            ToolkitError: the booster does not fit the object.
-        """
+        """Return the mesh to photograph; raises a `ToolkitError` if the booster does not fit the object."""
 
     @abstractmethod
     def describe(self, item: TableObject) -> dict[str, Any]:
@@ -87,24 +76,15 @@ Find = Callable[[Workspace, TableObject, str, bool, int], AppliedBooster]
 
 @dataclass(frozen=True)
 class BoosterKind:
-    """A kind of booster, as commands, reports and pages know it.
+    """A kind of booster, as commands, reports and pages know it."""
 
-    Attributes:
-        variant: name of the folder that its images lie in, such as `patched`.
-        noun: what people call it, such as `patch`.
-        find: finds what a workspace has of it for an object, and its controls.
-        controls: variants that ask whether it is this booster, in the order of tables.
-        is_on_paper: it and its controls are on sheets at the place that the object's spec names.
-        is_painted: it and its controls are the object's own surface, so that nobody can stick them on.
-        files: lists the files of an object's booster, its record first; None if it has none.
-    """
-
-    variant: str
-    noun: str
-    find: Find
-    controls: tuple[str, ...] = ()
-    is_on_paper: bool = False
-    is_painted: bool = False
+    variant: str  # name of the folder that its images lie in, such as `patched`
+    noun: str  # what people call it, such as `patch`
+    find: Find  # finds what a workspace has of it for an object, and its controls
+    controls: tuple[str, ...] = ()  # variants that ask whether it is this booster, in the order of tables
+    is_on_paper: bool = False  # it and its controls are on sheets at the place that the object's spec names
+    is_painted: bool = False  # it and its controls are the object's own surface, so that nobody can stick them on
+    # lists the files of an object's booster, its record first; None if it has none
     files: Callable[[Workspace, TableObject], list[Path]] | None = None
 
 

@@ -1,4 +1,4 @@
-"""The table of kinds of boosters. What is not in it is unknown to every command."""
+"""The table of kinds of boosters. Commands know the kinds in it alone."""
 
 from toolkit.rig.applied.base import BoosterKind
 from toolkit.rig.applied.patch import PATCH

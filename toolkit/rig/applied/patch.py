@@ -1,4 +1,4 @@
-"""A printed patch on an object: one sheet of paper, or several."""
+"""A printed patch on an object: a sheet of paper, or several."""
 
 from pathlib import Path
 from typing import Any

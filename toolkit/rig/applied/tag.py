@@ -23,15 +23,10 @@ PATCH_PX = 100
 
 @dataclass(frozen=True)
 class Tag:
-    """A tag of a family.
+    """A tag of a family."""
 
-    Attributes:
-        dictionary: of OpenCV.
-        id: its number.
-    """
-
-    dictionary: str
-    id: int
+    dictionary: str  # of OpenCV
+    id: int  # its number
 
 
 def parse_tag(variant: str) -> Tag | None:
@@ -65,7 +60,7 @@ class TagBooster(PatchBooster):
 
 
 def find_tag_booster(item: TableObject, variant: str, tag: Tag) -> TagBooster:
-    """Return a tag on an object's sheets, with a white border of one module inside their size."""
+    """Return a tag on an object's sheets, with a white border of a module inside their size."""
     modules = np.pad(marker_modules(tag.dictionary, tag.id), 1, constant_values=False)
     grey = np.where(np.kron(modules, np.ones((MODULE_PX, MODULE_PX), bool)), 0, 255).astype(np.uint8)
     pixels = np.repeat(grey[..., None], 3, axis=2)

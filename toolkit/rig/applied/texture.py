@@ -25,13 +25,9 @@ from toolkit.rig.applied.base import AppliedBooster, BoosterKind, draw_control
 
 @dataclass(frozen=True)
 class TextureBooster(AppliedBooster):
-    """A booster all over the object: its pixels take the place that a texture has there.
+    """A booster all over the object: its pixels take the place that a texture has there."""
 
-    Attributes:
-        texture: whose place and atlas it takes.
-    """
-
-    texture: Texture = field(kw_only=True)
+    texture: Texture = field(kw_only=True)  # whose place and atlas it takes
 
     def apply(self, item: TableObject) -> Mesh:
         """Return the painted object; raises as `check_fit`."""
@@ -67,7 +63,7 @@ def list_texture_files(workspace: Workspace, item: TableObject) -> list[Path]:
     """Return record and picture of an object's texture, and what it takes to dress its objects again."""
     record = find_texture(workspace, item).record
     png = workspace.textures()[record.name]
-    others = [named(record.name, one.name) for one in record.objects for named in (uv_name, keep_name)]
+    others = [named(record.name, item.name) for item in record.objects for named in (uv_name, keep_name)]
     return [png.with_suffix(".json"), png, *filter(Path.is_file, (png.with_name(name) for name in others))]
 
 
@@ -78,7 +74,7 @@ TEXTURE = BoosterKind(
 
 
 def find_texture(workspace: Workspace, item: TableObject) -> Texture:
-    """The texture of an object: the one that bears its name, else the first by name that was trained on it.
+    """The texture of an object: by its name, else the first by name that was trained on it.
 
     Broken textures of other names are left out, see `read_usable`.
 
@@ -87,13 +83,13 @@ def find_texture(workspace: Workspace, item: TableObject) -> Texture:
     """
     textures = dict(sorted(workspace.textures().items()))
     for name, record in read_usable(_read_texture_record, textures, item.name):
-        # one that lacks its record is refused by `read_texture`, and only where it is the object's by its name
+        # a texture without a record is refused by `read_texture`, and only where it is the object's by its name
         if name == item.name if record is None else record.entry(item.name):
             texture = read_texture(textures[name])
             check_fit(item, texture)
             return texture
     raise ToolkitError(
-        f"no texture for object '{item.name}': train one with '{COMMAND} --object {item.name}', or leave the variants "
+        f"no texture for object '{item.name}': run '{COMMAND} --object {item.name}', or leave the variants "
         "with textures out"
     )
 

@@ -27,18 +27,13 @@ from toolkit.rig.wrapped import draw_places, fill_canvas, wear_wrap
 
 @dataclass(frozen=True)
 class WrapBooster(AppliedBooster):
-    """A wrap's canvas, on pieces that are stuck on the object.
+    """A wrap's canvas, on pieces that are stuck on the object."""
 
-    Attributes:
-        wrap: whose pieces they are.
-        misfit: of their places; None if each lies exactly in its own.
-        seed: of how each misfits.
-        coverage: share of what cameras see that was asked for; None: all that there is.
-    """
-
-    wrap: Wrap = field(kw_only=True)
+    wrap: Wrap = field(kw_only=True)  # whose pieces they are
+    # of their places; None if each lies exactly in its own
     misfit: Misfit | None = field(default_factory=Misfit, kw_only=True)
-    seed: int = field(default=0, kw_only=True)
+    seed: int = field(default=0, kw_only=True)  # of how each misfits
+    # share of what cameras see that was asked for; None: all that there is
     coverage: float | None = field(default=None, kw_only=True)
 
     def apply(self, item: TableObject) -> Mesh:

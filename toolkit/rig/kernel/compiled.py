@@ -1,8 +1,8 @@
-"""What compiles the functions of this folder: numba, whose machine code is kept on disk between runs.
+"""Compiling the functions of this folder with numba, whose machine code is kept on disk between runs.
 
 The cache lies with the user, never beside the code, so that an install that cannot be written to is as fast as any. Its
-folder is named after the sources: numba itself would not notice a change in a function that another file calls. What
-numba loads from there runs, so that a folder that others could have filled is never used.
+folder is named after the sources: numba itself would not notice a change in a function that another file calls. Numba
+runs what it loads from there, so a folder that others could have filled is never used.
 """
 
 import atexit
@@ -26,9 +26,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file, write_text
 
 MARK = "made-by-toolkit.txt"
-"""In each folder that was made here; one without it is never deleted."""
+"""In each folder that was made here; a folder without it is never deleted."""
 SEAL = "complete"
-"""What lies in such a folder when all is compiled, by hash: machine code in which a bit has flipped does not run."""
+"""File that lists such a folder's files by hash: damaged machine code does not run."""
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -38,9 +38,9 @@ _refused = ""
 
 @lru_cache(maxsize=1)
 def cache_folder() -> Path | None:
-    """Where this version's machine code is kept; None where no folder of the user's own can be written to.
+    """Folder of this version's machine code; None if none of the user's folders can be written to.
 
-    Where others could have filled that folder it is a new one, for this process and those that it starts.
+    If others could have filled that folder, it is a new folder for this process and those that it starts.
     """
     global _refused
     try:
@@ -64,10 +64,10 @@ def find_refusal() -> str:
 
 
 def _make_folder() -> Path:
-    # machine code of another numba, Python or source must not be found: each has a folder of its own
+    # machine code of another numba, Python or source must not be found: each has another folder
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles anew where either differs
+        digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles again if either differs
         digest.update(source.read_bytes())
     folder = cache_root() / f"kernel-{digest.hexdigest()[:16]}"
     if make_private(folder):
@@ -112,9 +112,9 @@ def prepare(compile_all: Callable[[], None]) -> None:
         said = "compiling the renderer for this machine: some seconds, once"
         if refused := find_refusal():
             said = f"compiling the renderer, some seconds at every start: its cache is not used, as {refused}"
-            said += f": set {PLACE} to a folder of your own"
+            said += f": set {PLACE} to your own folder"
         elif (folder / SEAL).is_file():
-            said = f"compiling the renderer anew: its machine code in {folder} is not as it was written"
+            said = f"compiling the renderer again: its machine code in {folder} is not as it was written"
         notice(said)
         for file in folder.rglob("*.nb[ic]") if (folder / SEAL).is_file() else ():
             file.unlink(missing_ok=True)
@@ -128,7 +128,7 @@ def prepare(compile_all: Callable[[], None]) -> None:
 
 
 def _is_stale(folder: Path) -> bool:
-    """Whether a folder was last used more than 30 days before this one was made."""
+    """Whether a folder was last used more than 30 days before this version was made."""
     try:
         newest = max(file.stat().st_atime for file in folder.iterdir())
     except (OSError, ValueError):
@@ -139,15 +139,15 @@ def _is_stale(folder: Path) -> bool:
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function that fills arrays, when it is first called; it runs without the interpreter's lock.
 
-    It makes no arrays, and counts no references to those it reads: numba would count each array of a scene for each
-    sample, which takes several times as long as all the rest.
+    It makes no arrays and counts no references. Numba would count each array of a scene for each sample, which takes
+    several times as long as all the rest.
     """
     # `_nrt` off: kernels allocate nothing, and without numba's reference counting they are smaller
     return _compile(function, {"_nrt": False}, cache_folder())
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a part of kernels, which becomes one with those that call it, on disk too; Python itself cannot.
+    """Compile a part of kernels, inlined into those that call it, on disk too; Python itself cannot call it.
 
     A product that is added to something is not rounded before.
     """

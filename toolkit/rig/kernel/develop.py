@@ -16,7 +16,7 @@ LONG, HALF = ir.IntType(128), ir.IntType(64)
 # PCG64's 128-bit LCG multiplier, as in NumPy's pcg64.h
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 LAST = 3.6541528853610088
-"""Where the tail of the normal distribution begins."""
+"""Start of the normal distribution's tail."""
 
 
 def _advance(_: Any, high: types.Integer, low: types.Integer, step_high: types.Integer, step_low: types.Integer) -> Any:
@@ -87,14 +87,13 @@ def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
     """Fill (n,) float32 with standard normal numbers: the ziggurat of Marsaglia and Tsang (2000), as NumPy draws them.
 
     Args:
-        state: (6,) uint64 the fields of a `Stream`; it goes on from there and is left where the next draw begins.
-        out: the numbers.
+        state: (6,) uint64 the fields of a `Stream`; the draw starts there and leaves the next start.
     """
     stream = Stream(state[0], state[1], state[2], state[3], state[4], state[5] > 0)
     for i in range(len(out)):
         while True:
             stream, bits = _next_bits(stream)
-            # one draw is cut up: 8 bits choose one of 256 layers, 1 the sign, 23 the place within the layer
+            # a draw has 8 bits for the layer, 1 for the sign, 23 for the place within the layer
             layer, size = np.int64(bits & np.uint64(255)), np.int64(bits >> np.uint64(9))
             sign = np.float32(1 - 2 * np.int64((bits >> np.uint64(8)) & np.uint64(1)))
             x = np.float32(size) * wi_float[layer] * sign
@@ -129,10 +128,9 @@ def develop(
         noise: standard deviation at light 0.18.
         falloff: share of the light that the corners lose.
         shoulder: light above which highlights are compressed.
-        lower: (b + 1,) uint8 code at the lower end of each of b bands of [0, 1]; no two codes begin in one of them.
+        lower: (b + 1,) uint8 code at the lower end of each of b bands of [0, 1]; no two codes begin in the same band.
         starts: (256,) float32 light at which the code after each begins.
         work: (2, 3 w) float64 to work with.
-        coded: the picture.
     """
     height, count = light.shape
     width, bands, values, squares = count // 3, len(lower) - 1, work[0], work[1]
@@ -147,7 +145,7 @@ def develop(
             draw_normals(state, grain[0])
         y = 2 * row / (height - 1) - 1 if height > 1 else -1.0
         here, bright = grain[row % len(grain)], False
-        for i in range(count):  # one short loop after another: each is done in vector instructions
+        for i in range(count):  # several short loops: each is done in vector instructions
             values[i] = light[row, i] * (1 - falloff * (squares[i] + y * y) / 2)
             bright |= values[i] > shoulder
         if bright:
@@ -161,6 +159,6 @@ def develop(
             value += here[i] * spread * math.sqrt(max(value, 0.01))
             values[i] = min(value, 1.0) if value > 0 else 0.0  # NaN is black
         for i in range(count):
-            # a table instead of sRGB's power: the band's lowest code, plus one where the next has begun
+            # a table instead of sRGB's power: the band's lowest code, plus 1 if the next has begun
             code = lower[int(values[i] * bands)]
             coded[row, i] = code + (values[i] >= starts[code])

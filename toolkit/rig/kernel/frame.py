@@ -9,9 +9,9 @@ from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.lanes import prefetch, weighted_sum
 from toolkit.rig.kernel.scene import (
     TILE,
+    CameraView,
     LitMesh,
     Surround,
-    View,
     all_inside,
     background,
     ray_through,
@@ -27,21 +27,13 @@ NOTHING = 0xFFFFFFFF
 
 
 class Hits(NamedTuple):
-    """First hits of rays.
+    """First hits of rays."""
 
-    Attributes:
-        distance: (n,) float32; inf where nothing is met.
-        face: (n,) uint32.
-        uv: (n, 2) float32 barycentric weights of corners 1 and 2.
-        mesh: (n,) uint8: 0 the object, 1 its surroundings.
-        key_share: (n,) float32 of the key light that is seen there; -1 where stored light says it.
-    """
-
-    distance: np.ndarray
-    face: np.ndarray
-    uv: np.ndarray
-    mesh: np.ndarray
-    key_share: np.ndarray
+    distance: np.ndarray  # (n,) float32; inf where nothing is met
+    face: np.ndarray  # (n,) uint32
+    uv: np.ndarray  # (n, 2) float32 barycentric weights of corners 1 and 2
+    mesh: np.ndarray  # (n,) uint8: 0 the object, 1 its surroundings
+    key_share: np.ndarray  # (n,) float32 of the key light that is seen there; -1 where stored light says it
 
 
 @kernel
@@ -62,11 +54,10 @@ def fill_key_rays(
     """Rays to the key light from all hits on the surroundings that face it; returns how many there are.
 
     Args:
-        mesh: the surroundings.
         hits: their `key_share` becomes 0.
         seen: (n, 6) float32 the rays that hit.
         key: unit direction to the light.
-        lift: the rays start so far above the surface, and one ten-thousandth of the distance.
+        lift: the rays start so far above the surface, and 1e-4 of the distance.
         which, rays: (n,) int32 and (n, 6) float32, are filled from the front with hits and their rays.
     """
     count = 0
@@ -94,27 +85,21 @@ def fill_key_rays(
 
 
 class Samples(NamedTuple):
-    """Places in a part of a picture, as many in each of some pixels.
+    """Places in a part of a picture, as many in each of some pixels."""
 
-    Attributes:
-        left, top, right, bottom: pixels of the part.
-        pixels: (n,) int32 those that have samples, counted in the part row by row.
-        offsets: (k, 2) the samples of a pixel, from its centre; sample k of pixel i is number i · k + k.
-    """
-
-    left: int
+    left: int  # left, top, right, bottom: pixels of the part
     top: int
     right: int
     bottom: int
-    pixels: np.ndarray
-    offsets: np.ndarray
+    pixels: np.ndarray  # (n,) int32 those that have samples, counted in the part row by row
+    offsets: np.ndarray  # (k, 2) the samples of a pixel, from its centre; sample k of pixel i is number i · k + k
 
 
 @inlined
 def sample_place(samples: Samples, n: int) -> tuple[float, float]:
     """Pixel coordinates (x, y) of a sample."""
     shots, width = len(samples.offsets), samples.right - samples.left
-    # samples of one pixel lie side by side
+    # samples of a pixel lie side by side
     pixel, k = samples.pixels[n // shots], n % shots
     return (
         samples.left + pixel % width + 0.5 + samples.offsets[k, 0],
@@ -123,7 +108,7 @@ def sample_place(samples: Samples, n: int) -> tuple[float, float]:
 
 
 @kernel
-def fill_rays(view: View, samples: Samples, rays: np.ndarray) -> None:
+def fill_rays(view: CameraView, samples: Samples, rays: np.ndarray) -> None:
     """Fill (n, 6) float32 with rays through samples: origin, unit direction."""
     for n in range(len(rays)):
         x, y = sample_place(samples, n)
@@ -166,16 +151,14 @@ def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
 
 @kernel
 def describe_hits(
-    mesh: LitMesh, number: int, view: View, samples: Samples, hits: Hits, material: np.ndarray, normal: np.ndarray,
-    needed: np.ndarray,
+    mesh: LitMesh, number: int, view: CameraView, samples: Samples, hits: Hits, material: np.ndarray,
+    normal: np.ndarray, needed: np.ndarray,
 ) -> None:  # fmt: skip
     """Fill in what is seen of a mesh, for `mark_edges`; pixels on materials that are seen finely are marked.
 
     Args:
         mesh, number: the mesh, and its number in `Hits.mesh`.
-        view: camera.
-        samples: one in each pixel of a part.
-        hits: theirs.
+        samples: a single sample in each pixel of a part.
         material: (n,) int32, -1 where nothing is met.
         normal: (n, 3) float32 towards the camera.
         needed: (n,) bool, the marks.
@@ -189,11 +172,11 @@ def describe_hits(
                 continue
             face = int(hits.face[n])
             needed[n] = mesh.finely[mesh.faces[face].material]
-            # one number for both: neighbours of different meshes never count as alike
+            # a number for both: neighbours of different meshes never count as alike
             material[n] = 2 * mesh.faces[face].material + number
             x, y, z = surface_normal(mesh, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
             dx, dy, dz = ray_through(view, column + 0.5, row + 0.5)
-            # so that two sides of one sheet seen from one side make no crease
+            # so that both sides of a sheet make no crease
             sign = -1.0 if x * dx + y * dy + z * dz > 0 else 1.0
             normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
 
@@ -204,7 +187,6 @@ def mark_edges(width: int, hits: Hits, material: np.ndarray, normal: np.ndarray,
 
     Args:
         width: of the part, pixels.
-        hits: one in each pixel.
         material, normal, needed: of `describe_hits`.
     """
     for n in range(len(hits.face)):
@@ -232,36 +214,27 @@ def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hit
 
 
 class TracedRegion(NamedTuple):
-    """The part of a picture that can show the object, and what its rays met.
+    """The part of a picture that can show the object, and what its rays met."""
 
-    Attributes:
-        left, top, right, bottom: pixels.
-        hits: of the pixels' centres, row by row.
-        refine: (k,) int32 pixels of the part that have four samples.
-        fine: hits of these.
-    """
-
-    left: int
+    left: int  # left, top, right, bottom: pixels
     top: int
     right: int
     bottom: int
-    hits: Hits
-    refine: np.ndarray
-    fine: Hits
+    hits: Hits  # of the pixels' centres, row by row
+    refine: np.ndarray  # (k,) int32 pixels of the part that have four samples
+    fine: Hits  # hits of these
 
 
 @kernel
 def paint_background(
-    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
+    around: Surround, view: CameraView, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
     apart: bool,
 ) -> None:  # fmt: skip
     """Add table and room to a picture (h · w, 3) float32, in exposure units, where the object leaves some to be seen.
 
     Args:
-        around, view: what stands there, and the camera.
         edges, sheen: of `find_table_edges` and `fill_sheen`.
         coverage: (h · w,) share of each pixel that the object covers.
-        picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
     """
     for top in range(0, view.height, TILE):
@@ -292,15 +265,11 @@ def paint_background(
 
 
 class Linear(NamedTuple):
-    """Where the object's part of a linear view is written; see `toolkit.rig.shading.LinearView`.
+    """Output of the object's part of a linear view; see `toolkit.rig.shading.LinearView`."""
 
-    Attributes:
-        coverage: (h · w,) float32.
-        pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where
-            no texture is left out.
-    """
-
-    coverage: np.ndarray
+    coverage: np.ndarray  # (h · w,) float32
+    # pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where no
+    # texture is left out
     pixel: np.ndarray
     uv: np.ndarray
     lod: np.ndarray
@@ -309,16 +278,12 @@ class Linear(NamedTuple):
 
 @kernel
 def paint_mesh(
-    around: Surround, mesh: LitMesh, number: int, view: View, part: TracedRegion, picture: np.ndarray, out: Linear
+    around: Surround, mesh: LitMesh, number: int, view: CameraView, part: TracedRegion, picture: np.ndarray, out: Linear
 ) -> int:
     """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
 
     Args:
-        around: what stands there.
         mesh, number: the mesh, and its number in `Hits.mesh`.
-        view: camera.
-        part: of the picture.
-        picture: it is added to.
         out: where the object's part of a linear view is written.
 
     Returns:

@@ -1,4 +1,4 @@
-"""What the kernels ask of a processor that Python has no word for: four numbers at a time, the bits of a number."""
+"""Processor instructions that Python has no word for: four numbers at a time, the bits of a number."""
 
 import math
 from collections.abc import Callable
@@ -51,8 +51,6 @@ weighted_sum = cast(Callable[[np.ndarray, tuple[int, ...], tuple[float, ...]], S
 Args:
     values: contiguous float32 or uint16 of any shape. There must be three more numbers behind each place, even where
         their sum is not used.
-    places: counted in numbers.
-    weights: as many.
 """
 
 

@@ -85,20 +85,13 @@ def read_stored(
 
 
 class LightMap(NamedTuple):
-    """Irradiance of the ground over a square round the object, which may stand turned and moved.
+    """Irradiance of the ground over a square round the object, which may stand turned and moved."""
 
-    Attributes:
-        values: (n, n, 4) float32, of which three count; row 0 is the object's +y, columns run along its +x.
-        side: of the square.
-        x, y: its centre in the world.
-        cosine, sine: of the object's turn about the vertical.
-    """
-
-    values: np.ndarray
-    side: float
-    x: float
+    values: np.ndarray  # (n, n, 4) float32, of which three count; row 0 is the object's +y, columns run along its +x
+    side: float  # of the square
+    x: float  # x, y: its centre in the world
     y: float
-    cosine: float
+    cosine: float  # cosine, sine: of the object's turn about the vertical
     sine: float
 
 
@@ -179,7 +172,6 @@ def gather_light(
         table: (t, t, 4) irradiance of the ground, which shines from below; not asked where `side` is 0.
         side: of that square.
         albedo: (3,) of the ground.
-        found: the sums.
         total: (n,) float32 zeros, to work with.
     """
     # a Monte Carlo sum of radiance times cosine over the sphere: each direction stands for an equal part of it
@@ -223,7 +215,6 @@ def gather_key(
         free: as for `gather_light`.
         directions: (d, 3) to parts of the light.
         irradiance: (3,) of one part on what faces it.
-        found: the sums.
     """
     for d in range(len(directions)):
         x, y, z = directions[d]

@@ -1,4 +1,4 @@
-"""First hits of a camera's rays by drawing one triangle after another: cheaper where there are not many of them."""
+"""First hits of a camera's rays by drawing triangle after triangle: cheaper if there are not many."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.rig.kernel.compiled import exact, kernel
 from toolkit.rig.kernel.frame import SUBPIXELS, Hits, Samples, sample_place
-from toolkit.rig.kernel.scene import View, ray_through
+from toolkit.rig.kernel.scene import CameraView, ray_through
 from toolkit.rig.kernel.textures import Colour
 
 
@@ -15,7 +15,6 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
     """Points (n, 3) as a camera sees them.
 
     Args:
-        points: in the mesh's frame.
         T_pixel_mesh: (3, 4) from there to pixels times depth, and depth.
         corners: (n, 3) float64 is filled with these.
         screen: (n, 3) float32 with x and y in pixels, and depth.
@@ -34,7 +33,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
 
 @exact
 def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
-    """What is 0 on the line from a to b, times x, y and 1 of a pixel; from b to a it is exactly its opposite."""
+    """Factors of x, y and 1 whose sum is 0 on the line from a to b; from b to a they are exactly the opposite."""
     # the cross product of two homogeneous points is the line through them; in `exact` code, so that triangles that
     # share an edge leave no gap between them
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
@@ -50,7 +49,7 @@ def _range(a: float, b: float, c: float) -> tuple[float, float]:
 
 @exact
 def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float, float]:
-    """What is left of a range of columns where start + slope · column is not below 0."""
+    """The part of a range of columns where start + slope · column is not below 0."""
     # solved for the column: the half-plane cuts the range at -start / slope, on the side that the slope says
     if slope > 0:
         return max(low, -start / slope), high
@@ -89,9 +88,7 @@ def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, C
     """The same with samples n to n + 3 of a pixel, of which the latter two lie opposite the former two.
 
     Args:
-        n, face, volume: see `_see`.
         edges: edge functions at the pixel's centre, and their slopes.
-        hits: are filled.
     """
     (u, ux, uy), (v, vx, vy), (w, wx, wy) = edges
     dx, dy, ex, ey = SUBPIXELS[0, 0], SUBPIXELS[0, 1], SUBPIXELS[1, 0], SUBPIXELS[1, 1]
@@ -120,7 +117,6 @@ def _find_box(
 
     Args:
         screen: of `project_corners`.
-        corners: of the triangle.
         samples: of a part; the box is empty where it lies outside.
         before: from a pixel's left to its first sample, pixels.
     """
@@ -167,7 +163,6 @@ def _draw(
         edges, volume: its edge functions and what they add up to times the depth.
         triangle: its number, and nothing of it is nearer than this.
         box: of `_find_box`.
-        samples, slot, furthest, hits: as in `draw_triangles`.
         reach: samples lie so far from a pixel's centre at most.
     """
     (of_a, of_b, of_c), (face, nearest), (first, last, upper, lower) = edges, triangle, box
@@ -200,20 +195,18 @@ def _draw(
 
 @kernel
 def draw_triangles(
-    faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: View, samples: Samples, slot: np.ndarray,
+    faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: CameraView, samples: Samples, slot: np.ndarray,
     furthest: np.ndarray, later: np.ndarray, hits: Hits,
 ) -> None:  # fmt: skip
     """First hits of samples.
 
-    A sample belongs to a triangle where the three edge functions have one sign; they are homogeneous, so that triangles
-    that reach behind the camera need no cutting (Olano and Greer, 1997). Those that turn their back are drawn last,
-    when most of them are hidden.
+    A sample belongs to a triangle if the three edge functions have the same sign. They are homogeneous: triangles that
+    reach behind the camera need no cutting (Olano and Greer, 1997). Those that turn their back are drawn last, when
+    most of them are hidden.
 
     Args:
         faces: (m, 3) of the mesh.
         corners, screen: of `project_corners`.
-        view: camera.
-        samples: which.
         slot: (pixels of the part,) int32 to work with: the first sample of each.
         furthest: (pixels of the part,) float32 to work with: the furthest that a sample sees; none are not reached.
         later: (m,) int32 to work with.
@@ -254,7 +247,7 @@ def draw_triangles(
             of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
             # the triple product of the corners: six times the volume of the tetrahedron with the camera, signed
             volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
-            # one sign for both sides, so that inside is always positive
+            # the same sign for both sides, so that inside is always positive
             if volume < 0:
                 volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)
             if volume > 0:

@@ -22,97 +22,59 @@ FACE = np.dtype(
         ("steps", np.int32), ("first", np.int64),
     ]
 )  # fmt: skip
-"""A triangle, all in one place of memory: its corners, material, texels per unit of length, and where its stored light
-begins and how fine it is."""
+"""A triangle, all in the same place of memory: its corners, material, texels per unit of length, and where its stored
+light begins and how fine it is."""
 
 
 class LitMesh(NamedTuple):
-    """Triangles and the light on them.
+    """Triangles and the light on them."""
 
-    Attributes:
-        faces: (m,) of `FACE`.
-        corners: (n, 5) float32 of vertices: unit normal in the mesh's own frame, uv.
-        texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`.
-        finely: (k,) bool whether all its pixels need several samples.
-        left_out: (k,) bool whether the texture's colour is left out, for linear views.
-        texels: the textures.
-        glow: (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit.
-        glow_lod: (k,) float32 to be added to the level of detail of its texture.
-        glow_texels: what is given off.
-        stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
-        turn: rows of the rotation from the mesh's frame to the world's.
-        place: of the mesh's origin in the world.
-    """
-
-    faces: np.ndarray
-    corners: np.ndarray
-    texture: np.ndarray
+    faces: np.ndarray  # (m,) of `FACE`
+    corners: np.ndarray  # (n, 5) float32 of vertices: unit normal in the mesh's own frame, uv
+    texture: np.ndarray  # texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`
     roughness: np.ndarray
     metallic: np.ndarray
-    finely: np.ndarray
-    left_out: np.ndarray
+    finely: np.ndarray  # (k,) bool whether all its pixels need several samples
+    left_out: np.ndarray  # (k,) bool whether the texture's colour is left out, for linear views
     texels: Texels
-    glow: np.ndarray
-    glow_lod: np.ndarray
-    glow_texels: Texels
-    stored: np.ndarray
-    turn: Rotation
-    place: Colour
+    glow: np.ndarray  # (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit
+    glow_lod: np.ndarray  # (k,) float32 to be added to the level of detail of its texture
+    glow_texels: Texels  # what is given off
+    stored: np.ndarray  # (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen
+    turn: Rotation  # rows of the rotation from the mesh's frame to the world's
+    place: Colour  # of the mesh's origin in the world
 
 
 class Surround(NamedTuple):
-    """What stands around the object, and the light.
+    """The surroundings of the object, and the light."""
 
-    Attributes:
-        backdrop: (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count.
-        mirrored: four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it.
-        key: unit direction to the key light.
-        key_spread: by how much the light's size widens its highlight's alpha.
-        key_irradiance: RGB.
-        exposure: factor of the picture.
-        lamps: radiance of a surface whose emission is 1.
-        has_table: whether there is a table at z = 0.
-        table: its one texture.
-        table_size: along x and y.
-        table_roughness: of the table.
-        ground_light: irradiance of the table; out of doors by how much the object dims the sky's on the ground.
-        ground_z: out of doors, the height of that ground.
-        ground_reach: and how far above or below it that still holds; 0 on a table.
-    """
-
-    backdrop: np.ndarray
+    backdrop: np.ndarray  # (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count
+    # four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it
     mirrored: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    key: Colour
-    key_spread: float
-    key_irradiance: Colour
-    exposure: float
-    lamps: float
-    has_table: bool
-    table: Texels
-    table_size: tuple[float, float]
-    table_roughness: float
-    ground_light: LightMap
-    ground_z: float
-    ground_reach: float
+    key: Colour  # unit direction to the key light
+    key_spread: float  # by how much the light's size widens its highlight's alpha
+    key_irradiance: Colour  # RGB
+    exposure: float  # factor of the picture
+    lamps: float  # radiance of a surface whose emission is 1
+    has_table: bool  # whether there is a table at z = 0
+    table: Texels  # its texture
+    table_size: tuple[float, float]  # along x and y
+    table_roughness: float  # of the table
+    ground_light: LightMap  # irradiance of the table; out of doors by how much the object dims the sky's on the ground
+    ground_z: float  # out of doors, the height of that ground
+    ground_reach: float  # and how far above or below it that still holds; 0 on a table
 
 
-class View(NamedTuple):
-    """A camera in its place.
+class CameraView(NamedTuple):
+    """A camera in its place."""
 
-    Attributes:
-        rotation: rows of the rotation from camera to world.
-        origin: of the camera in the world.
-        fx, fy, cx, cy: pixels.
-        width, height: pixels.
-    """
-
-    rotation: Rotation
-    origin: Colour
-    fx: float
+    rotation: Rotation  # rows of the rotation from camera to world
+    origin: Colour  # of the camera in the world
+    fx: float  # fx, fy, cx, cy: pixels
     fy: float
     cx: float
     cy: float
-    width: int
+    width: int  # width, height: pixels
     height: int
 
 
@@ -129,7 +91,7 @@ def as_rotation(matrix: np.ndarray) -> Rotation:
 
 
 @inlined
-def ray_through(view: View, x: float, y: float) -> Colour:
+def ray_through(view: CameraView, x: float, y: float) -> Colour:
     """The direction through a pixel, in the world; its part along the camera's axis is 1."""
     # the pinhole model backwards: d = R K^-1 (x, y, 1); left without unit length, so that depth stays a simple factor
     a, b, r = (x - view.cx) * (1 / view.fx), (y - view.cy) * (1 / view.fy), view.rotation
@@ -148,7 +110,7 @@ def _rough_level(roughness: float) -> int:
 
 @inlined
 def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
-    """What the lit table sends out at (x, y)."""
+    """Radiance of the lit table at (x, y)."""
     # the texture spans the table once, its middle at the world's origin
     u, v = x * (1 / around.table_size[0]) + 0.5, y * (1 / around.table_size[1]) + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
@@ -163,10 +125,10 @@ TILE = 8
 
 
 @kernel
-def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
+def fill_sheen(around: Surround, view: CameraView, sheen: np.ndarray) -> None:
     """Fill (h, w, 4) float32 every `TILE` pixels from the first.
 
-    What the table mirrors of the room, and the base-2 logarithm of its texels per pixel.
+    Light of the room that the table mirrors, and the base-2 logarithm of its texels per pixel.
     """
     roughness = around.table_roughness
     mirrored = around.mirrored[_rough_level(roughness)]
@@ -192,13 +154,12 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
 
 @inlined
 def background(
-    around: Surround, view: View, edges: np.ndarray, shine: tuple[float, float, float, float],
+    around: Surround, view: CameraView, edges: np.ndarray, shine: tuple[float, float, float, float],
     pixel: tuple[int, int], inside: bool,
 ) -> Colour:  # fmt: skip
     """Radiance of table and room in a pixel (row, column).
 
     Args:
-        around, view: what stands there, and the camera.
         edges: of `find_table_edges`; the table covers a part of the pixels on them.
         shine: of `fill_sheen`, there.
         pixel: (row, column).
@@ -209,7 +170,7 @@ def background(
     cover = 1.0
     if not inside:
         for k in range(4):
-            # share of the pixel on the inner side of the nearest edge: a box filter of one pixel
+            # share of the pixel on the inner side of the nearest edge: a box filter of a pixel
             cover = min(cover, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] + 0.5)
         cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
@@ -229,11 +190,11 @@ def background(
 
 
 @kernel
-def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
+def find_table_edges(around: Surround, view: CameraView, edges: np.ndarray) -> None:
     """Fill (4, 3): a pixel (x, y) lies a · x + b · y + c pixels on the inner side of each of the table's edges.
 
-    Each edge is a straight line in the picture: a ray d from p meets the table on the inner side of x = half where
-    (half - p_x)·(-d_z) - p_z·d_x > 0, and likewise for the others. None is inside where there is no table.
+    Each edge is a straight line in the picture. A ray d from p meets the table inside of x = half if (half -
+    p_x)·(-d_z) - p_z·d_x > 0; likewise for the others. None is inside where there is no table.
     """
     r = view.rotation
     for k in range(4):
@@ -292,7 +253,7 @@ def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour
     corner, t = mesh.faces[face], mesh.turn
     a, b, c, weights = 5 * int(corner.a), 5 * int(corner.b), 5 * int(corner.c), (1 - u - v, u, v)
     x, y, z, texture_u = weighted_sum(mesh.corners, (a, b, c), weights)
-    # four lanes hold normal and u; v is the fifth number, read by starting one place later
+    # four lanes hold normal and u; v is the fifth number, read by starting a place later
     texture_v = weighted_sum(mesh.corners, (a + 1, b + 1, c + 1), weights)[3]
     # blended normals are shorter than 1; a rotation keeps their length, so one division serves
     scale = 1 / max(math.sqrt(x * x + y * y + z * z), 1e-9)
@@ -305,7 +266,7 @@ def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour
 
 
 class Seen(NamedTuple):
-    """What a sample shows: radiance, and where a texture is left out, by how much it counts and where it is read."""
+    """Radiance of a sample; for a texture that is left out, its weight and where it is read."""
 
     colour: Colour
     gain: Colour
@@ -316,15 +277,12 @@ class Seen(NamedTuple):
 
 @inlined
 def shade(
-    around: Surround, mesh: LitMesh, view: View, pixel: tuple[float, float],
+    around: Surround, mesh: LitMesh, view: CameraView, pixel: tuple[float, float],
     hit: tuple[int, float, float, float, float],
 ) -> Seen:  # fmt: skip
     """The light that a point of a mesh sends to the camera.
 
     Args:
-        around: scene.
-        mesh: its mesh.
-        view: camera.
         pixel: (x, y).
         hit: face, barycentric weights of corners 1 and 2, distance, share of the key light that is seen; where that is
             below 0 the mesh's stored light says it, and holds the key light's part.
@@ -349,7 +307,7 @@ def shade(
     if not left_out:
         albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
     point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
-    # 3. light that arrives, and what becomes of it: a diffuse part (Lambert, albedo / pi) and a mirrored one
+    # 3. light that arrives, and what becomes of it: a diffuse part (Lambert, albedo / pi) and a mirrored part
     red, green, blue, key_share, room_share = _arriving(around, mesh, (face, u, v, key_share), point, (nx, ny, nz))
     roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
     # glTF's metallic-roughness model: a metal has no diffuse part, and mirrors in its own colour
@@ -366,7 +324,7 @@ def shade(
     colour = (
         albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
     )  # fmt: skip
-    # lamps and lit windows give off light of their own, whatever falls on them
+    # lamps and lit windows give off light, whatever falls on them
     glow = mesh.glow[material]
     if glow >= 0:
         given = sample_texture(mesh.glow_texels, int(glow), float(tu), float(tv), lod + mesh.glow_lod[material], True)
@@ -405,7 +363,7 @@ def _arriving(
 def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Stored light: irradiance RGB, share of the key light, share of the room."""
     a, b, c, wb, wc = find_samples(int(mesh.faces[face].steps), u, v)
-    # five numbers for each sample: as with corners, the fifth is read by starting one place later
+    # five numbers for each sample: as with corners, the fifth is read by starting a place later
     start, wa, s = mesh.faces[face].first, 1 - wb - wc, mesh.stored
     a, b, c, weights = 5 * (start + a), 5 * (start + b), 5 * (start + c), (wa, wb, wc)
     red, green, blue, key_share = weighted_sum(s, (a, b, c), weights)

@@ -12,26 +12,19 @@ Colour = tuple[float, float, float]
 
 
 class Texels(NamedTuple):
-    """Pyramids of several textures in one array.
+    """Pyramids of several textures in an array."""
 
-    Attributes:
-        values: (n + 1, 3) uint16 linear light, 65535 is 1; level by level, row by row; the last is none of theirs.
-        start: (l,) int64 where each level begins.
-        width, height: (l,) int32 of each level.
-        first: (t,) int32 level 0 of each texture.
-        levels: (t,) int32 how many each texture has.
-    """
-
+    # (n + 1, 3) uint16 linear light, 65535 is 1; level by level, row by row; the last is none of theirs
     values: np.ndarray
-    start: np.ndarray
-    width: np.ndarray
+    start: np.ndarray  # (l,) int64 where each level begins
+    width: np.ndarray  # width, height: (l,) int32 of each level
     height: np.ndarray
-    first: np.ndarray
-    levels: np.ndarray
+    first: np.ndarray  # (t,) int32 level 0 of each texture
+    levels: np.ndarray  # (t,) int32 how many each texture has
 
 
 Corners = tuple[tuple[int, int, int, int], tuple[float, float, float, float]]
-"""Where the four colours around a place begin in an array of numbers, and how much each counts."""
+"""Starts of the four colours around a place in an array of numbers, and the weight of each."""
 
 
 @inlined
@@ -42,7 +35,6 @@ def around_place(
 
     Args:
         start: of the picture in the array, numbers.
-        width: of the picture, pixels.
         size: of a pixel, numbers.
         columns, rows: between which the place lies.
     """

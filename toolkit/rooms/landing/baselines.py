@@ -11,11 +11,12 @@ from toolkit.core.console import progress
 from toolkit.core.threads import map_ahead
 from toolkit.core.workspace import Workspace
 from toolkit.rig.camera import Camera
+from toolkit.rig.markers import find_markers
 from toolkit.rooms.landing.collect import Collector
 from toolkit.rooms.landing.config import CollectConfig
 from toolkit.rooms.landing.dataset import SampleSet, open_dataset, read_split
 from toolkit.rooms.landing.regressor import ErrorRow, summarise_errors
-from toolkit.rooms.landing.site import TAG, TAG_SHARE, Pad, draw_pad, find_pad, find_world
+from toolkit.rooms.landing.site import TAG, TAG_FAMILY, TAG_SHARE, Pad, draw_pad, find_pad, find_world
 
 ZOOM = 3
 """Pictures are enlarged first: the detectors look for corners of several pixels."""
@@ -26,15 +27,10 @@ Finder = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ClassicalFinder:
-    """A finder for one camera, with the interface of a regressor.
+    """A finder for a camera, with the interface of a regressor."""
 
-    Attributes:
-        name: `features` or `apriltag`.
-        find: of a picture.
-    """
-
-    name: str
-    find: Finder
+    name: str  # `features` or `apriltag`
+    find: Finder  # of a picture
 
     def predict(self, images: np.ndarray) -> np.ndarray:
         """(n, 2) metres of (n, h, w, 3) uint8 pictures; NaN where the pad is not found."""
@@ -75,16 +71,11 @@ def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
 
 def make_apriltag(pad: Pad, camera: Camera) -> ClassicalFinder:
     """OpenCV's detector of AprilTag 36h11, for the pad that `draw_pad` makes with it."""
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    detector = cv2.aruco.ArucoDetector(family, parameters)
 
     def find(image: np.ndarray) -> np.ndarray:
-        corners, ids, _ = detector.detectMarkers(_enlarge(image))
-        for corner, number in zip(corners, [] if ids is None else ids.ravel(), strict=True):
+        for number, corners in find_markers(TAG_FAMILY, _enlarge(image), refined=True):
             if number == TAG:
-                return _locate(corner[0] / ZOOM, pad.size_m * TAG_SHARE, camera)
+                return _locate(corners / ZOOM, pad.size_m * TAG_SHARE, camera)
         return np.full(2, np.nan)
 
     return ClassicalFinder("apriltag", find)
@@ -114,10 +105,6 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
     """Errors of features + homography on the first held-out frames, and of an AprilTag in the pad's place.
 
     The tag's frames are shot again from the same cameras in the same air.
-
-    Args:
-        space: the workspace, for the pad's picture.
-        folder: of the data set.
     """
     about = open_dataset(folder)
     config = CollectConfig(**about.settings)
@@ -125,6 +112,7 @@ def measure_baselines(space: Workspace, folder: Path) -> dict[str, list[ErrorRow
     camera = config.optics.camera
     pad = find_pad(space, config.pad, config.size_m, about.seed)
     rows = {"features": summarise_errors(make_features(pad, camera).predict(samples.images), samples)}
+    # the same places and cameras, with a tag as the pad
     tag = draw_pad("apriltag", config.size_m)
     collector = Collector(config, find_world(config.world, config.world_seed), tag, about.seed)
     numbers = [truth.index for truth in samples.truths]

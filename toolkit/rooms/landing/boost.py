@@ -44,16 +44,11 @@ COMPARED = 48
 
 @dataclass(frozen=True)
 class PadView:
-    """A rendered view of the pad.
+    """A rendered view of the pad."""
 
-    Attributes:
-        site, pose: from where.
-        offset, height: truth, metres.
-    """
-
-    site: PadSite
+    site: PadSite  # site, pose: from where
     pose: np.ndarray
-    offset: np.ndarray
+    offset: np.ndarray  # offset, height: truth, metres
     height: float
 
 
@@ -70,11 +65,7 @@ class PadTask(TrainingTask[Patch]):
         """Start the picture.
 
         Args:
-            config: every setting.
-            regressor: frozen.
             views: on sites whose pad is `start_picture` of the config.
-            seed: of the draws.
-            folder, name: where the pad is written.
         """
         self.config, self.regressor, self.views, self.seed = config, regressor, tuple(views), seed
         self.folder, self.name = folder, name
@@ -200,22 +191,14 @@ def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, o
 
 @dataclass(frozen=True)
 class Boosted:
-    """What `boost_pad` made.
+    """What `boost_pad` made."""
 
-    Attributes:
-        file: the picture; its record lies beside it.
-        patch: both, read.
-        pdf: pages at true size.
-        pages: of the PDF, the map among them.
-        was_finished: whether there was nothing left to do.
-        errors: mean error as a share of height, by pad and weather, on views that were not trained on.
-    """
-
-    file: Path
-    patch: Patch
-    pdf: Path
-    pages: int
-    was_finished: bool
+    file: Path  # the picture; its record lies beside it
+    patch: Patch  # both, read
+    pdf: Path  # pages at true size
+    pages: int  # of the PDF, the map among them
+    was_finished: bool  # whether there was nothing left to do
+    # mean error as a share of height, by pad and weather, on views that were not trained on
     errors: dict[str, dict[str, float]]
 
 
@@ -248,11 +231,13 @@ def compare_pads(
     config: BoostConfig, regressor: Regressor, pads: Sequence[Pad], seed: int
 ) -> dict[str, dict[str, float]]:
     """Mean error as a share of the height, by pad and weather, on photographs of new cameras and places."""
+    # a stream of its own: none of these views was trained on
     plan = plan_views(config.with_overrides(views=COMPARED), regressor, pads[0], seed, own=3_000_017)
     weathers = [("clear", 0), *((name, severity) for name, severity in config.weathers if severity in (1, 3, 5))]
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:
         for pad in pads:
+            # the same places and light with this pad
             worn = {id(view.site): view.site.with_pad(pad) for view in plan}
             found[pad.name] = {}
             for weather in weathers:
@@ -269,7 +254,7 @@ def compare_pads(
 
 
 def describe_boosted(boosted: Boosted) -> dict[str, Any]:
-    """What a script is told."""
+    """The result for a script."""
     return {
         "pad": str(boosted.file), "pdf": str(boosted.pdf), "pages": boosted.pages, "was_finished": boosted.was_finished,
         "errors": boosted.errors, "final": boosted.patch.record.final,

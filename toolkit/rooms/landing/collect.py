@@ -53,19 +53,13 @@ UNIT_FRAMES = 100
 
 @dataclass(frozen=True)
 class Collected:
-    """What `collect` made.
+    """What `collect` made."""
 
-    Attributes:
-        folder: of the data set.
-        about: its `dataset.json`.
-        made: shards of this run; the others were there.
-        failed: (what, reason) of frames that could not be shot; without them the set is not complete, and the next
-            run tries them again.
-    """
-
-    folder: Path
-    about: DatasetFile
-    made: int
+    folder: Path  # of the data set
+    about: DatasetFile  # its `dataset.json`
+    made: int  # shards of this run; the others were there
+    # (what, reason) of frames that could not be shot; without them the set is not complete, and the next run tries them
+    # again
     failed: tuple[tuple[str, str], ...] = ()
 
     def count(self, split: Split) -> int:
@@ -103,7 +97,7 @@ class Collector:
         return "held_out" if drawn < self.config.held_out else "train"
 
     def site(self, number: int) -> PadSite:
-        """The pad on one of the places."""
+        """The pad on a place by its number."""
         return self.sites.site(self.pad, number)
 
     def light_pads(self, indices: Iterable[int]) -> None:
@@ -111,11 +105,7 @@ class Collector:
         self.sites.light_pads(self.pad, (index % len(self.places) for index in indices))
 
     def shoot(self, index: int) -> Sample:
-        """A frame.
-
-        Raises:
-            ToolkitError: no free place is found in the cone.
-        """
+        """A frame; raises a `ToolkitError` if no free place is found in the cone."""
         number = index % len(self.places)
         site, draws = self.site(number), Draws(self.seed, index, "landing")
         weather = self.config.weathers[int(draws.of("weather").integers(len(self.config.weathers)))]
@@ -146,20 +136,16 @@ class Collector:
                 return place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), tilt)[0], float(yaw)
         raise ToolkitError(
             f"'{site.place.name}' of {self.world.name}: {MOST_TRIES} cameras in a row were in a wall or saw nothing of "
-            "the pad: the cone goes through a building: take a narrower or lower one, or another place"
+            "the pad: the cone goes through a building: take a narrower or lower cone, or another place"
         )
 
 
 def collect(
     space: Workspace, config: CollectConfig, seed: int = 0, restart: bool = False, engine: EngineConfig | None = None
 ) -> Collected:
-    """Shoot a data set into `captures/landing/NAME`; a run that was stopped goes on, to the same bytes.
+    """Shoot a data set into `captures/landing/NAME`; an interrupted run resumes, to the same bytes.
 
     Args:
-        space: the workspace.
-        config: what.
-        seed: of all draws.
-        restart: forget what an earlier run left.
         engine: where frames are shot; by default in this process.
 
     Raises:
@@ -281,7 +267,7 @@ def plan_shards(config: CollectConfig, collector: Collector) -> list[tuple[str, 
 
 
 def describe_collected(collected: Collected) -> dict[str, Any]:
-    """What a script is told."""
+    """The result for a script."""
     about = collected.about
     return {
         "folder": str(collected.folder), "train": collected.count("train"), "held_out": collected.count("held_out"),

@@ -31,7 +31,7 @@ def collect(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Shoot what a drone sees of a pad into captures/landing/NAME; an interrupted run goes on where it stopped."""
+    """Shoot what a drone sees of a pad into captures/landing/NAME. Interrupted runs resume."""
     from toolkit.core.console import list_skipped
     from toolkit.rooms.landing.collect import collect as run
     from toolkit.rooms.landing.collect import describe_collected
@@ -50,7 +50,7 @@ def show_collected(collected: "Collected") -> None:
     """Print what lies where, and what to do next."""
     about = collected.about
     if not about.complete:
-        say(f"{collected.folder}: {collected.made} shards shot; it is not complete: the same command goes on")
+        say(f"{collected.folder}: {collected.made} shards shot, not complete: run the same command again to resume")
         return
     say(
         f"{collected.folder}: {collected.count('train')} frames to train on, {collected.count('held_out')} held out, "
@@ -83,7 +83,7 @@ def train(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
+    """Train a network to find the pad in pictures. Interrupted runs resume."""
     from toolkit.rooms.landing.regressor import write_saliency
     from toolkit.rooms.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
 
@@ -172,7 +172,7 @@ def fly(
     list_skipped(flown.failed)
     flown = place_results(config, flown, seed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
-    # an episode in clear air, and another in the last weather
+    # an episode in clear conditions, and another in the last weather
     filmed = [results[0].records[0], *(last.records[0] for last in results[1:][-1:])] if film else []
     films = [film_episode(space, config, flown, condition, seed) for condition in filmed]
     paths = [
@@ -234,7 +234,7 @@ def boost(
     workspace: options.Workspace = None,
     as_json: options.Json = False,
 ) -> None:
-    """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
+    """Train the pad's picture for a regressor, and print it at true size. Interrupted runs resume."""
     from toolkit.core.tables import build_table, format_percent
     from toolkit.models.network import choose_device
     from toolkit.rooms.landing.boost import boost_pad, describe_boosted
@@ -260,13 +260,13 @@ def boost(
 @from_config(config=DemoConfig)
 def demo(
     config: DemoConfig,
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New workspace, or one to go on in.")] = Path(
-        "landing"
-    ),
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="New workspace, or a workspace in which to resume.")
+    ] = Path("landing"),
     seed: options.Seed = 0,
     device: options.Device = "auto",
 ) -> None:
-    """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
+    """Run all steps from an empty folder to the report: collect, train, boost, fly."""
     from toolkit.models.network import choose_device
     from toolkit.rooms.landing.demo import run_demo
 

@@ -43,14 +43,7 @@ HalfAngle = Annotated[float, Field(gt=0, le=50), Flag("--half-angle")]
 
 
 class CameraConfig(Config):
-    """The downward camera.
-
-    Attributes:
-        image_px: side of its square pictures.
-        fov_deg: its angle of view.
-        noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
-        renderer: what draws the pictures.
-    """
+    """The downward camera."""
 
     image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(
         96, description="Side of a picture, pixels."
@@ -58,9 +51,10 @@ class CameraConfig(Config):
     fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov", metavar="DEGREES")] = Field(
         70.0, description="Horizontal field of view."
     )
+    # standard deviation of the sensor at middle grey, see `toolkit.rig.shading.tone_map`
     noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
     renderer: Annotated[str, AfterValidator(check_world_renderer), Later(), Flag(metavar="|".join(IN_WORLDS))] = Field(
-        RAYCAST, description="What draws the pictures."
+        RAYCAST, description="Renderer of the pictures."
     )
 
     @property
@@ -79,23 +73,7 @@ class CameraConfig(Config):
 
 
 class CollectConfig(Config):
-    """A data set for landings.
-
-    Attributes:
-        name: of its folder below captures/landing; by default the world's.
-        world, world_seed: where.
-        pad, size_m: what is looked for, and its side.
-        frames: how many.
-        places, ground: on how many places the pad lies, and on what.
-        at: x and y of a place of the user's own, instead.
-        height_m, half_angle_deg: of the cone of cameras; heights are drawn evenly in their logarithm.
-        gimbal_error_deg: standard deviation of the camera's tilt about each axis.
-        times: of day, in turn by place.
-        weathers: (name, severity), drawn evenly for each frame.
-        split, held_out: how frames are held out, and their share.
-        shard_frames: in one tar.
-        optics: the camera.
-    """
+    """A data set for landings."""
 
     name: Annotated[OwnName, Flag(positional=True, metavar="NAME")] = Field(
         "", description="Folder below captures/landing. Default: the world's name."
@@ -103,16 +81,16 @@ class CollectConfig(Config):
     world: WorldName = "grass"
     world_seed: WorldSeed = 0
     pad: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
-        "plain", description="plain, apriltag, grey, noise, one of print/pads, or a square picture."
+        "plain", description="plain, apriltag, grey, noise, a name in print/pads, or a square picture."
     )
     size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
     frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="Number of pictures.")
     places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(
-        40, description="Number of places that the pad lies on, one after the other."
+        40, description="Number of places for the pad, in turn."
     )
-    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="Ground under the pad: decks, grass, or both.")
     at: Annotated[tuple[float, float] | None, Joined(", "), Flag(metavar="X Y", typed=tuple[float, float])] = Field(
-        None, description="One place of your own in the world, metres, instead."
+        None, description="Your own place in the world, metres, instead."
     )
     height_m: Heights = (0.8, 10.0)
     half_angle_deg: HalfAngle = Field(
@@ -128,7 +106,7 @@ class CollectConfig(Config):
         (CLEAR,), description="Weather, drawn for each frame: clear, fog:3, dust:1-3, rain; repeat for more."
     )
     split: Annotated[Literal["place", "random"], Flag()] = Field(
-        "place", description="What is held out to test on: all frames of some places, or frames at random."
+        "place", description="Test frames: all frames of some places, or frames at random."
     )
     held_out: Annotated[float, Field(ge=0, le=0.9), Flag()] = Field(0.2, description="Share of the frames to test on.")
     shard_frames: Annotated[int, Field(ge=1, le=100_000)] = 500
@@ -158,21 +136,7 @@ class CollectConfig(Config):
 
 
 class LandingTrainConfig(Config):
-    """How a regressor is trained.
-
-    Attributes:
-        name: of its file; by default the data set's.
-        arch: of the network, one of torchvision's.
-        init: weights to start from; by default ImageNet's of that network.
-        pool: what the last layer sees, see `build_module`.
-        probe: the last layer starts as the ridge regression on the features of the given weights, and the statistics
-            of normalisation stay theirs (linear probing, then fine-tuning: Kumar et al. 2022).
-        frames: of the training split at most.
-        epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
-        loss: `mse` of metres, or `relative`: of shares of the height.
-        augment: quarter turns of picture and truth, and changes of light.
-        uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
-    """
+    """How a regressor is trained."""
 
     name: Annotated[OwnName, Flag(metavar="NAME")] = Field(
         "", description="Name of the network's file. Default: the data set's name."
@@ -183,9 +147,11 @@ class LandingTrainConfig(Config):
         description="Weights to start from. Default: ImageNet's if they are on this machine, else the bundled "
         "network's.",
     )
+    # see `build_module`
     pool: Annotated[Pool, Flag()] = Field(
         "grid", description="Features for the last layer: their average, or a grid of them."
     )
+    # linear probing, then fine-tuning (Kumar et al. 2022); normalisation keeps the statistics of the given weights
     probe: Annotated[bool, Flag()] = Field(True, description="Fit the last layer by ridge regression before training.")
     frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(
         None, description="Train on at most so many frames."
@@ -203,6 +169,7 @@ class LandingTrainConfig(Config):
         "relative", description="mse: mean square error in metres; relative: as a share of the height."
     )
     augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
+    # a third output: the logarithm of the standard deviation, by the likelihood of a normal error
     uncertainty: Annotated[bool, Flag()] = Field(
         False, description="Also predict the error to be expected, calibrated."
     )
@@ -227,20 +194,7 @@ RECIPES = {
 
 
 class BoostConfig(Config):
-    """How a pad's picture is trained.
-
-    Attributes:
-        name: of the pad; by default the regressor's with `-boosted`.
-        size_px: side of the picture.
-        start: what it starts from.
-        world, world_seed, places, ground, time: where its views are.
-        views: how many are rendered; none of them occurs in a data set or a flight.
-        height_m, half_angle_deg: of the cameras.
-        weathers, weather_probability: drawn for each view of each step.
-        steps, batch, lr: of the training, by the sign of the gradient.
-        light: factor on all light, drawn for each view.
-        noise: standard deviation of the camera's noise, encoded.
-    """
+    """How a pad's picture is trained."""
 
     name: Annotated[OwnName, Flag(metavar="NAME")] = Field(
         "", description="Name of the pad. Default: REGRESSOR-boosted."
@@ -251,8 +205,8 @@ class BoostConfig(Config):
     )
     world: WorldName = "grass"
     world_seed: WorldSeed = 0
-    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
-    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Number of places for the pad.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="Ground under the pad: decks, grass, or both.")
     time: OneTime = "noon"
     views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Number of rendered views.")
     height_m: Heights = (0.8, 10.0)
@@ -270,32 +224,23 @@ class BoostConfig(Config):
     lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(
         0.02, description="Learning rate: the change of a pixel per step."
     )
-    light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)
-    noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01
+    light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)  # factor on all light, drawn for each view
+    noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01  # standard deviation of the camera, encoded
 
 
 class PadPrintConfig(Config):
-    """The pad on paper.
-
-    Attributes:
-        print_size_m: its side; by default as trained.
-        paper: of the pages.
-    """
+    """The pad on paper."""
 
     print_size_m: Annotated[float | None, Field(ge=0.5, le=2.0), Flag(typed=float)] = Field(
         None, description="Side of the printed pad, metres. Default: as trained."
     )
     paper: Annotated[AnyPaper, Flag(metavar="SIZE", typed=str)] = Field(
-        parse_paper("a3"), description="a0 to a5, letter, or one's own: 200x300mm."
+        parse_paper("a3"), description="a0 to a5, letter, or your own: 200x300mm."
     )
 
 
 def parse_gains(word: str) -> tuple[float, float, float]:
-    """Kp, Ki, Kd of `paper`, `gentle`, or numbers such as `2,0,0.5`.
-
-    Raises:
-        ToolkitError: it is neither.
-    """
+    """Kp, Ki, Kd of `paper`, `gentle`, or numbers such as `2,0,0.5`; raises a `ToolkitError` if it is neither."""
     if word in GAINS:
         return GAINS[word]
     found = OWN.fullmatch(word)
@@ -306,44 +251,25 @@ def parse_gains(word: str) -> tuple[float, float, float]:
 
 
 class DescentConfig(Config):
-    """When and how fast the drone goes down.
-
-    Attributes:
-        fastest_m_s, slowest_m_s: of the descent, which slows with the height over the pad.
-        rate: speed per metre of height between the two.
-        align_m, align_share: it goes down while the pad is within align_m + align_share · height of straight below.
-        blind_m: below this height over the pad it goes straight down and looks no more.
-        unseen_m: below this height a missed pad, such as a pad that fills the picture, does not stop it.
-    """
+    """When and how fast the drone goes down."""
 
     fastest_m_s: Annotated[float, Field(gt=0, le=6), Flag("--descent")] = Field(
         1.5, description="Fastest descent, m/s."
     )
-    slowest_m_s: Annotated[float, Field(gt=0, le=6)] = 0.5
-    rate: Annotated[float, Field(gt=0)] = 0.5
+    slowest_m_s: Annotated[float, Field(gt=0, le=6)] = 0.5  # near the pad
+    rate: Annotated[float, Field(gt=0)] = 0.5  # speed per metre of height between the two
+    # it descends while the pad is within align_m + align_share · height of straight below
     align_m: Annotated[float, Field(gt=0)] = 0.15
     align_share: Annotated[float, Field(ge=0)] = 0.25
     blind_m: Annotated[float, Field(ge=0), Flag()] = Field(
         0.8, description="Below this height it flies straight down without looking, metres."
     )
+    # below this height a missed pad, such as a pad that fills the picture, does not stop it
     unseen_m: Annotated[float, Field(ge=0)] = 1.6
 
 
 class EpisodeConfig(Config):
-    """Where a landing begins, in which air, what the camera's mount does, and what counts as a landing.
-
-    Attributes:
-        start_height_m, start_angle_deg: height over the pad, and angle off its vertical, drawn evenly.
-        wind_m_s: steady wind, drawn evenly; its direction too.
-        gust_m_s, gust_time_s: standard deviation of the gusts on top, and how long they last.
-        camera_hz: pictures a second.
-        latency_s: from a picture to the command that it leads to.
-        gimbal_error_deg: standard deviation of the mount's bias over an episode; a third of it trembles.
-        radius_m: of the circle that a touchdown must be in.
-        touchdown_m_s, touchdown_tilt_deg: at most.
-        lost_s: how long the pad's centre may be out of view.
-        time_limit_s: of an episode.
-    """
+    """Where a landing begins, in which air, what the camera's mount does, and what counts as a landing."""
 
     start_height_m: Annotated[Range, Rising(0.5, 100), Flag()] = Field(
         (5.0, 8.0), description="Lowest and highest start, metres."
@@ -357,20 +283,21 @@ class EpisodeConfig(Config):
     gust_m_s: Annotated[float, Field(ge=0, le=10), Flag("--gust")] = Field(
         0.5, description="Gusts added to the wind, m/s, standard deviation."
     )
-    gust_time_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    gust_time_s: Annotated[float, Field(gt=0, le=60)] = 1.0  # how long gusts last
     camera_hz: Annotated[float, Field(gt=0, le=100), Flag()] = Field(10.0, description="Pictures a second.")
     latency_s: Annotated[float, Field(ge=0), Flag()] = Field(
         0.05, description="Delay from a picture to its command, seconds."
     )
+    # the deviation of its bias over an episode; a third of it trembles
     gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
         0.3, description="Error of the camera's mount, degrees, standard deviation."
     )
     radius_m: Annotated[float, Field(gt=0, le=10), Flag()] = Field(
         0.5, description="A landing counts as a success within this distance of the centre, metres."
     )
-    touchdown_m_s: Annotated[float, Field(gt=0)] = 1.2
-    touchdown_tilt_deg: Annotated[float, Field(gt=0, le=90)] = 15.0
-    lost_s: Annotated[float, Field(gt=0)] = 2.0
+    touchdown_m_s: Annotated[float, Field(gt=0)] = 1.2  # fastest that counts as a landing
+    touchdown_tilt_deg: Annotated[float, Field(gt=0, le=90)] = 15.0  # largest tilt that counts
+    lost_s: Annotated[float, Field(gt=0)] = 2.0  # how long the pad's centre may be out of view
     time_limit_s: Annotated[float, Field(gt=0, le=600), Flag()] = Field(30.0, description="Longest episode, seconds.")
 
     @model_validator(mode="after")
@@ -384,7 +311,7 @@ class EpisodeConfig(Config):
         return self
 
     def describe(self) -> str:
-        """What a success is, in words."""
+        """The definition of a success, in words."""
         return (
             f"success: touchdown within {self.radius_m:g} m of the centre, at most {self.touchdown_m_s:g} m/s and "
             f"{self.touchdown_tilt_deg:g}° of tilt; missed: as soft, but farther off; crashed: harder, or against "
@@ -394,20 +321,7 @@ class EpisodeConfig(Config):
 
 
 class FlyConfig(Config):
-    """What is flown.
-
-    Attributes:
-        regressors: names; `features` and `apriltag` are the classical finders.
-        name: of the folder below eval/landing; by default the first regressor's.
-        pads: names of pads or files; the first is what the others are compared with.
-        world, world_seed, places, ground, time: where, and under which sky.
-        weathers: (name, severity).
-        gains: `paper`, `gentle` or Kp,Ki,Kd.
-        episodes: of each cell; `batch` of them fly in lockstep.
-        size_m: side of the pads; by default as the first regressor was trained.
-        image_px: side of the pictures where classical finders fly alone; regressors see as they were trained.
-        episode, descent: of the flights.
-    """
+    """What is flown."""
 
     regressors: Annotated[tuple[str, ...], Flag(positional=True, metavar="REGRESSOR...")] = Field(
         min_length=1, description="Trained regressors; features and apriltag are classical ones."
@@ -423,7 +337,7 @@ class FlyConfig(Config):
     places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(
         8, description="Number of places; each episode takes the next."
     )
-    ground: Annotated[Ground, Flag()] = Field("both", description="What pads lie on: decks, bare grass, or both.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="Ground under pads: decks, grass, or both.")
     time: OneTime = "noon"
     weathers: WeatherWords = Field((CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain.")
     gains: Annotated[tuple[str, ...], Flag(metavar="NAME|KP,KI,KD")] = Field(
@@ -449,15 +363,7 @@ class FlyConfig(Config):
 
 
 class DemoConfig(Config):
-    """How small the demonstration is.
-
-    Attributes:
-        frames, epochs: of the data set, and of the training.
-        image_px: side of the pictures.
-        steps: of the pad's training.
-        episodes: of each cell.
-        weathers: that are flown in.
-    """
+    """How small the demonstration is."""
 
     frames: Annotated[int, Field(ge=40), Flag()] = Field(2400, description="Pictures to collect.")
     epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Epochs of the regressor.")

@@ -1,6 +1,7 @@
 """A landing data set on disk: tar shards as WebDataset streams them, and `dataset.json` beside them.
 
-A sample is three files of one key: `KEY.png` the picture, `KEY.seg.png` the pad (255) in it, `KEY.json` its `Truth`.
+A sample is three files of the same key: `KEY.png` the picture, `KEY.seg.png` the pad (255) in it, `KEY.json` its
+`Truth`.
 """
 
 import io
@@ -32,7 +33,7 @@ Split = Literal["train", "held_out"]
 
 
 class Truth(BaseModel):
-    """What is known of a picture.
+    """The truth of a picture.
 
     Attributes:
         index: number of the sample.
@@ -127,30 +128,19 @@ class DatasetFile(BaseModel):
 
 @dataclass(frozen=True)
 class Sample:
-    """A picture with what is known of it.
+    """A picture with what is known of it."""
 
-    Attributes:
-        image: (h, w, 3) uint8 sRGB.
-        mask: (h, w) bool the pad.
-        truth: where it is.
-    """
-
-    image: np.ndarray
-    mask: np.ndarray
-    truth: Truth
+    image: np.ndarray  # (h, w, 3) uint8 sRGB
+    mask: np.ndarray  # (h, w) bool the pad
+    truth: Truth  # where it is
 
 
 @dataclass(frozen=True)
 class SampleSet:
-    """The samples of a split in memory.
+    """The samples of a split in memory."""
 
-    Attributes:
-        images: (n, h, w, 3) uint8 sRGB.
-        truths: in the same order.
-    """
-
-    images: np.ndarray
-    truths: tuple[Truth, ...]
+    images: np.ndarray  # (n, h, w, 3) uint8 sRGB
+    truths: tuple[Truth, ...]  # in the same order
 
     @property
     def offsets(self) -> np.ndarray:
@@ -165,17 +155,11 @@ class SampleSet:
 
 @dataclass(frozen=True)
 class LoadedSet:
-    """A data set in memory.
+    """A data set in memory."""
 
-    Attributes:
-        name: of its folder.
-        about: its `dataset.json`.
-        train, held_out: its samples.
-    """
-
-    name: str
-    about: DatasetFile
-    train: SampleSet
+    name: str  # of its folder
+    about: DatasetFile  # its `dataset.json`
+    train: SampleSet  # train, held_out: its samples
     held_out: SampleSet
 
 
@@ -227,6 +211,7 @@ def read_shard(path: Path, size_px: tuple[int, int]) -> Iterator[Sample]:
         with open_plain(path) as file, tarfile.open(fileobj=file, mode="r:") as tar:
             for entry in tar:
                 key, _, kind = entry.name.partition(".")
+                # links, devices and sparse files are refused: they could lead elsewhere or swell
                 found = tar.extractfile(entry) if entry.isreg() and not entry.issparse() else None
                 if found is None or kind not in KINDS or kind in parts or entry.size > MOST_ENTRY_BYTES:
                     raise ToolkitError(
@@ -235,6 +220,7 @@ def read_shard(path: Path, size_px: tuple[int, int]) -> Iterator[Sample]:
                         "collect it again"
                     )
                 parts[kind] = found.read()
+                # the files of a sample follow each other
                 if len(parts) == len(KINDS):
                     yield _decode(path, key, parts, size_px)
                     parts = {}
@@ -258,19 +244,13 @@ def _decode(path: Path, key: str, parts: dict[str, bytes], size_px: tuple[int, i
 
 
 def open_dataset(folder: Path) -> DatasetFile:
-    """`dataset.json` of a folder.
-
-    Raises:
-        ToolkitError: there is none, or the set is not complete.
-    """
+    """`dataset.json` of a folder; raises a `ToolkitError` if there is none, or the set is not complete."""
     file = folder / DATASET
     if not file.is_file():
-        raise ToolkitError(
-            f"{folder} holds no {DATASET}: name a landing data set, or make one: toolkit landing collect"
-        )
+        raise ToolkitError(f"{folder} holds no {DATASET}: name a landing data set, or make it: toolkit landing collect")
     about = read_json(file, DatasetFile)
     if not about.complete:
-        raise ToolkitError(f"{folder}: the data set is not complete: run 'toolkit landing collect' again, it goes on")
+        raise ToolkitError(f"{folder}: the data set is not complete: run 'toolkit landing collect' again to resume")
     return about
 
 
@@ -293,6 +273,7 @@ def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet
     about = open_dataset(folder)
     shards = [shard for shard in about.shards if shard.split == split]
     total = sum(shard.n for shard in shards)
+    # shards are read in turn, so that a limit leaves the later files unopened
     images: list[np.ndarray] = []
     truths: list[Truth] = []
     with progress(f"Reading {split.replace('_', '-')} frames", min(total, most or total)) as bar:
@@ -312,7 +293,7 @@ def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet
 
 
 def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedSet, ...]:
-    """Data sets that one network can be trained on, with at most `most` training frames of each.
+    """Data sets that a network can be trained on together, with at most `most` training frames of each.
 
     Raises:
         ToolkitError: a set is named twice, or they differ in camera or pad; or as `read_split`.
@@ -323,8 +304,8 @@ def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedS
             raise ToolkitError(f"{folder}: this data set is named twice: name each once")
         for what, own, first in _compare_sets(about, abouts[0]):
             raise ToolkitError(
-                f"{folder}: its {what} is {own}, that of {folders[0]} is {first}: one network is trained on one: "
-                "collect them alike, or train one for each"
+                f"{folder}: its {what} is {own}, that of {folders[0]} is {first}: a network is trained on alike "
+                "sets: collect them alike, or train a network for each"
             )
     return tuple(
         LoadedSet(folder.name, about, read_split(folder, "train", most), read_split(folder, "held_out"))
@@ -333,7 +314,7 @@ def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedS
 
 
 def _compare_sets(data: DatasetFile, other: DatasetFile) -> Iterator[tuple[str, str, str]]:
-    """What differs between sets that a network cannot be trained on together, in words."""
+    """Differences between sets that a network cannot be trained on together, in words."""
     if data.camera != other.camera:
         yield "camera", _describe_camera(data.camera), _describe_camera(other.camera)
     if data.size_m != other.size_m:
@@ -360,8 +341,7 @@ def _explain_change(path: Path, about: DatasetFile, shard: ShardFile) -> None:
         if sample.truth.seed != about.seed:
             _refuse_seed(path, sample, about)
     raise ToolkitError(
-        f"{path}: the shard is not the one of {DATASET} ({count} samples, {shard.n} expected): restore it, or collect "
-        "again"
+        f"{path}: the shard differs from {DATASET} ({count} samples, {shard.n} expected): restore it, or collect again"
     )
 
 

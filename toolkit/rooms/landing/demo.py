@@ -34,7 +34,7 @@ BOOSTED_IN = ("snow:1-4", "fog:4-5")
 
 @dataclass(frozen=True)
 class Demonstrated:
-    """What the demonstration made."""
+    """Results of the demonstration."""
 
     trained: TrainedRegressor
     boosted: Boosted

@@ -1,6 +1,6 @@
 """A quadrotor as a rigid body, many at a time, with the numbers of AirSim's SimpleFlight vehicle.
 
-Frames: the world is z up, metres; the body is x forward, y left, z up. Arrays hold one column per vehicle.
+Frames: the world is z up, metres; the body is x forward, y left, z up. Arrays hold a column per vehicle.
 """
 
 from dataclasses import dataclass, replace
@@ -19,30 +19,20 @@ ROTOR_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 
 @dataclass(frozen=True)
 class Multirotor:
-    """What a vehicle weighs and how it pushes air; the defaults are AirSim's generic quadrotor.
+    """Masses, thrust and drag of a vehicle; the defaults are AirSim's generic quadrotor."""
 
-    Attributes:
-        mass_kg: of the whole.
-        arm_m: from the middle to each rotor, the arms at 45°.
-        rotor_kg, rotor_height_m: of each motor with its rotor, and its height over the middle.
-        body_m: box of the body, along x, y and z.
-        thrust_n, torque_nm: of each rotor at full signal; both go with the signal, the square of its speed.
-        delay_s: time constant of a rotor's answer to its signal.
-        rotor_diameter_m, rotor_thickness_m: as they catch the air.
-        drag_coefficient: of all faces.
-    """
-
-    mass_kg: float = 1.0
-    arm_m: float = 0.2275
-    rotor_kg: float = 0.055
+    mass_kg: float = 1.0  # of the whole
+    arm_m: float = 0.2275  # from the middle to each rotor, the arms at 45°
+    rotor_kg: float = 0.055  # rotor_kg, rotor_height_m: of each motor with its rotor, and its height over the middle
     rotor_height_m: float = 0.025
-    body_m: tuple[float, float, float] = (0.180, 0.110, 0.040)
+    body_m: tuple[float, float, float] = (0.180, 0.110, 0.040)  # box of the body, along x, y and z
+    # thrust_n, torque_nm: of each rotor at full signal; both go with the signal, the square of its speed
     thrust_n: float = 4.179446268
     torque_nm: float = 0.055562
-    delay_s: float = 0.005
-    rotor_diameter_m: float = 0.2286
+    delay_s: float = 0.005  # time constant of a rotor's answer to its signal
+    rotor_diameter_m: float = 0.2286  # rotor_diameter_m, rotor_thickness_m: as they catch the air
     rotor_thickness_m: float = 0.01
-    drag_coefficient: float = 0.325
+    drag_coefficient: float = 0.325  # of all faces
 
     @cached_property
     def inertia(self) -> np.ndarray:
@@ -67,7 +57,7 @@ class Multirotor:
 
     @property
     def hover_signal(self) -> float:
-        """Share of full thrust that carries its weight."""
+        """Share of full thrust that balances its weight."""
         return self.mass_kg * GRAVITY / (4 * self.thrust_n)
 
 
@@ -76,24 +66,17 @@ SIMPLE_FLIGHT = Multirotor()
 
 @dataclass(frozen=True)
 class MultirotorState:
-    """Where n vehicles are and how they move; float64.
+    """Places and motions of n vehicles; float64."""
 
-    Attributes:
-        position, velocity: (3, n) in the world, metres and m/s.
-        attitude: (4, n) unit quaternion w, x, y, z from the body to the world.
-        rates: (3, n) angular velocity in the body, rad/s.
-        rotors: (4, n) share of each rotor's full thrust.
-    """
-
-    position: np.ndarray
+    position: np.ndarray  # position, velocity: (3, n) in the world, metres and m/s
     velocity: np.ndarray
-    attitude: np.ndarray
-    rates: np.ndarray
-    rotors: np.ndarray
+    attitude: np.ndarray  # (4, n) unit quaternion w, x, y, z from the body to the world
+    rates: np.ndarray  # (3, n) angular velocity in the body, rad/s
+    rotors: np.ndarray  # (4, n) share of each rotor's full thrust
 
     @classmethod
     def at(cls, position: np.ndarray, yaw_rad: np.ndarray, signal: float) -> "MultirotorState":
-        """At rest and level at (3, n) positions, turned by (n,) yaw, all rotors at one signal."""
+        """At rest and level at (3, n) positions, turned by (n,) yaw, all rotors at the same signal."""
         count = position.shape[1]
         attitude = np.zeros((4, count))
         # the unit quaternion of a turn about z: (cos(a / 2), 0, 0, sin(a / 2))
@@ -148,11 +131,8 @@ def advance(
     """The state one step later; each vehicle by itself, so that its numbers do not depend on how many there are.
 
     Args:
-        vehicle: what all of them are.
-        state: of now.
         signals: (4, n) in [0, 1], what each rotor is told.
         wind: (3, n) velocity of the air in the world, m/s.
-        step_s: length of the step.
     """
     # a lag of first order, solved exactly over the step
     rotors = signals + (state.rotors - signals) * exp(-step_s / vehicle.delay_s)
@@ -212,32 +192,19 @@ def _turn(attitude: np.ndarray, rates: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CascadeGains:
-    """AirSim's gains and limits. Every controller's output is clipped to ±1 and scales the limit of the next.
+    """AirSim's gains and limits. Every controller's output is clipped to ±1 and scales the limit of the next."""
 
-    Attributes:
-        velocity_p: of forward and sideward velocity, per m/s.
-        climb_p, climb_i: of vertical velocity.
-        climb_leak: factor on the integral at each step.
-        level_p: of roll, pitch and yaw, per rad.
-        rate_p: of their rates, per rad/s.
-        most_velocity_m_s: of a command along each axis.
-        most_tilt_rad: of roll and pitch.
-        most_rate_rad_s: of all three.
-        least_throttle: in velocity control.
-        least_angling_throttle: below it the rotors all run alike.
-    """
-
-    velocity_p: float = 0.2
-    climb_p: float = 2.0
+    velocity_p: float = 0.2  # of forward and sideward velocity, per m/s
+    climb_p: float = 2.0  # climb_p, climb_i: of vertical velocity
     climb_i: float = 2.0
-    climb_leak: float = 0.9999
-    level_p: float = 2.5
-    rate_p: float = 0.25
-    most_velocity_m_s: float = 6.0
-    most_tilt_rad: float = np.pi / 5.5
-    most_rate_rad_s: float = 2.5
-    least_throttle: float = 0.3
-    least_angling_throttle: float = 0.05
+    climb_leak: float = 0.9999  # factor on the integral at each step
+    level_p: float = 2.5  # of roll, pitch and yaw, per rad
+    rate_p: float = 0.25  # of their rates, per rad/s
+    most_velocity_m_s: float = 6.0  # of a command along each axis
+    most_tilt_rad: float = np.pi / 5.5  # of roll and pitch
+    most_rate_rad_s: float = 2.5  # of all three
+    least_throttle: float = 0.3  # in velocity control
+    least_angling_throttle: float = 0.05  # below it the rotors all run alike
 
 
 class VelocityControl:
@@ -260,10 +227,8 @@ class VelocityControl:
         """(4, n) what each rotor is told.
 
         Args:
-            state: of the vehicles, known exactly.
             velocity: (3, n) wanted in the world, m/s; cut to the limit.
             yaw_rad: (n,) wanted.
-            step_s: since the last call.
         """
         gains, most = self.gains, self.gains.most_velocity_m_s
         error = to_body(state.rotation, np.clip(velocity, -most, most) - state.velocity)

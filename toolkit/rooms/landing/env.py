@@ -27,7 +27,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Observations are (h, w, 3) uint8 sRGB pictures of the downward camera. Actions are (3,) float32 velocities in m/s
     along the heading, to its left and up, each within ±6. The reward is how much nearer the pad is after the step,
     metres, and at the end 10 for a success, -10 for anything else. `reset(seed=…)` begins at episode 0 of that seed,
-    further resets go on with the next.
+    further resets begin the next.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012, Gymnasium's own
@@ -43,10 +43,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             world: a built-in world, or a file.
             pad: what is landed on; by default a plain pad of 2 m.
             episode: starts, winds and what counts as a success.
-            optics: the camera.
             weather: (name, severity).
-            time: of day.
-            places: that episodes have in turn.
             render_mode: `rgb_array`: `render` gives the last picture.
         """
         self.episode, self.optics = episode or EpisodeConfig(), optics or CameraConfig()

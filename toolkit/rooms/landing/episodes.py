@@ -35,7 +35,7 @@ NaN where it was not found."""
 
 
 class Ground(Protocol):
-    """What a drone can touch."""
+    """The ground and obstacles of a flight."""
 
     def height_below(self, points: np.ndarray) -> np.ndarray:
         """(n,) height of the first surface under points (n, 3), metres; -inf where there is none."""
@@ -63,21 +63,13 @@ class FlatGround:
 
 @dataclass(frozen=True)
 class EpisodeDraws:
-    """What episode `index` of a seed meets; it depends on these two alone.
+    """Random conditions of episode `index` of a seed; they depend on these two alone."""
 
-    Attributes:
-        offset: (3,) of the start from the pad's centre, metres, in the world.
-        yaw_rad: its heading, held throughout.
-        wind: (3,) steady, m/s.
-        gusts: (k, 3) for each tenth of a second, m/s.
-        gimbal: (t + 1, 2) turns of the camera about its x and y at each picture, rad.
-    """
-
-    offset: np.ndarray
-    yaw_rad: float
-    wind: np.ndarray
-    gusts: np.ndarray
-    gimbal: np.ndarray
+    offset: np.ndarray  # (3,) of the start from the pad's centre, metres, in the world
+    yaw_rad: float  # its heading, held throughout
+    wind: np.ndarray  # (3,) steady, m/s
+    gusts: np.ndarray  # (k, 3) for each tenth of a second, m/s
+    gimbal: np.ndarray  # (t + 1, 2) turns of the camera about its x and y at each picture, rad
 
     @classmethod
     def of(cls, config: EpisodeConfig, seed: int, index: int) -> "EpisodeDraws":
@@ -86,7 +78,7 @@ class EpisodeDraws:
         rng = draws.of("start")
         height, angle = rng.uniform(*config.start_height_m), np.radians(rng.uniform(*config.start_angle_deg))
         around, yaw = rng.uniform(0, 2 * np.pi, 2)
-        # the start lies on a cone that stands on the pad
+        # the start is on a cone that stands on the pad
         aside = height * np.tan(angle)
         rng = draws.of("wind")
         speed, bearing = rng.uniform(*config.wind_m_s), rng.uniform(0, 2 * np.pi)
@@ -110,27 +102,17 @@ class EpisodeDraws:
 
 @dataclass
 class Episode:
-    """How one episode went.
-
-    Attributes:
-        index: of it.
-        outcome: one of `OUTCOMES`, or `FLYING`.
-        error_m: distance of its end from the pad's centre, level; None where it never came down.
-        time_s: how long it took.
-        path_m: length of its way.
-        speed_m_s, tilt_deg: at touchdown.
-        track: places (3,) at each picture.
-        seen: what the regressor said of each picture, (2,), as an offset in the world.
-    """
+    """How an episode went."""
 
     index: int
-    outcome: str = FLYING
-    error_m: float | None = None
-    time_s: float = 0.0
-    path_m: float = 0.0
-    speed_m_s: float | None = None
+    outcome: str = FLYING  # from `OUTCOMES`, or `FLYING`
+    error_m: float | None = None  # distance of its end from the pad's centre, level; None where it never came down
+    time_s: float = 0.0  # how long it took
+    path_m: float = 0.0  # length of its way
+    speed_m_s: float | None = None  # speed_m_s, tilt_deg: at touchdown
     tilt_deg: float | None = None
-    track: list[np.ndarray] = field(default_factory=list)
+    track: list[np.ndarray] = field(default_factory=list)  # places (3,) at each picture
+    # what the regressor said of each picture, (2,), as an offset in the world
     seen: list[np.ndarray] = field(default_factory=list)
 
 
@@ -144,12 +126,8 @@ class Flights:
         """Put them at their starts.
 
         Args:
-            config: of all.
             pads: (3,) the pad's centre in the world, metres, or (n, 3) of each episode's own.
-            ground: what they can touch.
-            seed, indices: of the draws.
             view_tan: tangent of half the camera's angle of view, for `lost`.
-            vehicle, gains: what flies.
         """
         self.config, self.ground, self._vehicle = config, ground, vehicle
         self.pads = np.broadcast_to(np.asarray(pads, float), (len(indices), 3))

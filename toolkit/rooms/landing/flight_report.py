@@ -1,4 +1,4 @@
-"""What flights show: success with intervals per cell and paired tests, as files, figures, one HTML page and a film."""
+"""Results of flights: success with intervals per cell and paired tests, as files, figures, a page and a film."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -53,15 +53,10 @@ LOOP_PX, LOOP_QUALITY = 640, 60
 
 @dataclass(frozen=True)
 class CellResult:
-    """The episodes of a cell.
-
-    Attributes:
-        cell: which.
-        records: in order of their index.
-    """
+    """The episodes of a cell."""
 
     cell: FlightCell
-    records: tuple[EpisodeRecord, ...]
+    records: tuple[EpisodeRecord, ...]  # in order of their index
 
     @property
     def n(self) -> int:
@@ -103,20 +98,15 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 @dataclass(frozen=True)
 class PairResult:
-    """Two cells, episode by episode.
+    """Two cells, episode by episode."""
 
-    Attributes:
-        cell, against: which.
-        outcomes: successes of `against`, then of `cell`.
-    """
-
-    cell: FlightCell
+    cell: FlightCell  # cell, against: which
     against: FlightCell
-    outcomes: PairedOutcomes
+    outcomes: PairedOutcomes  # successes of `against`, then of `cell`
 
     @property
     def other(self) -> str:
-        """What is different in `against`: `pad plain`, or `pad plain, regressor net`."""
+        """Differences of `against`: `pad plain`, or `pad plain, regressor net`."""
         names = ("pad", "regressor", "gains")
         theirs = {name: getattr(self.against, name) for name in names}
         return ", ".join(f"{name} {value}" for name, value in theirs.items() if value != getattr(self.cell, name))
@@ -137,7 +127,7 @@ def group_cells(flown: Flown) -> list[CellResult]:
 def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
     """Each pad against the first, each regressor against the first on the same pad, each gains against the first.
 
-    Where pad and regressor are both others, as for a regressor trained on a boosted pad, also against both first.
+    If pad and regressor both differ, as for a regressor trained on a boosted pad, also against both first.
     """
     known = {result.cell: result for result in results}
     pairs = []
@@ -203,7 +193,7 @@ def _to_csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def describe_success(config: EpisodeConfig) -> str:
-    """What counts as what, and how often the camera looks."""
+    """The definitions of outcomes, and how often the camera looks."""
     return f"{config.describe()}; {config.camera_hz:g} pictures a second, {1000 * config.latency_s:g} ms late"
 
 
@@ -261,7 +251,6 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
 
     Args:
-        results: of the cells.
         radius_m: of the circle that a success is in.
     """
     # two rows of panels for each band: from above, and height over distance
@@ -272,7 +261,7 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float) -> bytes:
     panels = figure.subplots(2 * bands, columns, squeeze=False)
     for panel in panels.flat:
         panel.set_visible(False)
-    # one range for all, so that a wide track looks wide
+    # the same range for all, so that a wide track looks wide
     flown = [np.array(record.track) for result in some for record in result.records if record.track] or [
         np.zeros((1, 3))
     ]
@@ -378,17 +367,11 @@ def _write(
 
 @dataclass(frozen=True)
 class Film:
-    """An episode: the drone's view beside the map, at the pace of the flight.
+    """An episode: the drone's view beside the map, at the pace of the flight."""
 
-    Attributes:
-        title: of what.
-        frames: (n, h, w, 3) uint8 sRGB; the last frame stays for a second.
-        hz: frames a second.
-    """
-
-    title: str
-    frames: np.ndarray
-    hz: float
+    title: str  # of what
+    frames: np.ndarray  # (n, h, w, 3) uint8 sRGB; the last frame stays for a second
+    hz: float  # frames a second
 
     def encode_webp(self) -> bytes:
         """A small animated picture that goes round and round, with every second frame."""
@@ -400,11 +383,7 @@ class Film:
         return file.getvalue()
 
     def write(self, path: Path) -> Path:
-        """Write an MP4.
-
-        Raises:
-            ToolkitError: this build of OpenCV writes no MP4.
-        """
+        """Write an MP4; raises a `ToolkitError` if this build of OpenCV writes no MP4."""
         height, width = self.frames.shape[1:3]
         with TemporaryDirectory() as folder:
             made = Path(folder) / "film.mp4"
@@ -452,14 +431,7 @@ def write_report(
 
 
 def film_episode(space: Workspace, config: FlyConfig, flown: Flown, record: EpisodeRecord, seed: int) -> Film:
-    """Film an episode whose track was kept: what its camera saw is rendered again along the track.
-
-    Args:
-        space: the workspace.
-        config, flown: of the flights.
-        record: the episode.
-        seed: of the flights.
-    """
+    """Film an episode whose track was kept: what its camera saw is rendered again along the track."""
     number = record.index % len(flown.places)
     trained = [load_regressor(space, name).record for name in config.regressors if name in list_regressors(space)]
     optics = CameraConfig(image_px=trained[0].image_px, fov_deg=trained[0].fov_deg) if trained else CameraConfig()

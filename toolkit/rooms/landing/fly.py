@@ -86,7 +86,7 @@ def fly(flights: Flights, look: Look, gains: tuple[float, float, float], descent
     while len(chosen := flights.flying):
         poses = flights.camera_poses(chosen)
         seen = np.asarray(look(np.array([flights.episodes[k].index for k in chosen]), poses, flights.tick), float)
-        # kept before the flight goes on: the answers belong to these poses
+        # kept before the next step: the answers belong to these poses
         offsets = flights.level_offsets(seen, chosen)
         for k, offset in zip(chosen, offsets, strict=True):
             flights.episodes[k].seen.append(offset)
@@ -168,30 +168,22 @@ class PadFinder(Protocol):
 
 @dataclass(frozen=True)
 class Flown:
-    """What `fly_all` made.
+    """What `fly_all` made."""
 
-    Attributes:
-        folder: eval/landing/NAME.
-        records: of all episodes of the cells.
-        cells: in order; a cell whose episodes failed is left out.
-        made: episodes of this run.
-        places: where.
-        seconds: what rendering, network and physics of this run took, of several processes all of theirs.
-        failed: (what, reason) of episodes that could not be flown; the next run tries them again.
-    """
-
-    folder: Path
-    records: tuple[EpisodeRecord, ...]
-    cells: tuple[FlightCell, ...]
-    made: int
+    folder: Path  # eval/landing/NAME
+    records: tuple[EpisodeRecord, ...]  # of all episodes of the cells
+    cells: tuple[FlightCell, ...]  # in order; a cell whose episodes failed is left out
+    made: int  # episodes of this run
     places: tuple[PadPlace, ...]
+    # what rendering, network and physics of this run took, of several processes all of theirs
     seconds: dict[str, float]
+    # (what, reason) of episodes that could not be flown; the next run tries them again
     failed: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass
 class Clock:
-    """What the time of a run went to, seconds; of several processes all of theirs."""
+    """Time of a run by its use, seconds, summed over processes."""
 
     rendering: float = 0.0
     network: float = 0.0
@@ -212,19 +204,12 @@ class Clock:
 
 @dataclass(frozen=True)
 class FlightSetup:
-    """What all flights of a run share.
-
-    Attributes:
-        config: of the run.
-        seed: of all draws.
-        sites: pads on their places.
-        pads, predictors: by name; None for classical finders.
-    """
+    """Inputs of all flights of a run."""
 
     config: FlyConfig
     seed: int
-    sites: Sites
-    pads: dict[str, Pad]
+    sites: Sites  # pads on their places
+    pads: dict[str, Pad]  # pads, predictors: by name; None for classical finders
     predictors: dict[str, Regressor | None]
 
     def key(self, cell: FlightCell) -> str:
@@ -234,7 +219,18 @@ class FlightSetup:
             config.descent.record(), sites.world.sha256, [(place.centre, place.turn_deg) for place in sites.places],
             config.time, self.seed, sites.optics.record(), config.episode.record(),
         )  # fmt: skip
-        return f"{key[:16]}-{_digest(cell, self.pads, self.predictors)}"
+        predictor = self.predictors[cell.regressor]
+        weights = cell.regressor if predictor is None else predictor.record.sha256
+        return f"{key[:16]}-{sha256_bytes((self.pad(cell).sha256 + weights).encode())[:16]}"
+
+    def pad(self, cell: FlightCell) -> Pad:
+        """The pad of a cell."""
+        return next(pad for pad in self.pads.values() if pad.name == cell.pad)
+
+    def finder(self, cell: FlightCell) -> PadFinder:
+        """The regressor of a cell, or a classical finder of its pad."""
+        make = make_features if cell.regressor == "features" else make_apriltag
+        return self.predictors[cell.regressor] or make(self.pad(cell), self.sites.optics.camera)
 
 
 def fly_all(
@@ -247,11 +243,6 @@ def fly_all(
     same wind and noise, in every cell. A cell in which episodes fail is left out.
 
     Args:
-        space: the workspace.
-        config: what.
-        seed: of all draws.
-        device: where the networks run.
-        restart: forget what an earlier run left.
         engine: where episodes are flown; by default in this process.
 
     Raises:
@@ -280,7 +271,7 @@ Flight = tuple[Episode, Clock]
 def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, engine: Engine) -> Flown:
     digests, numbers = {cell: setup.key(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
-    cache = WorkLog(file, EpisodeRecord, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
+    cache = WorkLog(file, EpisodeRecord, lambda row: [((row.inputs, row.cell, row.index), row)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
     def keep(key: EpisodeKey, cell: FlightCell, flight: Flight) -> None:
@@ -313,16 +304,6 @@ def fly_unit(shared: Shared[FlightSetup], cell: FlightCell, indices: list[int]) 
     clock.whole = perf_counter() - begun
     for at, episode in enumerate(episodes):
         yield episode, Clock() if at else clock
-
-
-def _named_pad(pads: dict[str, Pad], cell: FlightCell) -> Pad:
-    return next(pad for pad in pads.values() if pad.name == cell.pad)
-
-
-def _digest(cell: FlightCell, pads: dict[str, Pad], predictors: dict[str, Regressor | None]) -> str:
-    predictor = predictors[cell.regressor]
-    weights = cell.regressor if predictor is None else predictor.record.sha256
-    return sha256_bytes((_named_pad(pads, cell).sha256 + weights).encode())[:16]
 
 
 def _load_predictors(
@@ -382,21 +363,10 @@ def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[Fl
     ]
 
 
-def _finder(
-    predictors: dict[str, Regressor | None], pads: dict[str, Pad], cell: FlightCell, optics: CameraConfig
-) -> PadFinder:
-    found = predictors[cell.regressor]
-    if found is not None:
-        return found
-    make = make_features if cell.regressor == "features" else make_apriltag
-    return make(_named_pad(pads, cell), optics.camera)
-
-
 def fly_cell(setup: FlightSetup, cell: FlightCell, indices: list[int], clock: Clock) -> list[Episode]:
     """Some episodes of a cell in lockstep: one batched call of the finder for each picture of all that still fly."""
     config, sites, seed = setup.config, setup.sites, setup.seed
-    pad, count = _named_pad(setup.pads, cell), len(sites.places)
-    finder = _finder(setup.predictors, setup.pads, cell, sites.optics)
+    pad, finder, count = setup.pad(cell), setup.finder(cell), len(sites.places)
     begun = perf_counter()
     own = {index: sites.site(pad, index % count) for index in indices}
     clock.rendering += perf_counter() - begun  # pads are lit when they are first asked for
@@ -414,7 +384,7 @@ def fly_cell(setup: FlightSetup, cell: FlightCell, indices: list[int], clock: Cl
 
 
 def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], finder: PadFinder, clock: Clock) -> Look:
-    """What a drone's camera sees, and what a finder says of it."""
+    """Pictures of a drone's camera, and a finder's answers to them."""
 
     def look(indices: np.ndarray, poses: np.ndarray, tick: int) -> np.ndarray:
         begun = perf_counter()

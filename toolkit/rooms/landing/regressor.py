@@ -99,17 +99,11 @@ class RegressorRecord(BaseModel):
 
 @dataclass(frozen=True)
 class Regressor:
-    """A trained network that is ready to use.
+    """A trained network that is ready to use."""
 
-    Attributes:
-        record: see `RegressorRecord`.
-        module: in eval mode, its parameters without gradient.
-        device: where it runs.
-    """
-
-    record: RegressorRecord
-    module: torch.nn.Module
-    device: str = "cpu"
+    record: RegressorRecord  # see `RegressorRecord`
+    module: torch.nn.Module  # in eval mode, its parameters without gradient
+    device: str = "cpu"  # where it runs
 
     @property
     def name(self) -> str:
@@ -161,11 +155,8 @@ def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> torch.nn
     """A network with random weights whose last layer has some outputs.
 
     Args:
-        arch: one of torchvision's.
-        outputs: of the last layer.
         pool: what that sees: the features' `average`, as in the paper; or the `grid` of them as it lies over the
             picture, so that where something is needs not be coded in what it is. For ResNets.
-        image_px: side of its pictures.
 
     Raises:
         FieldError: a grid of a network that is no ResNet.
@@ -196,7 +187,7 @@ def run_network(
 
 
 def regressors_dir(space: Workspace) -> Path:
-    """Where a workspace's regressors lie."""
+    """Folder of a workspace's regressors."""
     return space.classifiers_dir.parent / "regressors"
 
 
@@ -215,9 +206,7 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
     file = own.get(name) or Path(name)
     if not (file.is_file() and file.suffix == SUFFIX):
         if not own:
-            raise ToolkitError(
-                f"no regressor called '{name}': there is none yet: train one with 'toolkit landing train'"
-            )
+            raise ToolkitError(f"no regressor called '{name}': there is none yet: run 'toolkit landing train'")
         raise one_of("regressor", name, list(own))
     record_file = file.with_suffix(".json")
     if not record_file.is_file():
@@ -255,12 +244,12 @@ def summarise_errors(answers: np.ndarray, samples: SampleSet) -> list[ErrorRow]:
 
     Args:
         answers: (n, 2) metres; NaN where the pad was not found.
-        samples: with the truth.
     """
     errors = np.linalg.norm(answers - samples.offsets, axis=1)
     heights = samples.heights
     angles = np.degrees(np.arctan2(np.linalg.norm(samples.offsets, axis=1), heights))
     rows = [_row("all", "all", errors, heights)]
+    # rows of bins without a sample are left out
     for by, values, edges, unit in (("height", heights, HEIGHT_EDGES, " m"), ("angle", angles, ANGLE_EDGES, "°")):
         for low, high in pairwise(edges):
             within = (values >= low) & (values < high)
@@ -315,7 +304,7 @@ def pick_samples(folder: Path) -> list[Sample]:
 
 @with_default_style
 def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[bytes, list[float]]:
-    """PNG of frames with what the regressor looks at below each; and the share of it that lies on the pad."""
+    """PNG of frames with what the regressor looks at below each; and the share of it on the pad."""
     saliency = find_saliency(regressor, np.stack([sample.image for sample in samples]))
     shares = [float(heat[sample.mask].sum() / heat.sum()) for heat, sample in zip(saliency, samples, strict=True)]
     figure = make_figure(1.9 * len(samples), 4.6)
@@ -335,7 +324,7 @@ def write_saliency(regressor: Regressor, dataset: Path, file: Path) -> list[floa
     """Write `draw_saliency` of some held-out frames of a data set.
 
     Returns:
-        The share of each that lies on the pad, from low to high.
+        The share of each on the pad, from low to high.
     """
     content, shares = draw_saliency(regressor, pick_samples(dataset))
     write_bytes(file, content)

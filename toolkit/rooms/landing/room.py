@@ -1,4 +1,4 @@
-"""What the room of landing adds: a drone that lands on a pad."""
+"""The room of landing: a drone that lands on a pad."""
 
 from toolkit.core.rooms import Entry, Room
 

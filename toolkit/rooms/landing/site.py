@@ -19,6 +19,7 @@ from toolkit.imaging.read import read_image
 from toolkit.objects.mesh import Material, Mesh, cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.lighting import BakeDetail
+from toolkit.rig.markers import get_dictionary
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.renderers import make_renderer
 from toolkit.rig.scene import Stand
@@ -36,7 +37,7 @@ from toolkit.rooms.worlds.world import Spot, World
 KINDS = ("plain", "apriltag", "grey", "noise")
 PICTURE_PX = 512
 NOISE_CELLS = 64
-TAG = 7
+TAG_FAMILY, TAG = "DICT_APRILTAG_36h11", 7
 SMALLEST_M, LARGEST_M = 0.2, 5.0
 ROUGHNESS = 0.9
 TAG_SHARE = 0.8
@@ -44,7 +45,7 @@ TAG_SHARE = 0.8
 SHEET_M = 0.01
 """The sheet lies so far above what is under it."""
 FLAT_M = 0.03
-"""What is under a pad may differ by so much in height."""
+"""Largest difference in height of the ground under a pad."""
 LEAST_ROOM_M = 0.2
 SKY_PX = 256
 DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacing=0.1)
@@ -52,17 +53,11 @@ DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacin
 
 @dataclass(frozen=True)
 class Pad:
-    """A square sheet with a picture.
+    """A square sheet with a picture."""
 
-    Attributes:
-        name: `plain`, `apriltag`, `grey`, `noise`, or that of a trained pad.
-        picture: (n, n, 3) uint8 sRGB; its top is the pad's +y.
-        size_m: side of the sheet, metres.
-    """
-
-    name: str
-    picture: np.ndarray
-    size_m: float = 2.0
+    name: str  # `plain`, `apriltag`, `grey`, `noise`, or that of a trained pad
+    picture: np.ndarray  # (n, n, 3) uint8 sRGB; its top is the pad's +y
+    size_m: float = 2.0  # side of the sheet, metres
 
     def __post_init__(self) -> None:
         if not SMALLEST_M <= self.size_m <= LARGEST_M:
@@ -86,11 +81,7 @@ class Pad:
 
 
 def draw_pad(kind: str, size_m: float = 2.0, seed: int = 0) -> Pad:
-    """One of `KINDS`; `noise` is drawn by the seed.
-
-    Raises:
-        ToolkitError: there is no such pad.
-    """
+    """One of `KINDS`; `noise` is drawn by the seed; raises a `ToolkitError` if there is no such pad."""
     if kind not in KINDS:
         raise one_of("pad", kind, list(KINDS))
     if kind == "grey":
@@ -140,27 +131,21 @@ def _at(side: int, x: float, y: float) -> tuple[int, int]:
 
 
 def _draw_tag() -> np.ndarray:
-    """Tag 7 of AprilTag's family 36h11 with a white edge one cell wide."""
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    """Tag 7 of AprilTag's family 36h11 with a white edge a cell wide."""
     cell = PICTURE_PX // 10
-    tag = cv2.aruco.generateImageMarker(family, TAG, 8 * cell)
-    bordered = np.pad(tag, cell, constant_values=255)
+    bordered = np.pad(
+        cv2.aruco.generateImageMarker(get_dictionary(TAG_FAMILY), TAG, 8 * cell), cell, constant_values=255
+    )
     return np.repeat(bordered[..., None], 3, axis=2)
 
 
 @dataclass(frozen=True)
 class PadPlace:
-    """Where a pad lies.
+    """The place of a pad."""
 
-    Attributes:
-        name: the spot's with a number.
-        centre: (x, y, z) of the sheet's middle, metres.
-        turn_deg: of the pad, counter-clockwise from above.
-    """
-
-    name: str
-    centre: tuple[float, float, float]
-    turn_deg: float
+    name: str  # the spot's with a number
+    centre: tuple[float, float, float]  # (x, y, z) of the sheet's middle, metres
+    turn_deg: float  # of the pad, counter-clockwise from above
 
 
 def find_world(word: str, seed: int = 0) -> World:
@@ -182,12 +167,9 @@ def plan_places(
 ) -> tuple[PadPlace, ...]:
     """Places for a pad, its spots in turn, each somewhere on its spot and turned by the seed.
 
-    A pad does not lie in the middle of a deck, so that a deck's own picture does not tell where it is.
+    A pad is not in the middle of a deck, so that the deck's picture does not tell where it is.
 
     Args:
-        world: in which.
-        size_m: side of the pad.
-        count: how many.
         seed: of the draws; place k depends on (seed, k) alone.
         ground: on decks (`pads`), on grass (`bare`), or both in turn.
         without: names of spots that are not meant, such as those that were trained on.
@@ -275,19 +257,12 @@ def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SiteView:
-    """What a photograph is taken with.
+    """Camera, noise and weather of a photograph."""
 
-    Attributes:
-        T_world_camera: (4, 4) pose, metres.
-        seed: of noise and weather, with `item`.
-        item: number of the photograph among those of the seed.
-        weather: (name, severity).
-    """
-
-    T_world_camera: np.ndarray
-    seed: int
-    item: int
-    weather: tuple[str, int] = CLEAR
+    T_world_camera: np.ndarray  # (4, 4) pose, metres
+    seed: int  # of noise and weather, with `item`
+    item: int  # number of the photograph among those of the seed
+    weather: tuple[str, int] = CLEAR  # (name, severity)
 
 
 class PadSite:
@@ -315,7 +290,7 @@ class PadSite:
 
     @cached_property
     def ground(self) -> "WorldGround":
-        """What a drone can touch here; the drone stands on the sheet."""
+        """The ground and obstacles here; the drone stands on the sheet."""
         return WorldGround(self.world)
 
     def truth(self, T_world_camera: np.ndarray) -> np.ndarray:
@@ -382,7 +357,7 @@ class Sites:
     """
 
     def __init__(self, world: World, places: Sequence[PadPlace], times: Sequence[str], optics: CameraConfig) -> None:
-        """Not lit yet; places have the times of day in turn, two with one time, as decks and grass alternate."""
+        """Not lit yet; places have the times of day in turn, two with each time, as decks and grass alternate."""
         self.world, self.places, self.optics = world, tuple(places), optics
         self._skies, self._lit = tuple(find_sky(time) for time in times), dict[tuple[str, int], PadSite]()
         self._light: tuple[BakedLight, ...] = ()
@@ -396,7 +371,7 @@ class Sites:
         return self.__dict__ | {"_lit": {}}
 
     def site(self, pad: Pad, number: int) -> PadSite:
-        """A pad on one of the places."""
+        """A pad on a place by its number."""
         # by the picture, not by the name: two pads may be called alike
         key = pad.sha256, number
         if key not in self._lit:

@@ -104,18 +104,12 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
 
 @dataclass(frozen=True)
 class TrainedRegressor:
-    """What a run made.
+    """Results of a training run."""
 
-    Attributes:
-        file, regressor: the weights, and them loaded.
-        resumed_from: steps that an earlier run had made.
-        was_finished: whether there was nothing left to do.
-    """
-
-    file: Path
+    file: Path  # file, regressor: the weights, and them loaded
     regressor: Regressor
-    resumed_from: int
-    was_finished: bool
+    resumed_from: int  # steps that an earlier run had made
+    was_finished: bool  # whether there was nothing left to do
 
 
 def train_regressor(
@@ -127,10 +121,7 @@ def train_regressor(
     Args:
         space: the workspace; `rig/regressors` is written.
         datasets: names of sets below captures/landing, or their folders; of the same camera and pad.
-        config: how.
-        seed: of all draws.
         device: `auto`, `cpu` or `cuda`.
-        restart: forget what an earlier run left.
 
     Raises:
         ToolkitError: data, weights or checkpoint cannot be used.
@@ -324,7 +315,7 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
-    """What a record says of the data: of a set, or of each below `sets`."""
+    """The data in a record: of a set, or of each below `sets`."""
     rows = [
         {INPUTS: loaded.about.inputs_sha256, "seed": loaded.about.seed, "world": loaded.about.world,
          "world_seed": loaded.about.world_seed, "places": loaded.about.places}
@@ -393,7 +384,7 @@ def export_onnx(regressor: Regressor, file: Path) -> Path:
 
 
 def describe_trained(trained: TrainedRegressor) -> dict[str, Any]:
-    """What a script is told."""
+    """The result for a script."""
     return {
         "regressor": str(trained.file), "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
         "record": trained.regressor.record.model_dump(mode="json"),

@@ -89,11 +89,7 @@ class Connection:
     """
 
     def __init__(self, host: str, port: int, where: str, timeout_s: float = 60.0) -> None:
-        """Connect.
-
-        Raises:
-            ToolkitError: msgpack is not installed, or nobody answers.
-        """
+        """Connect; raises a `ToolkitError` if msgpack is not installed, or nobody answers."""
         try:
             import msgpack
         except ImportError as error:
@@ -261,7 +257,7 @@ def _number(value: object) -> float:
 
 
 def show(found: object) -> str:
-    """What a server said, in a few words, however much it is."""
+    """A server's answer in a few words, however long it is."""
     return reprlib.repr(found)
 
 
@@ -285,18 +281,13 @@ def read_fields(found: object, where: str) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Address:
-    """Where a simulator listens, and what in it is used.
+    """A simulator's server, and what is used of it."""
 
-    Attributes:
-        host, port: of its server.
-        camera, vehicle: names in its settings; empty for the first vehicle.
-        origin: (3,) where our world's origin lies, metres north, east and down.
-    """
-
-    host: str
+    host: str  # host, port: of its server
     port: int = PORT
-    camera: str = "0"
+    camera: str = "0"  # camera, vehicle: names in its settings; empty for the first vehicle
     vehicle: str = ""
+    # (3,) where our world's origin lies, metres north, east and down
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
@@ -333,17 +324,11 @@ class Address:
 
 @dataclass(frozen=True)
 class SimulatorShot:
-    """What a simulator's camera saw.
+    """Pictures of a simulator's camera."""
 
-    Attributes:
-        picture: (h, w, 3) uint8 sRGB.
-        depth_m: (h, w) float32 along each ray, inf where it met nothing.
-        segmentation: (h, w, 3) uint8, a colour for each thing.
-    """
-
-    picture: np.ndarray
-    depth_m: np.ndarray
-    segmentation: np.ndarray
+    picture: np.ndarray  # (h, w, 3) uint8 sRGB
+    depth_m: np.ndarray  # (h, w) float32 along each ray, inf where it met nothing
+    segmentation: np.ndarray  # (h, w, 3) uint8, a colour for each thing
 
 
 class AirSim:
@@ -426,7 +411,7 @@ class AirSim:
             self._wait_until_paused()
 
     def number_things(self) -> None:
-        """Give everything one colour in segmentations, so that the object's own is alone; Cosys-AirSim's are anyway."""
+        """Give all things one segmentation colour, so that only the object differs; Cosys-AirSim does this itself."""
         if not self.is_cosys:
             self._call("simSetSegmentationObjectID", r"[\w]*", 0, True)
 
@@ -434,7 +419,6 @@ class AirSim:
         """Put an actor where an object stands; an actor that is not in the level is spawned from the asset of its name.
 
         Args:
-            name: of the actor or asset.
             T_world_object: (4, 4) in metres; None takes it out of sight.
 
         Raises:

@@ -29,19 +29,12 @@ SUN_GAP_DEG = (5.0, 16.0)
 
 @dataclass(frozen=True)
 class CloudLayer:
-    """What clouds do to rays, a row of (n,) for each.
+    """Effects of clouds on rays, each (n,)."""
 
-    Attributes:
-        passed: (n,) share of the sky's light behind them that passes.
-        sunlit: (n,) share of a white surface's light that they send from the sun.
-        skylit: (n,) the same from the sky around.
-        distance_m: (n,) how far away they are.
-    """
-
-    passed: np.ndarray
-    sunlit: np.ndarray
-    skylit: np.ndarray
-    distance_m: np.ndarray
+    passed: np.ndarray  # (n,) share of the sky's light behind them that passes
+    sunlit: np.ndarray  # (n,) share of a white surface's light that they send from the sun
+    skylit: np.ndarray  # (n,) the same from the sky around
+    distance_m: np.ndarray  # (n,) how far away they are
 
 
 def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
@@ -105,7 +98,6 @@ def march_clouds(
         sun: (3,) unit vector to the sun or to where its light comes from.
         cover: share of the sky that is covered, 0 to 1.
         pixel_rad: angle between neighbouring rays; finer detail is averaged.
-        rng: draws the clouds.
     """
     heaps = _Heaps.draw(directions, sun, cover, pixel_rad, rng)
     sine, cosine = directions[:, 2], heaps.cosine
@@ -148,7 +140,7 @@ def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.r
     angle = rng.uniform(0, np.pi)
     x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
     along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
-    # drawn out along one direction, as wind does with ice
+    # drawn out along a direction, as wind does with ice
     streaks = sample_noise(levels, 0.35 * along, 1.6 * across, lod)
     wisps = sample_noise(levels, 1.1 * x, 1.1 * y, lod)
     return 0.45 * np.clip(2.2 * (streaks * wisps - 0.75 + 0.6 * amount), 0, 1)
@@ -161,8 +153,6 @@ def paint_noise(rng: np.random.Generator, side_px: int, slope: float, coarsest: 
     """(side, side) float32 periodic noise, every value in [0, 1] as frequent.
 
     Args:
-        rng: draws it.
-        side_px: of the pattern.
         slope: amplitudes fall as frequency^-slope.
         coarsest: waves longer than this part of the side are no stronger.
     """

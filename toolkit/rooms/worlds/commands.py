@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 
 WorldName = Annotated[
     str,
-    typer.Argument(metavar="NAME|FILE", help="city, grass, apron, harbour; one of rig/worlds; or a GLB, OBJ or TOML."),
+    typer.Argument(
+        metavar="NAME|FILE", help="city, grass, apron, harbour; a name in rig/worlds; or a GLB, OBJ or TOML."
+    ),
 ]
-Scale = Annotated[float, typer.Option("--world-scale", metavar="X", help="Metres in one unit of your own mesh.", min=0)]
+Scale = Annotated[float, typer.Option("--world-scale", metavar="X", help="Metres in a unit of your mesh.", min=0)]
 
 
 def list_worlds(
@@ -57,7 +59,7 @@ def list_worlds(
             counts = [f"{row[key]:,}" for key in ("triangles", "spots", "pads")]
             cells.append((row["name"], size, *counts, ", ".join(row["classes"])))
         show_table(("world", "size, m (x × y × z)", "triangles", "spots", "pads", "classes"), cells)
-        say("see one: 'toolkit world preview NAME'; your own: put a GLB or a kit's TOML into rig/worlds")
+        say("see a world: 'toolkit world preview NAME'; your own: put a GLB or a kit's TOML into rig/worlds")
     list_skipped(skipped)
     if skipped:
         raise typer.Exit(1)
@@ -98,7 +100,7 @@ def preview(
     scale: Scale = 1.0,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Where to. Default: rig/worlds/NAME, and in it one for an object."),
+        typer.Option(metavar="FOLDER", help="Where to. Default: rig/worlds/NAME, for an object a folder in it."),
     ] = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
@@ -106,7 +108,7 @@ def preview(
 ) -> None:
     """See a world: pictures from street, roofs and air by day, at dusk and in fog, a map, and a flythrough film.
 
-    The map shows where objects may stand and where the cameras are. What is there already is not made again.
+    The map shows where objects may stand and where the cameras are. Finished files are kept.
     """  # fmt: skip
     from toolkit.rooms.worlds.preview import preview_request
 

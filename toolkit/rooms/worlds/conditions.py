@@ -1,4 +1,4 @@
-"""What is asked for of a world: times of day and weathers by their names, an object that stands in it, and pictures.
+"""Settings of a world: times of day and weathers by name, an object that stands in it, and pictures.
 
 Light to import: commands make their options from these.
 """
@@ -23,21 +23,13 @@ NAMES = ("fog", "dust", "rain", "snow")
 
 @dataclass(frozen=True)
 class TimeOfDay:
-    """Where the sun stands and what hangs before it.
+    """The sun's place, and the air and clouds before it."""
 
-    Attributes:
-        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
-        sun_azimuth_deg: counter-clockwise from +x, seen from above.
-        turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
-        cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
-        lamps_on: whether street lamps are lit.
-    """
-
-    sun_elevation_deg: float
-    sun_azimuth_deg: float = 50.0
-    turbidity: float = 2.6
-    cloud_cover: float = 0.3
-    lamps_on: bool = False
+    sun_elevation_deg: float  # of the sun's middle; below -6 it is nearly night
+    sun_azimuth_deg: float = 50.0  # counter-clockwise from +x, seen from above
+    turbidity: float = 2.6  # of the air: 2 very clear, 3 clear, 6 hazy
+    cloud_cover: float = 0.3  # share of the sky; from 0.85 up the sun is hidden little by little
+    lamps_on: bool = False  # whether street lamps are lit
 
     def __post_init__(self) -> None:
         for name, (low, high) in BOUNDS.items():
@@ -76,7 +68,7 @@ def check_weather(name: str, severity: int) -> None:
     if name not in ("clear", *NAMES):
         raise one_of("weather", name, ["clear", *NAMES])
     if severity not in ((0,) if name == "clear" else SEVERITIES):
-        words = "0, clear air has no other" if name == "clear" else "one of 1 (slight) to 5 (severe)"
+        words = "0, clear air has no other" if name == "clear" else "1 (slight) to 5 (severe)"
         raise FieldError(f"{name}: expected {words}", {"severity": severity})
 
 
@@ -121,7 +113,7 @@ Weathers = Annotated[tuple[tuple[str, int], ...], BeforeValidator(read_weathers)
 
 Kind = Literal["ground", "roof", "water"]
 DRY: tuple[Kind, ...] = ("ground", "roof")
-"""What objects stand on that are no ships."""
+"""Ground for all objects but ships."""
 
 
 class ObjectInWorld(Config):
@@ -131,19 +123,21 @@ class ObjectInWorld(Config):
         None, description="Put this object into the world, at its real size."
     )
     variant: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
-        None, description="What is on the object: unpatched, patched, wrapped, textured, or a control."
+        None, description="Variant of the object: unpatched, patched, wrapped, textured, or a control."
     )
     place: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
         None, description="Place where it stands, by its name on the map. Default: drawn by the seed."
     )
     length_m: Annotated[float | None, Flag(metavar="X", typed=float)] = Field(
-        None, description="Longest side of the object, metres. Default: as its spec says."
+        None, description="Longest side of the object, metres. Default: from its spec."
     )
 
     def check(self) -> None:
         """Raises a `FieldError` where something is said of an object that is not named, or that stands in no world."""
         if self.variant == "patch-alone":
-            raise FieldError("lies on a table without its object: choose another in a world", {"variant": self.variant})
+            raise FieldError(
+                "shows a patch on a table without its object: choose another in a world", {"variant": self.variant}
+            )
         for field in ("variant", "place", "length_m"):
             if self.object_name is None and (value := getattr(self, field)) is not None:
                 raise FieldError("needs an object: name it with {object_name}", {field: value})
@@ -172,5 +166,5 @@ class PreviewRequest(Config):
     )
     film_s: Annotated[float, Flag(metavar="X")] = Field(3.0, description="Length of the film, seconds; 0 makes none.")
     renderer: Annotated[str, AfterValidator(check_world_renderer), Later(), Flag(metavar="|".join(IN_WORLDS))] = Field(
-        RAYCAST, description="What draws the pictures."
+        RAYCAST, description="Renderer of the pictures."
     )

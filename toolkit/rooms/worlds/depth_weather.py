@@ -86,7 +86,7 @@ class Rain(InWind):
         return f"{self.rate_mm_h:g} mm/h, {veil}, wind {self.wind_m_s:g} m/s, ground × {self.ground_factor:.2f}"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
+        """Effect of this weather on a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
         veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_rain_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_drops(self.rate_mm_h), self.wind, self.exposure_s, rng)
         # drops that are drawn are near: the veil lies behind them
@@ -111,7 +111,7 @@ FLAKE_LIGHT, COVER_LIGHT = 0.9, 0.85
 """Assumed: light of flakes over the mean of the air's and white ground's, and the albedo of lying snow; fresh snow has
 0.8 to 0.9."""
 FLAT, STEEP = 0.8, 0.4
-"""Assumed: snow lies on all of a surface whose normal's z is above 0.8 (37°) and on none below 0.4 (66°)."""
+"""Assumed: snow covers a surface whose normal's z is above 0.8 (37°), and none of it below 0.4 (66°)."""
 TILE_M, TILE_PX, COARSEST = 40.0, 512, 10
 """The pattern in which the cover lies repeats after 40 m; its largest patches are a tenth of that."""
 SOFT = 0.08
@@ -128,8 +128,8 @@ def find_snow_extinction(rate_mm_h: float) -> float:
 def make_flakes(rate_mm_h: float) -> Population:
     """Flakes of Gunn and Marshall (1958), N(D) = 3800 R^-0.87 exp(-2.55 R^-0.48 D) per m³ and mm of melted diameter.
 
-    They fall at 1.6 D^0.3 m/s with D in cm (Langleben 1954, dendrites), and are larger than their drops by the cube
-    root of ten, their density being a tenth of water's.
+    They fall at 1.6 D^0.3 m/s with D in cm (Langleben 1954, dendrites). At a tenth of water's density they are larger
+    than their drops by the cube root of ten.
     """
     rate = max(rate_mm_h, 1e-3)
     density = 3800 * rate**-0.87 * np.exp(-2.55 * rate**-0.48 * MELTED_MM) * (rate_mm_h > 0)
@@ -166,7 +166,7 @@ class Snow(InWind):
         return f"{self.rate_mm_h:g} mm/h of water, {veil}, wind {self.wind_m_s:g} m/s, cover {100 * self.cover:g} %"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
+        """Effect of this weather on a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
         veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_snow_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_flakes(self.rate_mm_h), self.wind, self.exposure_s, rng)
         white = airlight if view.white is None else view.white
@@ -203,7 +203,7 @@ class Weather(Protocol):
 
     @property
     def visibility_m(self) -> float:
-        """Metres at which a black target keeps 5 % of its contrast; inf in clear air."""
+        """Metres at which a black target keeps 5 % of its contrast; inf in clear conditions."""
         ...
 
     def describe(self) -> str:
@@ -211,12 +211,11 @@ class Weather(Protocol):
         ...
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What it makes of a picture, whatever the picture's light.
+        """Its effect on a picture, whatever the picture's light.
 
         Args:
             view: depth, camera, and where ground and surfaces that face up are.
             airlight: (3,) linear light that an endless depth of fog sends, in the picture's unit: `Sky.airlight`.
-            rng: draws drops, flakes, grains and patches.
         """
         ...
 
@@ -261,7 +260,7 @@ def describe_weathers(weathers: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def weather_rng(seed: int, item: int, name: str, severity: int) -> np.random.Generator:
-    """The draws of a picture in one weather: they depend on these four alone."""
+    """The draws of a picture in a weather: they depend on these four alone."""
     return Draws(seed, item, "weather").of(f"{name}:{severity}")
 
 
@@ -271,15 +270,13 @@ def add_weather(
     """(h, w, 3) float32 linear light of a render, seen through weather; before tone mapping.
 
     Args:
-        light: (h, w, 3) float32 linear light in clear air.
-        view, airlight, rng: see `Weather.change_light`.
-        weather: which.
+        light: (h, w, 3) float32 linear light in clear conditions.
     """
     return weather.change_light(view, airlight, rng).apply(light)
 
 
 def _on_ladder(value: float, ladder: Sequence[float]) -> float:
-    """What a ladder holds at severity 5 · value: between rungs by the logarithm, below the first in proportion."""
+    """Value of a ladder at severity 5 · value: between rungs by the logarithm, below the first in proportion."""
     severity = 5 * value
     if severity < 1:
         return ladder[0] * severity
@@ -300,7 +297,7 @@ AIRSIM = {
     "Snow": lambda value: Snow(rate_mm_h=_on_ladder(value, SNOW_MM_H), cover=0),
     "RoadSnow": lambda value: Snow(rate_mm_h=0, cover=value),
 }
-"""What each of AirSim's `WeatherParameter`s is here, as a function of its 0 to 1. A convention: AirSim's numbers are
+"""Counterpart of each of AirSim's `WeatherParameter`s, as a function of its 0 to 1. A convention: AirSim's numbers are
 densities of particles with no visibility behind them. 0.2, 0.4, … 1 are our severities 1 to 5."""
 AIRSIM_MISSING = ("MapleLeaf", "RoadLeaf")
 TO_AIRSIM = {"fog": "Fog", "dust": "Dust", "rain": "Rain", "snow": "Snow"}

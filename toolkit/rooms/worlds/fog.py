@@ -28,7 +28,7 @@ def find_extinction(visibility_m: float) -> float:
 
 
 def find_visibility(extinction_per_m: float) -> float:
-    """Metres at which a black target keeps 5 % of its contrast; inf in clear air."""
+    """Metres at which a black target keeps 5 % of its contrast; inf in clear conditions."""
     return CONTRAST_LOG / extinction_per_m if extinction_per_m else float("inf")
 
 
@@ -47,14 +47,12 @@ def hang_veil(path: np.ndarray, extinction: np.ndarray, airlight: np.ndarray) ->
 def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.random.Generator) -> np.ndarray:
     """(h, w) float32 length of even fog that takes as much light as the patchy fog up to `depth_m`.
 
-    The extinction's factor is 1.05 plus four waves through the world in random directions, whose amplitudes add up to
-    0.4, so that it stays from 0.65 to 1.45. A wave's integral along a ray has a closed form.
+    The extinction's factor is 1.05 plus four waves through the world in random directions. Their amplitudes add up to
+    0.4. A wave's integral along a ray has a closed form.
 
     Args:
-        view: gives rays and depth.
         patchiness: 0 even … 1 all of those bounds.
         farthest_m: where nothing is seen any more, and the integral ends.
-        rng: draws directions and phases.
     """
     # normal numbers in three axes point evenly all around
     towards = rng.normal(size=(len(PATCHES_M), 3))
@@ -98,7 +96,7 @@ class DepthFog(Config):
         return f"visibility {self.visibility_m:.4g} m, extinction {per_km:.3g} /km{patches}"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
+        """Effect of this weather on a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
         beta = find_extinction(self.visibility_m)
         patchy = self.patchiness > 0
         # at 20 optical depths exp(-20) of the light is left: nothing further is seen
@@ -156,7 +154,7 @@ class Dust(InWind):
         )
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
+        """Effect of this weather on a picture; see `toolkit.rooms.worlds.depth_weather.Weather`."""
         tan = tan_airlight(airlight)
         # a sphere's volume in mm^3; 1 kg/m^3 is 1e-3 mg/mm^3
         grain_mg = np.pi / 6 * GRAIN_MM**3 * GRAIN_KG_PER_M3 * 1e-3

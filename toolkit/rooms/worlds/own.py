@@ -55,7 +55,7 @@ NAMED = {
     "bush": SceneClass.TREE,
     "tree": SceneClass.TREE,
 }
-"""What a piece is by how its name begins; anything else is street furniture."""
+"""Class of a piece by the start of its name; anything else is street furniture."""
 WORLDS = {
     "city": "toolkit.rooms.worlds.content.city:build_city",
     "grass": "toolkit.rooms.worlds.content.countryside:build_grass",
@@ -66,11 +66,11 @@ WORLDS = {
 
 
 def load_mesh_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
-    """A world from one mesh file (GLB, glTF, OBJ, PLY, STL or OFF), in metres once multiplied by `scale`.
+    """A world from a mesh file (GLB, glTF, OBJ, PLY, STL or OFF), in metres once multiplied by `scale`.
 
     Raises:
-        ToolkitError: what `read_mesh` raises; no texture and no colours; an extent that no
-            place in metres has, with the factor that would mend it; no ground under most of it; no free spot.
+        ToolkitError: as `read_mesh`; it has no texture and no colours; its extent fits no place in metres: the message
+            names the factor; there is no ground under most of it; there is no free spot.
     """
     path = Path(path)
     mesh = read_mesh(path)
@@ -105,7 +105,7 @@ def world_from_mesh(mesh: Mesh, source: str, name: str, seed: int, face_class: n
 def _check_paint(mesh: Mesh, source: str) -> None:
     if all(material.name == "plain" and material.texture.size <= 48 for material in mesh.materials):
         raise ToolkitError(
-            f"{source}: a world needs textures or colours, this one has none: export it with its materials "
+            f"{source}: a world needs textures or colours, but this has none: export it with its materials "
             "(an OBJ needs its .mtl and pictures beside it)"
         )
 
@@ -123,7 +123,7 @@ def _check_extent(mesh: Mesh, source: str) -> None:
 
 
 def share_materials(mesh: Mesh) -> Mesh:
-    """The same mesh with one material for all that look alike; exporters repeat them for every part."""
+    """The same mesh with a shared material for all that look alike; exporters repeat them for every part."""
     seen: dict[tuple[str, float, float], int] = {}
     kept: list[Material] = []
     index = []
@@ -283,7 +283,7 @@ class KitLayout(BaseModel):
         pieces: folder of the meshes, inside the folder of the TOML.
         scale: metres per unit of the pieces.
         tile: side of a cell in the pieces' units.
-        rows: one character per cell, from north to south; a space is an empty cell.
+        rows: a character per cell, from north to south; a space is an empty cell.
         legend: pieces for each character.
         place: more pieces, with `at` in metres from the middle of the grid.
     """
@@ -307,14 +307,16 @@ def load_kit(path: Path, seed: int = 0) -> World:
     layout = read_toml(path, KitLayout)
     meshes, classes, n_faces = [], [], 0
     kit: dict[str, Mesh] = {}
+    # no more than needed to see that they are too many
     tiles = list(islice(_lay(layout, path), MAX_PARTS + 1))
     if not tiles:
-        raise ToolkitError(f"{path}: field 'rows': no piece lies on any cell: name one of the legend's letters")
+        raise ToolkitError(f"{path}: field 'rows': every cell is empty: name letters of the legend")
     if len(tiles) > MAX_PARTS:
         raise ToolkitError(f"{path}: more than {MAX_PARTS:,} pieces: make the grid smaller")
     for tile, x, y, z in tiles:
         if tile.piece not in kit:
             kit[tile.piece] = _read_piece(inside(path.parent, layout.pieces), tile.piece, path)
+        # each piece is read once, then turned and moved to its cells
         mesh = _turn(kit[tile.piece], tile.yaw)
         n_faces += len(mesh.faces)
         if n_faces > MAX_FACES:
@@ -372,11 +374,7 @@ def _class_of(tile: KitPiece) -> SceneClass:
 
 @lru_cache(maxsize=2)
 def build_world(name: str, seed: int = 0) -> World:
-    """Return a world of `WORLDS`; the latest are kept.
-
-    Raises:
-        ToolkitError: there is no such world.
-    """
+    """Return a world of `WORLDS`; the latest are kept; raises a `ToolkitError` if there is no such world."""
     if name not in WORLDS:
         raise one_of("world", name, list(WORLDS))
     world: World = resolve_name(WORLDS[name])(seed)
@@ -398,12 +396,12 @@ def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     if path.suffix.lower() != ".toml":
         return load_mesh_world(path, scale, seed)
     if scale != 1.0:
-        raise ToolkitError(f"{path}: a kit's scale stands in its file, found another one: correct 'scale' there")
+        raise ToolkitError(f"{path}: a kit's scale stands in its file, found another scale: correct 'scale' there")
     return load_kit(path, seed)
 
 
 def list_own_worlds(space: Workspace) -> dict[str, Path]:
-    """A workspace's own worlds by name: `rig/worlds/NAME.toml`, or a mesh; of two files with one name the TOML."""
+    """A workspace's own worlds by name: `rig/worlds/NAME.toml`, or a mesh; of two files of the same name the TOML."""
     files = [file for suffix in (*SUFFIXES, ".toml") for file in sorted(space.worlds_dir.glob(f"*{suffix}"))]
     return {file.stem: file for file in files if file.is_file()}
 
@@ -418,7 +416,6 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
 
     Args:
         space: whose worlds are known; its own win.
-        world: name or path.
         seed: of a built-in world, or of the free spots of another.
         scale: from a mesh file's units to metres.
 
@@ -430,7 +427,7 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
     if world in own or file.suffix.lower() in (*SUFFIXES, ".toml"):
         return load_world(file if file.is_file() else space.root / file, scale, seed)
     if scale != 1.0:
-        raise FieldError(f"the world {world} is in metres: a scale is for a mesh of your own", {"scale": scale})
+        raise FieldError(f"the world {world} is in metres: a scale is for your own mesh", {"scale": scale})
     if world == "studio":
         raise ToolkitError("the studio is a table top, no world: see it with 'toolkit plan' and 'toolkit capture-sim'")
     if world not in WORLDS:

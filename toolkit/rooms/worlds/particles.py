@@ -1,4 +1,4 @@
-"""What falls or flies before a camera that knows depth, drop by drop: rain, flakes, grains of sand.
+"""Particles before a camera with depth, drop by drop: rain, flakes, grains of sand.
 
 A particle of diameter D at distance z, in focus or not, moving while the shutter is open, shades π/4 (fD/z)² pixels in
 full. That is spread over the streak it draws. Those too faint to be told from the veil of all the others are not drawn.
@@ -28,22 +28,15 @@ MOST = 30_000
 
 @dataclass(frozen=True)
 class DepthView:
-    """How far away everything in a picture of h × w pixels is. The world is in metres, z up.
+    """How far away everything in a picture of h × w pixels is. The world is in metres, z up."""
 
-    Attributes:
-        depth_m: (h, w) float32 distance along each pixel's ray, inf for the sky.
-        camera: of h × w pixels; its distortion is left out.
-        T_world_camera: (4, 4) camera's pose, metres.
-        ground: (h, w) bool, or share of the pixel in [0, 1], where the ground is seen, which rain wets and snow covers.
-        normals: (h, w, 3) unit, in the world, 0 for the sky; snow lies where they point up.
-        white: (3,) linear light of a white surface that lies in the open, which snow has; by default the airlight.
-    """
-
-    depth_m: np.ndarray
-    camera: Camera
-    T_world_camera: np.ndarray
+    depth_m: np.ndarray  # (h, w) float32 distance along each pixel's ray, inf for the sky
+    camera: Camera  # of h × w pixels; its distortion is left out
+    T_world_camera: np.ndarray  # (4, 4) camera's pose, metres
+    # (h, w) bool, or share of the pixel in [0, 1], where the ground is seen, which rain wets and snow covers
     ground: np.ndarray | None = None
-    normals: np.ndarray | None = None
+    normals: np.ndarray | None = None  # (h, w, 3) unit, in the world, 0 for the sky; snow lies where they point up
+    # (3,) linear light of a white surface that lies in the open, which snow has; by default the airlight
     white: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -83,15 +76,10 @@ class DepthView:
 
 @dataclass(frozen=True)
 class AffineLight:
-    """What weather makes of linear light: `factor · light + offset`, whatever the light; so a gradient is `factor`.
+    """Effect of weather on linear light: `factor · light + offset`, whatever the light; so a gradient is `factor`."""
 
-    Attributes:
-        factor: (h, w, 1 or 3) float32 in [0, 1].
-        offset: (h, w, 3) float32, in the unit of the airlight that it was made with.
-    """
-
-    factor: np.ndarray
-    offset: np.ndarray
+    factor: np.ndarray  # (h, w, 1 or 3) float32 in [0, 1]
+    offset: np.ndarray  # (h, w, 3) float32, in the unit of the airlight that it was made with
 
     def apply(self, light: np.ndarray) -> np.ndarray:
         """(h, w, 3) float32 linear light through this weather."""
@@ -117,17 +105,11 @@ class InWind(Config):
 
 @dataclass(frozen=True)
 class Population:
-    """Particles by size, an entry of (k,) for each.
+    """Particles by size, an entry of (k,) for each."""
 
-    Attributes:
-        diameter_mm: size.
-        per_m3: how many there are in a cubic metre.
-        fall_m_s: how fast they fall in still air.
-    """
-
-    diameter_mm: np.ndarray
-    per_m3: np.ndarray
-    fall_m_s: np.ndarray
+    diameter_mm: np.ndarray  # size
+    per_m3: np.ndarray  # how many there are in a cubic metre
+    fall_m_s: np.ndarray  # how fast they fall in still air
 
     def reach_m(self, focal_px: float, wind_m_s: float, exposure_s: float) -> np.ndarray:
         """(k,) distance at which a particle gets too faint to be drawn; 0 for those that always are."""
@@ -166,11 +148,7 @@ def draw_coverage(
     """(h, w) float32 share of each pixel's light that particles in front of the surface take, in [0, 1].
 
     Args:
-        view: camera and depth.
-        particles: how many of which size.
         wind: (3,) m/s in the world.
-        exposure_s: how long they move.
-        rng: draws number, size and place.
     """
     streaks = _scatter(view, particles, wind, exposure_s, rng)
     height, width = view.depth_m.shape

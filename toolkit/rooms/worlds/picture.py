@@ -1,4 +1,4 @@
-"""Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather; a film."""
+"""Pictures of a world with or without an object: rendered once, seen in all weathers; a film."""
 
 import contextlib
 import secrets
@@ -57,9 +57,6 @@ def see_through(
 
     Args:
         renderer: of the world, with an object or none.
-        world, sky: that it renders.
-        view: camera and `T_world_camera`.
-        weathers: names with severities, see `parse_weathers`.
         seed: of grain and weather: that of the run, and number of the view.
     """
     light, found = renderer.render_with_depth(*view)
@@ -72,10 +69,7 @@ def develop_through(
     """(h, w, 3) uint8 sRGB pictures of linear light (h, w, 3), one through each weather; grain and lens are the same.
 
     Args:
-        light: of a render in clear air.
         through: how far away everything in it is, see `find_depths`.
-        sky: gives the air's light.
-        weathers, seed: as in `see_through`.
     """
     pictures, grain = [], draw_grain(light.shape, seed)
     for weather in weathers:
@@ -90,15 +84,12 @@ def find_depths(
     world: World, sky: Sky, view: tuple[Camera, np.ndarray], found: Mapping[str, np.ndarray],
     weathers: Sequence[tuple[str, int]],
 ) -> DepthView:  # fmt: skip
-    """What weathers need to know of a view: depth, for rain and snow the ground, for snow which way surfaces face.
+    """Inputs of weathers for a view: depth, for rain and snow the ground, for snow the surfaces' normals.
 
-    Rain makes no water darker and no snow lies on it; nor does snow lie on the object.
+    Rain does not darken water, and snow covers neither water nor the object.
 
     Args:
-        world, sky: that were rendered.
-        view: camera and `T_world_camera`.
         found: buffers of the same view, see `Renderer.render_with_depth`.
-        weathers: which.
     """
     names = {name for name, _ in weathers}
     ground = normals = None
@@ -128,7 +119,6 @@ def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
         path: `.mp4`.
         frames: (height, width, 3) uint8 sRGB.
         size: width and height, even.
-        count: how many frames there are.
 
     Raises:
         ToolkitError: this OpenCV writes no film, or the film cannot be read back whole: mostly a full disk.
@@ -140,11 +130,12 @@ def write_film(path: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
         for frame in frames:
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
         writer.release()
+        # OpenCV reports no failed write, so the frames are counted
         found = count_frames(partial)
         if found != count:
             raise ToolkitError(
                 f"cannot write {path}: of {count} frames {found} can be read back: is the disk full? Free some space "
-                "and run the same command again, it goes on where it stopped"
+                "and run the same command again to resume"
             )
         return move_file(partial, path, path.parent)
     finally:

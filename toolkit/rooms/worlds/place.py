@@ -23,25 +23,18 @@ FAN_DIRECTIONS = 96
 ABOVE_M = 1.0
 """Rays that look for what an object stands on start so far above its spot: below awnings, above kerbs."""
 CONTACT = 1e-3
-"""Vertices that carry an object lie within this share of its length above its base."""
+"""An object stands on its vertices within this share of its length above its base."""
 KERB_M = 0.3
 
 
 @dataclass(frozen=True)
 class Placed:
-    """An object in its place, ready to be rendered: see `toolkit.rooms.worlds.picture.make_renderer`.
+    """An object in its place, ready to be rendered: see `toolkit.rooms.worlds.picture.make_renderer`."""
 
-    Attributes:
-        mesh: at its real size, metres, in its own frame.
-        stand: where it stands in the world, and how it is turned.
-        scene: world and sky around it.
-        spot: that it stands on.
-    """
-
-    mesh: Mesh
-    stand: Stand
-    scene: Scene
-    spot: Spot
+    mesh: Mesh  # at its real size, metres, in its own frame
+    stand: Stand  # where it stands in the world, and how it is turned
+    scene: Scene  # world and sky around it
+    spot: Spot  # that it stands on
 
     @property
     def centre(self) -> np.ndarray:
@@ -95,10 +88,6 @@ def choose_places(
     are not all of the same kind. The first of more places are those of fewer.
 
     Args:
-        world: in which.
-        radius_m: of the object, see `find_radius`.
-        count: how many.
-        seed: of the draw.
         without: names of places that are not meant, such as those that others have taken.
         kinds: what the object may stand on: ground, roof, water.
 
@@ -155,9 +144,7 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
 
     Args:
         mesh: at its real size, metres, its base's centre at the origin; see `scale_to_world`.
-        world: in which.
         spot: a spot of the world; see `choose_places`.
-        sky: above it.
 
     Raises:
         ToolkitError: the object is larger than the spot, something stands in its box, or there is nothing under it.

@@ -95,9 +95,7 @@ def draw_map(
 
     Args:
         picture: (h, w, 3) uint8 sRGB, seen by the sheet's camera.
-        sheet: of the map.
         world: its spots are drawn as far as they are free, its pads green.
-        viewpoints: cameras, as arrows.
         path: (n, 3) of a flight.
     """
     image = Image.fromarray((picture * np.float32(0.8)).astype(np.uint8))
@@ -140,12 +138,14 @@ def spread_labels(
         sizes: (width, height) of each label, pixels.
         within: width and height of the picture, which no label leaves.
     """
+    # candidates: the wanted place, then 24 on each ring of growing radius
     turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rings = np.concatenate([np.zeros((1, 2)), *(radius * circle for radius in range(8, 200, 8))])
     middles, halves = np.zeros((0, 2)), np.array(sizes).reshape(-1, 2) / 2
     for (x, y), half in zip(wanted, halves, strict=True):
         tried = np.clip(rings + (x, y), half, np.maximum(np.array(within) - half, half))
+        # rectangles are apart if they are apart along x or along y
         apart = np.abs(tried[:, None] - middles) >= halves[: len(middles)] + half
         free = apart.any(axis=2).all(axis=1)
         middles = np.vstack([middles, tried[int(np.argmax(free))]])
@@ -183,25 +183,16 @@ def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> Non
 
 @dataclass(frozen=True)
 class PreviewSettings:
-    """What to make.
+    """What to make."""
 
-    Attributes:
-        resolution: width and height of pictures, pixels.
-        film_size: and of the film; both even.
-        map_px: side of the map.
-        film_s: length of the film, seconds; 0 leaves it out.
-        weathers: (name, severity) in which the first sky is seen besides clear air.
-        seed: of viewpoints, flight, grain and weather.
-        renderer: what draws them.
-    """
-
-    resolution: tuple[int, int] = (960, 540)
-    film_size: tuple[int, int] = (480, 270)
-    map_px: int = 1400
-    film_s: float = 3.0
+    resolution: tuple[int, int] = (960, 540)  # width and height of pictures, pixels
+    film_size: tuple[int, int] = (480, 270)  # and of the film; both even
+    map_px: int = 1400  # side of the map
+    film_s: float = 3.0  # length of the film, seconds; 0 leaves it out
+    # (name, severity) in which the first sky is seen besides clear air
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
-    seed: int = 0
-    renderer: str = RAYCAST
+    seed: int = 0  # of viewpoints, flight, grain and weather
+    renderer: str = RAYCAST  # what draws them
 
     def __post_init__(self) -> None:
         for name in ("resolution", "film_size"):
@@ -224,15 +215,10 @@ class PreviewSettings:
 
 @dataclass(frozen=True)
 class PreviewResult:
-    """What lies in the folder now.
+    """The folder and its files."""
 
-    Attributes:
-        folder: of all.
-        made, kept: names of the files made by this call, and of those that were there.
-    """
-
-    folder: Path
-    made: list[str]
+    folder: Path  # of all
+    made: list[str]  # made, kept: names of the files made by this call, and of those that were there
     kept: list[str]
 
 
@@ -249,21 +235,13 @@ class _Record(BaseModel):
 
 @dataclass(frozen=True)
 class _Job:
-    """A file to make.
+    """A file to make."""
 
-    Attributes:
-        file: its name.
-        kind: what it is.
-        sky: number of the sky.
-        item: number of the view.
-        weather: of a picture.
-    """
-
-    file: str
-    kind: Literal["picture", "map", "film"]
-    sky: int
-    item: int = 0
-    weather: tuple[str, int] = CLEAR
+    file: str  # its name
+    kind: Literal["picture", "map", "film"]  # what it is
+    sky: int  # number of the sky
+    item: int = 0  # number of the view
+    weather: tuple[str, int] = CLEAR  # of a picture
 
 
 @dataclass(frozen=True)
@@ -352,10 +330,7 @@ def preview_world(
     """Make the pictures, the map and the film of a world in a folder; what is there from the same request stays.
 
     Args:
-        world: which.
         skies: each gives a picture from every viewpoint; the first sky also the weathers, the map and the film.
-        folder: where to.
-        settings: see there.
         placed: an object in the world, under whatever sky.
 
     Raises:
@@ -438,7 +413,7 @@ def _light(show: _Show, sky: Sky) -> Renderer:
 
 
 def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> Iterator[tuple[_Job, bytes | None]]:
-    """The content of files of one view; None where it is written already."""
+    """The content of files of a view; None where it is written already."""
     first = jobs[0]
     sky = show.skies[first.sky]
     if first.kind == "picture":
@@ -458,7 +433,7 @@ def _make(show: _Show, renderer: Renderer, jobs: list[_Job], advance: Any) -> It
 
 
 def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
-    """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
+    """Frames first, each in a file, so that an interrupted film resumes; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
     poses = show.flight.poses(show.settings.frames)
@@ -468,6 +443,7 @@ def _make_film(show: _Show, renderer: Renderer, advance: Any, key: str) -> None:
     for k, light in zip(todo, renderer.render_many((camera, poses[k]) for k in todo), strict=True):
         write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))
         advance(FRAME - 1)
+    # left by a killed run
     for old in show.folder.glob(".*.partial.mp4"):
         delete_file(old)
 
@@ -493,7 +469,7 @@ def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool
 
 
 def _read_record(folder: Path) -> dict[str, tuple[str, str]]:
-    """What an earlier call made; nothing where its record is damaged, for all can be made again."""
+    """Files of an earlier call; none if its record is damaged, for all can be made again."""
     file = folder / RECORD
     if not file.is_file():
         return {}

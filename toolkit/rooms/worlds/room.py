@@ -1,4 +1,4 @@
-"""What the room of worlds adds: places outdoors with their sky and weather, and all that is modelled by hand."""
+"""The room of worlds: places outdoors with their sky and weather, and all that is modelled by hand."""
 
 from toolkit.core.rooms import Entry, Room
 

@@ -1,4 +1,4 @@
-"""A sky for a world: a panorama, the sun as a light of its own, and the exposure of a camera below them.
+"""A sky for a world: a panorama, the sun as a separate light, and the exposure of a camera below them.
 
 Luminances are in kcd/m², illuminances in klx, both as linear sRGB; the exposure brings them to picture values.
 """
@@ -49,22 +49,15 @@ LAMPS = 0.06
 
 @dataclass(frozen=True)
 class Sky:
-    """All light that comes from far away.
+    """All light that comes from far away."""
 
-    Attributes:
-        name: for records.
-        panorama: (h, w, 3) float32 linear radiance, kcd/m², as `Studio.environment`: row 0 is straight up, the middle
-            column azimuth 0, azimuth grows to the left. The sun's glow is in it, its disc is not.
-        sun: the sun; its irradiance in klx is (0, 0, 0) where it is hidden or has set.
-        exposure: factor from radiance to the picture's linear values.
-        lamps_on: whether street lamps are lit.
-    """
-
-    name: str
+    name: str  # for records
+    # (h, w, 3) float32 linear radiance, kcd/m², as `Studio.environment`: row 0 is straight up, the middle column
+    # azimuth 0, azimuth grows to the left. The sun's glow is in it, its disc is not.
     panorama: np.ndarray
-    sun: KeyLight
-    exposure: float
-    lamps_on: bool = False
+    sun: KeyLight  # the sun; its irradiance in klx is (0, 0, 0) where it is hidden or has set
+    exposure: float  # factor from radiance to the picture's linear values
+    lamps_on: bool = False  # whether street lamps are lit
 
     @property
     def lamps(self) -> float:
@@ -130,8 +123,7 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     """A sky of a time of day; equal arguments give equal bytes.
 
     Args:
-        time: one of `TIMES`, or your own.
-        seed: of the clouds.
+        time: from `TIMES`, or your own.
         height_px: of the panorama, which is twice as wide; 512 is 3 pixels a degree.
 
     Raises:
@@ -188,8 +180,8 @@ def _light_source(when: TimeOfDay) -> np.ndarray:
 
 
 GLOW, NIGHT_BLUE, AFTERGLOW = np.array([1.4, 0.85, 0.6]), np.array([0.6, 0.75, 1.2]), np.array([3.2, 1.3, 0.7])
-"""Assumed colours of twilight over those of the sky with the sun at 2°: dust's scatter low in the west, ozone's blue
-above, and on clouds that still see the sun."""
+"""Assumed colours of twilight over those of the sky with the sun at 2°: in the west, above, and on clouds that the sun
+reaches."""
 PALE = 0.5
 """Assumed: share of its colour that the sky at the horizon loses by then; the model's is a pure yellow."""
 
@@ -271,17 +263,16 @@ MAX_HEIGHT_PX = 2048
 SUN_REACH_DEG, AROUND_DEG = 4.0, 8.0
 """The sun and its bloom are looked for this far from the brightest place, and compared with the ring beyond."""
 SUN_CONTRAST, LEAST_SUN = 10.0, 0.1
-"""What is over ten rings' brightness is the sun, if it brings at least a tenth of the light."""
+"""Over ten times the ring's brightness is the sun, if it brings at least a tenth of the light."""
 
 
 def load_sky(path: Path, azimuth_deg: float = 0.0) -> Sky:
     """The sky of a panorama file, equirectangular, 2:1, the zenith on top.
 
-    The values of .hdr and .exr are linear light; .png and .jpg are sRGB-encoded and hold no sun brighter than white, so
-    that what they light has no sharp shadow. A sun is taken out of the panorama and becomes `Sky.sun`.
+    The values of .hdr and .exr are linear light. .png and .jpg are sRGB-encoded: no sun in them is brighter than white,
+    and no shadow is sharp. A sun is taken out of the panorama and becomes `Sky.sun`.
 
     Args:
-        path: of the file.
         azimuth_deg: of the world where the picture's middle comes to lie.
 
     Raises:
@@ -322,7 +313,7 @@ def split_sun(panorama: np.ndarray) -> tuple[np.ndarray, KeyLight]:
     """Part a panorama (h, w, 3) of linear light into sky and sun; together they light as before.
 
     The sun is what stands out around the brightest place of the upper half, much brighter than the ring around it. The
-    sky gets the ring's mean there. Where nothing does, the sun's irradiance is 0.
+    sky gets the ring's mean there. If nothing does, the sun's irradiance is 0.
     """
     height = panorama.shape[0]
     directions = find_directions(height)

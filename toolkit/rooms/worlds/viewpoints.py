@@ -1,8 +1,8 @@
-"""Where cameras see much of a world: still ones in the street, at roofs and in the air, and a flight through it.
+"""Cameras that see much of a world: in the street, at roofs and in the air, and a flight through it.
 
-Places of still ones are drawn by the seed, what is seen from each is found with few rays, and the best are taken. The
-flight goes down from the air, along the streets, and up again; its way is found on a grid of places and heights whose
-distance from the nearest surface is known.
+Places of still cameras are drawn by the seed, what is seen from each is found with few rays, and the best are taken.
+The flight goes down from the air, along the streets, and up again. Its way is found on a grid of places and heights
+with known distances from surfaces.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from toolkit.rooms.worlds.world import STANDING, SceneClass, World
 
 FOV_DEG = 68.0
 PROBE = Camera.from_fov(32, 18, FOV_DEG)
-"""What each place is judged by."""
+"""The camera that judges each place."""
 YAWS = 8
 HEADROOM_M = 1.2
 """A camera keeps so far from everything."""
@@ -24,23 +24,14 @@ HEADROOM_M = 1.2
 
 @dataclass(frozen=True)
 class Level:
-    """A height to look from.
+    """A height to look from."""
 
-    Attributes:
-        height_m: above the ground, lowest and highest.
-        pitch_deg: of the look, lowest and highest; below 0 it looks down.
-        sky: share of the picture that is best sky.
-        close_m: what is nearer, ground aside, stands in the way.
-        places: how many are tried.
-        full_m: side of a world below which it is lower in proportion; 0 is never.
-    """
-
-    height_m: tuple[float, float]
-    pitch_deg: tuple[float, float]
-    sky: float
-    close_m: float
-    places: int = 160
-    full_m: float = 0.0
+    height_m: tuple[float, float]  # above the ground, lowest and highest
+    pitch_deg: tuple[float, float]  # of the look, lowest and highest; below 0 it looks down
+    sky: float  # share of the picture that is best sky
+    close_m: float  # what is nearer, ground aside, stands in the way
+    places: int = 160  # how many are tried
+    full_m: float = 0.0  # side of a world below which it is lower in proportion; 0 is never
 
     def within(self, world: World) -> "Level":
         """The same for a world that is smaller than `full_m`: lower in proportion."""
@@ -58,15 +49,10 @@ LEVELS = {
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A camera's place that was chosen.
+    """A camera's place that was chosen."""
 
-    Attributes:
-        name: `street`, `roof` or `air`.
-        T_world_camera: (4, 4) its pose, metres.
-    """
-
-    name: str
-    T_world_camera: np.ndarray
+    name: str  # `street`, `roof` or `air`
+    T_world_camera: np.ndarray  # (4, 4) its pose, metres
 
     @property
     def position(self) -> np.ndarray:
@@ -181,13 +167,9 @@ STEEPEST = 0.55
 
 @dataclass(frozen=True)
 class Flight:
-    """A path through the air.
+    """A path through the air."""
 
-    Attributes:
-        points: (n, 3) about a metre apart.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n, 3) about a metre apart
 
     @property
     def length_m(self) -> float:

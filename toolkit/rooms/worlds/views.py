@@ -1,9 +1,9 @@
 """Views in a world to train on: random places, turns, skies and cameras, ahead of who uses them.
 
-None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle; here position,
-roll, field of view and aim are drawn from continuous ranges, and so are place and turn of the object. By default the
-world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are
-left out while there are others.
+None is a view of an evaluation's grid. Its cameras are a lattice that looks at the object's middle. Here position,
+roll, field of view and aim are drawn from continuous ranges, and so are the object's place and turn. By default the
+world is another world (`TRAINED_SEED`). In the evaluated world, the places that an evaluation draws by default are left
+out while there are others.
 """
 
 from collections.abc import Sequence
@@ -39,17 +39,11 @@ GLANCE_PX = 48
 
 @dataclass(frozen=True)
 class WorldSetting:
-    """A world under one sky or several; a block of views has one place and one sky. See `toolkit.rig.views.Setting`.
+    """A world under one sky or several; a block of views has one place and one sky. See `toolkit.rig.views.Setting`."""
 
-    Attributes:
-        world: in metres, as are the meshes that stand in it.
-        skies: at least one; light on the world is worked out once for each.
-        detail: how finely light on the object is worked out.
-    """
-
-    world: World
-    skies: tuple[Sky, ...]
-    detail: BakeDetail = DETAIL
+    world: World  # in metres, as are the meshes that stand in it
+    skies: tuple[Sky, ...]  # at least one; light on the world is worked out once for each
+    detail: BakeDetail = DETAIL  # how finely light on the object is worked out
     _known: dict[float, list[Spot]] = field(default_factory=dict, repr=False)
 
     def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
@@ -115,7 +109,7 @@ class WorldSetting:
         return [spot for spot in spots if spot not in held_out] or spots, held_out
 
     def record(self, meshes: Sequence[Mesh]) -> dict[str, Any]:
-        """What was seen of it in training, for a booster's record."""
+        """The places and skies of the training views, for a booster's record."""
         trained, held_out = (
             sorted({spot.name for mesh in meshes for spot in self.divide(mesh)[part]}) for part in (0, 1)
         )

@@ -35,7 +35,7 @@ def read_words(given: object) -> object:
 
 
 class Weathered(ViewWeather):
-    """What is drawn for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
+    """Draws for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
 
     Attributes:
         weathers: (name, severity), at least one, of `toolkit.rooms.worlds.depth_weather`; each is as likely.

@@ -48,47 +48,29 @@ STANDING = (SceneClass.GROUND, SceneClass.ROAD, SceneClass.PAVEMENT, SceneClass.
 
 @dataclass(frozen=True)
 class Spot:
-    """A place where an object may stand, free of everything else.
+    """A place where an object may stand, free of everything else."""
 
-    Attributes:
-        name: of the place, unique in its world.
-        place: what it is: street, crossing, square, grass, roof, apron, quay, water.
-        position: (x, y, z) of the ground there, metres.
-        free_radius_m: nothing taller than a kerb stands within this, from the ground up to the sky.
-        yaw_deg: how an object is turned there, counter-clockwise from +x: along the street.
-        kind: what the object stands on.
-    """
-
-    name: str
-    place: str
-    position: tuple[float, float, float]
-    free_radius_m: float
-    yaw_deg: float
-    kind: Literal["ground", "roof", "water"]
+    name: str  # of the place, unique in its world
+    place: str  # what it is: street, crossing, square, grass, roof, apron, quay, water
+    position: tuple[float, float, float]  # (x, y, z) of the ground there, metres
+    free_radius_m: float  # nothing taller than a kerb stands within this, from the ground up to the sky
+    yaw_deg: float  # how an object is turned there, counter-clockwise from +x: along the street
+    kind: Literal["ground", "roof", "water"]  # what the object stands on
 
 
 @dataclass(frozen=True)
 class World:
-    """Geometry of a place and what is known of it.
+    """Geometry of a place and what is known of it."""
 
-    Attributes:
-        name: `city`, `grass`, `apron`, `harbour`, or that of a user's file.
-        seed: it was made from.
-        mesh: in metres; a `Mesh` in all else.
-        face_class: (m,) uint8 `SceneClass` of each face.
-        spots: where an object may stand; `pads` are those of them with a landing pad.
-        solids: (k, 6) low and high corners of the boxes that buildings fill, metres; None where only the triangles are
-            known, as of a user's file.
-        core: (2, 2) low and high (x, y) of the part that is made to be looked at from within.
-    """
-
-    name: str
-    seed: int
-    mesh: Mesh
-    face_class: np.ndarray
-    spots: tuple[Spot, ...]
+    name: str  # `city`, `grass`, `apron`, `harbour`, or that of a user's file
+    seed: int  # it was made from
+    mesh: Mesh  # in metres; a `Mesh` in all else
+    face_class: np.ndarray  # (m,) uint8 `SceneClass` of each face
+    spots: tuple[Spot, ...]  # where an object may stand; `pads` are those of them with a landing pad
+    # (k, 6) low and high corners of the boxes that buildings fill, metres; None where only the triangles are known, as
+    # of a user's file
     solids: np.ndarray | None
-    core: np.ndarray
+    core: np.ndarray  # (2, 2) low and high (x, y) of the part that is made to be looked at from within
     pads: tuple[Spot, ...] = ()
 
     def __getstate__(self) -> dict[str, object]:
@@ -136,7 +118,7 @@ class World:
     def inside_building(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: whether points (n, 3) in metres lie within a building.
 
-        Where no solids are known, a point is inside if most of three rays meet the back of a face first.
+        Without solids, a point is inside if most of three rays meet the back of a face first.
         """
         points = np.asarray(points, np.float64).reshape(-1, 3)
         if self.solids is None:

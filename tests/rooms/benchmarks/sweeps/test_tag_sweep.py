@@ -50,7 +50,7 @@ def test_a_tag_is_in_the_patchs_place_with_its_border(sharp):
     shown = np.asarray(Image.fromarray(tag.pixels).resize((len(modules) + 2,) * 2, Image.Resampling.NEAREST))
     assert np.array_equal(shown[1:-1, 1:-1, 0] == 0, modules)
     assert (shown[[0, -1]] == 255).all() and (shown[:, [0, -1]] == 255).all()
-    assert find_markers("DICT_APRILTAG_36h11", np.pad(tag.pixels[..., 0], 40, constant_values=255)) == [7]
+    assert [*dict(find_markers("DICT_APRILTAG_36h11", np.pad(tag.pixels[..., 0], 40, constant_values=255)))] == [7]
 
 
 def test_it_is_read_close_up_and_not_from_afar(sharp, redness):

@@ -93,4 +93,4 @@ def test_what_never_halves_is_told_in_plain_words() -> None:
     assert (
         "even at 10 m, the thickest fog tested, more than half remain; that is at least 1.5 times" in verdict.sentence
     )
-    assert "the fog that halves the bare object" in verdict.sentence
+    assert "the fog that halves the baseline" in verdict.sentence

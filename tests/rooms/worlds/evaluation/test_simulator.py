@@ -187,7 +187,7 @@ def test_what_does_not_go_with_a_simulator(tmp_path, make_crate_space, in_field)
     config = make_config(renderer="airsim://127.0.0.1:9")
     with pytest.raises(ToolkitError, match="engine ray: expected local with a simulator"):
         evaluate_world(space, make_onlooker(), config, EngineConfig(engine="ray"))
-    with pytest.raises(ToolkitError, match="time dusk: goes with renderer raycast: a simulator has a sky of its own"):
+    with pytest.raises(ToolkitError, match="time dusk: goes with renderer raycast: a simulator draws its own sky"):
         evaluate_world(space, make_onlooker(), config.with_overrides(time="dusk"))
     with pytest.raises(ToolkitError, match=r"airsim://127\.0\.0\.1:9: no answer"):
         evaluate_world(space, make_onlooker(), config)

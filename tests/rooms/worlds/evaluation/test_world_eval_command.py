@@ -49,7 +49,7 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
         (("--grid", "10x10"), "--grid 10x10: expected cameras along, across and up"),
         (("--grid", "0x1x1"), "--grid 0x1x1: expected cameras"),
         (("--grid", "999x999x2"), "--grid 999x999x2: expected at most 1,000,000 cameras"),
-        (("--variant", "patch-alone"), "lies on a table without its object"),
+        (("--variant", "patch-alone"), "shows a patch on a table without its object"),
         (("--variant", "textred"), "no variant called 'textred'"),
         (("--time", "night"), "no time of day called 'night'"),
         (("--run", "../up"), "--run ../up: expected letters"),

@@ -13,7 +13,8 @@ from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
 from toolkit.models.network import Classifier, check_finite
 from toolkit.models.predict import rank_true
-from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
+from toolkit.rig.markers import find_markers
+from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import APRILTAG, DICTIONARIES, QR
 
 NETWORK, READER = "network", "reader"
 RIGHT, WRONG, NOT_DECODED = 1, 2, 0
@@ -105,7 +106,7 @@ def find_readers(kind: str, dictionary: str = "36h11") -> tuple[list[Reader], li
     if kind == APRILTAG:
         if dictionary not in DICTIONARIES:
             raise one_of("family of AprilTags", dictionary, list(DICTIONARIES))
-        return [Reader("opencv", cv2.__version__, partial(_read_tags, dictionary))], []
+        return [Reader("opencv", cv2.__version__, partial(_read_tags, DICTIONARIES[dictionary]))], []
     if kind != QR:
         raise one_of("code", kind, [QR, APRILTAG])
     readers, missing = [], []
@@ -182,9 +183,4 @@ def _read_opencv(grey: np.ndarray) -> list[str]:
 
 
 def _read_tags(dictionary: str, grey: np.ndarray) -> list[str]:
-    detector = cv2.aruco.ArucoDetector(tag_dictionary(dictionary), cv2.aruco.DetectorParameters())
-    try:
-        ids = detector.detectMarkers(grey)[1]
-    except cv2.error:
-        return []
-    return [] if ids is None else [str(index) for index in ids.ravel()]
+    return [str(number) for number, _ in find_markers(dictionary, grey)]

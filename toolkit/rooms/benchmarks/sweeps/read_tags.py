@@ -39,7 +39,7 @@ def _answer(capture: Capture, index: int, labels: Sequence[str], tag: Tag) -> Pr
     pixels = read_pixels(capture, None)
     if isinstance(pixels, str):
         return Prediction(capture, index, labels[index], status=pixels)
-    if tag.id in find_markers(tag.dictionary, pixels.mean(axis=2).astype(np.uint8)):
+    if tag.id in dict(find_markers(tag.dictionary, pixels.mean(axis=2).astype(np.uint8))):
         return Prediction(capture, index, labels[index], index, labels[index], 1.0, 1.0, 1)
     # after every class, and in no top-5 either
     return Prediction(capture, index, labels[index], len(labels), NOT_READ, 1.0, 0.0, max(len(labels), 5) + 1)

@@ -10,6 +10,7 @@ import numpy as np
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.printer import ColourError, Exponents, raise_terms
 from toolkit.printing.marks import STRIP
+from toolkit.rig.markers import find_markers
 from toolkit.rooms.photos.prints.align import map_points, sample_image
 from toolkit.rooms.photos.prints.colours import PrintedColours, measure_error
 
@@ -75,13 +76,7 @@ def read_strip(image: np.ndarray) -> StripReading | None:
 
 def _find_strip(grey: np.ndarray) -> np.ndarray | None:
     """(3, 3) from millimetres on the strip to pixels; None where its two markers are not both there."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, STRIP.dictionary))
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    found, ids, _ = cv2.aruco.ArucoDetector(dictionary, settings).detectMarkers(grey)
-    if ids is None:
-        return None
-    corners = {int(number): corner.reshape(4, 2) + 0.5 for number, corner in zip(ids.ravel(), found, strict=True)}
+    corners = {number: corner + 0.5 for number, corner in find_markers(STRIP.dictionary, grey, refined=True)}
     wanted = list(STRIP.marker_corners)
     if not all(number in corners for number in wanted):
         return None

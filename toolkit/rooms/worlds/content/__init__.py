@@ -1,1 +1,1 @@
-"""What the package builds: the objects that come with it, random everyday things, worlds and all that stands there."""
+"""Models of the package: its objects, random everyday things, worlds and all that stands there."""

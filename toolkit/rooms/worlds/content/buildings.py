@@ -11,28 +11,11 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.objects.mesh import Material
-from toolkit.rooms.worlds.content.drawing import Canvas, finish, fractal
+from toolkit.rooms.worlds.content import pieces as kit
+from toolkit.rooms.worlds.content.drawing import Canvas, finish, fractal, pick
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, bay_edges, cornice, shop_row, windowed_wall
 from toolkit.rooms.worlds.content.modelling import revolve
-from toolkit.rooms.worlds.content.pieces import (
-    UNIT,
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    floor_quads,
-    merge,
-    place,
-    quads,
-    revolved,
-    set_round,
-    solid,
-    upright,
-    wall_quads,
-    xyz,
-)
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.street_furniture import billboard_skin
 from toolkit.rooms.worlds.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
 from toolkit.rooms.worlds.world import SceneClass
@@ -80,9 +63,9 @@ def flat_roof(
     cap_low, cap_high = low.copy(), high.copy()
     cap_low[:, 2], cap_high[:, 2] = z + PARAPET_M, z + PARAPET_M + 0.12
     pieces = [
-        floor_quads((thick, thick, w - thick, d - thick), z, felt, ROOF),
-        boxes(low, high, wall_skin, ROOF),
-        boxes(cap_low - [0.06, 0.06, 0], cap_high + [0.06, 0.06, 0], trim, ROOF, without=()),
+        kit.floor_quads((thick, thick, w - thick, d - thick), z, felt, ROOF),
+        kit.boxes(low, high, wall_skin, ROOF),
+        kit.boxes(cap_low - [0.06, 0.06, 0], cap_high + [0.06, 0.06, 0], trim, ROOF, without=()),
     ]
     if pad_radius:
         # taken before anything else is placed: nothing may stand on the pad
@@ -97,8 +80,8 @@ def flat_roof(
         if rng.random() < chance and (at := roof.find(radius, rng)):
             variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
             made = looks.once(variant, partial(make, looks))
-            pieces.append(place(made, (*at, z), 90.0 * rng.integers(4)))
-    return merge(*pieces)
+            pieces.append(kit.place(made, (*at, z), 90.0 * rng.integers(4)))
+    return kit.merge(*pieces)
 
 
 def landing_pad(radius: float, looks: Looks) -> Piece:
@@ -130,10 +113,10 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         for sign in (1, -1)
         for k in (0, 1)
     ])  # fmt: skip
-    return merge(
-        quads(top, skin, SceneClass.PAD, UNIT),
-        boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
-        boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
+    return kit.merge(
+        kit.quads(top, skin, SceneClass.PAD, kit.UNIT),
+        kit.boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
+        kit.boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
     )
 
 
@@ -165,10 +148,10 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
     fans = np.linspace(-w / 2, w / 2, 3)
     tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in pairwise(fans)])
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
-    return merge(
-        boxes(low, high, louvres(looks), ROOF, without=()),
-        floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
-        boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
+    return kit.merge(
+        kit.boxes(low, high, louvres(looks), ROOF, without=()),
+        kit.floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
+        kit.boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
     )
 
 
@@ -176,11 +159,11 @@ def stair_house(looks: Looks, rng: np.random.Generator) -> Piece:
     """The head of the stairs: a small brick house with a steel door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
-        boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
-        boxes([-1.65, -1.55, 2.7], [1.65, 1.55, 2.86], looks.plain((96, 96, 94)), ROOF, ()),
-        wall_quads((-0.45, 0.05, 0.45, 2.1), -1.41, looks.plain((104, 54, 46)), ROOF),
+        kit.boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
+        kit.boxes([-1.65, -1.55, 2.7], [1.65, 1.55, 2.86], looks.plain((96, 96, 94)), ROOF, ()),
+        kit.wall_quads((-0.45, 0.05, 0.45, 2.1), -1.41, looks.plain((104, 54, 46)), ROOF),
     ]
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -197,22 +180,22 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
             canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
         staves = looks.add(Material(name, canvas.texture(0.06, gen), 0.9), (1.2, 1.2))
     iron = looks.plain((58, 56, 54))
-    tank = revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
-    lid = revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
-    floor = solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
+    tank = kit.revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
+    lid = kit.revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
+    floor = kit.solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
     foot = np.array([(1.1, 1.1, 0), (-1.1, 1.1, 0), (-1.1, -1.1, 0), (1.1, -1.1, 0)], float)
     head = foot + [0, 0, 2.6]
-    legs = bars(foot, head, 0.16, iron, ROOF)
-    braces = bars(
+    legs = kit.bars(foot, head, 0.16, iron, ROOF)
+    braces = kit.bars(
         np.concatenate([foot, foot]), np.concatenate([np.roll(head, 1, 0), np.roll(head, -1, 0)]), 0.06, iron, ROOF
     )
-    return merge(tank, lid, floor, legs, braces)
+    return kit.merge(tank, lid, floor, legs, braces)
 
 
 def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     """A glazed ridge on a kerb."""
     glass, kerb = looks.plain((128, 158, 172), "gloss"), looks.plain((180, 182, 180))
-    pieces = [boxes([-1.3, -0.9, 0], [1.3, 0.9, 0.4], kerb, ROOF)]
+    pieces = [kit.boxes([-1.3, -0.9, 0], [1.3, 0.9, 0.4], kerb, ROOF)]
     slopes = [
         [(-1.2, -0.8, 0.4), (1.2, -0.8, 0.4), (1.2, 0, 1.0), (-1.2, 0, 1.0)],
         [(1.2, 0.8, 0.4), (-1.2, 0.8, 0.4), (-1.2, 0, 1.0), (1.2, 0, 1.0)],
@@ -221,17 +204,20 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     ]
     ribs = np.linspace(-1.2, 1.2, 5)
     start = np.array([(x, y, 0.41) for x in ribs for y in (-0.8, 0.8)])
-    pieces += [quads(np.array(slopes), glass, ROOF), bars(start, start * [1, 0, 1] + [0, 0, 0.6], 0.06, kerb, ROOF)]
-    return merge(*pieces)
+    pieces += [
+        kit.quads(np.array(slopes), glass, ROOF),
+        kit.bars(start, start * [1, 0, 1] + [0, 0, 0.6], 0.06, kerb, ROOF),
+    ]
+    return kit.merge(*pieces)
 
 
 def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     """Pipes with cowls."""
     profile = [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)]
-    pipe = revolved(profile, 10, looks.plain((176, 178, 178), "metal"), ROOF)
+    pipe = kit.revolved(profile, 10, looks.plain((176, 178, 178), "metal"), ROOF)
     count = int(rng.integers(2, 5))
     at = np.c_[rng.uniform(-0.8, 0.8, (count, 2)), np.zeros(count)]
-    return place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))
+    return kit.place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))
 
 
 def aerial(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -239,10 +225,10 @@ def aerial(looks: Looks, rng: np.random.Generator) -> Piece:
     metal, h = looks.plain((150, 152, 154)), rng.uniform(2.5, 5.0)
     rods = np.linspace(-0.7, 0.7, 6)
     start = np.array([(x, -0.35 + 0.1 * abs(x), h - 0.3) for x in rods])
-    return merge(
-        bars([0, 0, 0], [0, 0, h], 0.06, metal, ROOF),
-        bars([-0.8, 0, h - 0.3], [0.8, 0, h - 0.3], 0.03, metal, ROOF),
-        bars(start, start * [1, -1, 1], 0.02, metal, ROOF),
+    return kit.merge(
+        kit.bars([0, 0, 0], [0, 0, h], 0.06, metal, ROOF),
+        kit.bars([-0.8, 0, h - 0.3], [0.8, 0, h - 0.3], 0.03, metal, ROOF),
+        kit.bars(start, start * [1, -1, 1], 0.02, metal, ROOF),
     )
 
 
@@ -251,25 +237,25 @@ def dish(looks: Looks, rng: np.random.Generator) -> Piece:
     white = looks.plain((222, 222, 218))
     profile = [(0.02, 0.0), (0.3, 0.05), (0.55, 0.17)]
     bowl = revolve(profile, 16).rotated("y", 55).moved(z=1.0)
-    return merge(
-        solid([bowl, bowl.flipped().moved(0.01, 0, 0.008)], white, ROOF),
-        bars([0, 0, 0], [0, 0, 1.0], 0.07, looks.plain((110, 112, 114)), ROOF),
+    return kit.merge(
+        kit.solid([bowl, bowl.flipped().moved(0.01, 0, 0.008)], white, ROOF),
+        kit.bars([0, 0, 0], [0, 0, 1.0], 0.07, looks.plain((110, 112, 114)), ROOF),
     )
 
 
 def duct(looks: Looks, rng: np.random.Generator) -> Piece:
     """A bent run of sheet-metal duct on feet."""
     metal = looks.plain((186, 188, 188), "metal")
-    return merge(
-        box((-1.6, 1.2), (-0.3, 0.3), (0.35, 0.95), metal, ROOF),
-        box((0.6, 1.2), (0.3, 1.2), (0.35, 0.95), metal, ROOF),
-        bars([(-1.4, 0, 0), (0.9, 1.0, 0)], [(-1.4, 0, 0.35), (0.9, 1.0, 0.35)], 0.1, metal, ROOF),
+    return kit.merge(
+        kit.box((-1.6, 1.2), (-0.3, 0.3), (0.35, 0.95), metal, ROOF),
+        kit.box((0.6, 1.2), (0.3, 1.2), (0.35, 0.95), metal, ROOF),
+        kit.bars([(-1.4, 0, 0), (0.9, 1.0, 0)], [(-1.4, 0, 0.35), (0.9, 1.0, 0.35)], 0.1, metal, ROOF),
     )
 
 
 @dataclass(frozen=True)
 class Lot:
-    """Where a house may stand."""
+    """A plot for a house."""
 
     width: float  # width, depth: metres
     depth: float
@@ -290,10 +276,6 @@ class House:
 Builder = Callable[[Lot, Looks, np.random.Generator], House]
 
 
-def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-def, type-arg]
-    return options[int(rng.integers(len(options)))]
-
-
 def _finish(
     lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator
 ) -> House:
@@ -301,60 +283,62 @@ def _finish(
     roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
     solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
     pad = (lot.width / 2, lot.depth / 2, height + 0.25, pad_radius) if lot.pad else None
-    return House(merge(walls, roof), solid, pad)
+    return House(kit.merge(walls, roof), solid, pad)
 
 
 def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
-    bare = wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
+    bare = kit.wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
     picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
-    return merge(
+    return kit.merge(
         bare,
-        wall_quads((middle - 4.6, height - 6.0, middle + 4.6, height - 1.2), -0.02, picture, SceneClass.SIGN, fit=True),
+        kit.wall_quads(
+            (middle - 4.6, height - 6.0, middle + 4.6, height - 1.2), -0.02, picture, SceneClass.SIGN, fit=True
+        ),
     )
 
 
 def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> Piece:
     """A front door with steps and a surround, standing out from the wall about x."""
-    wood = looks.plain(_pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36)), rng), "gloss")
+    wood = looks.plain(pick(rng, ((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36))), "gloss")
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
     low = [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]
     high = [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]
     across = ((x - 0.45, x - 0.08), (x + 0.08, x + 0.45))
     leaves = [(a, c, b, d) for c, d in ((0.65, 1.4), (1.55, 2.35)) for a, b in across]
-    return merge(
-        boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
-        boxes(low, high, trim, BUILDING, ("back",)),
-        wall_quads((x - 0.6, 0.5, x + 0.6, 2.5), -0.03, wood, BUILDING),
-        wall_quads((x - 0.6, 2.5, x + 0.6, 2.9), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
-        wall_quads(leaves, -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING),
+    return kit.merge(
+        kit.boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
+        kit.boxes(low, high, trim, BUILDING, ("back",)),
+        kit.wall_quads((x - 0.6, 0.5, x + 0.6, 2.5), -0.03, wood, BUILDING),
+        kit.wall_quads((x - 0.6, 2.5, x + 0.6, 2.9), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
+        kit.wall_quads(leaves, -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING),
     )  # fmt: skip
 
 
 def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """Brick, sash windows, stone trim, a bracketed cornice, fire escapes; shops or a stoop below."""
-    brick = wall(looks, "brick", _pick(BRICKS, rng))
-    trim = looks.plain(_pick(((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212)), rng), "matte")
+    brick = wall(looks, "brick", pick(rng, BRICKS))
+    trim = looks.plain(pick(rng, ((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212))), "matte")
     shops = rng.random() < 0.6
     style = Facade(
         brick, trim,
-        _pick(("sash-white", "sash-grid", "sash-green", "casement"), rng),
+        pick(rng, ("sash-white", "sash-grid", "sash-green", "casement")),
         window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8),
         floor_m=rng.uniform(3.0, 3.4), bay_m=rng.uniform(2.0, 2.8), string_course=rng.random() < 0.4,
-        fire_escape=rng.random() < 0.55, air_conditioners=_pick((0.0, 0.1, 0.2), rng),
+        fire_escape=rng.random() < 0.55, air_conditioners=pick(rng, (0.0, 0.1, 0.2)),
     )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=shops)
 
 
 def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """Painted stucco with balconies."""
-    render = wall(looks, "render", _pick(RENDERS, rng))
-    trim = looks.plain(_pick(((232, 230, 222), (200, 194, 182), (150, 140, 128)), rng), "matte")
+    render = wall(looks, "render", pick(rng, RENDERS))
+    trim = looks.plain(pick(rng, ((232, 230, 222), (200, 194, 182), (150, 140, 128))), "matte")
     style = Facade(
         render, trim,
-        _pick(("sash-grid", "casement", "modern", "tall"), rng),
+        pick(rng, ("sash-grid", "casement", "modern", "tall")),
         window_m=(1.3, 2.25, 0.12), floor_m=3.1, bay_m=rng.uniform(2.8, 3.4), lintels=rng.random() < 0.5, sills=False,
         balconies=rng.uniform(0.3, 0.8), string_course=rng.random() < 0.5,
     )  # fmt: skip
@@ -363,10 +347,10 @@ def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> Hou
 
 def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """Dressed stone with pilasters, tall windows and a heavy cornice."""
-    stone = wall(looks, "ashlar", _pick(STONES, rng))
-    trim = wall(looks, "render", _pick(((206, 196, 176), (190, 182, 168)), rng))
+    stone = wall(looks, "ashlar", pick(rng, STONES))
+    trim = wall(looks, "render", pick(rng, ((206, 196, 176), (190, 182, 168))))
     style = Facade(
-        stone, trim, _pick(("tall", "arched"), rng), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
+        stone, trim, pick(rng, ("tall", "arched")), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
         pilasters=True, string_course=True,
     )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5)
@@ -374,8 +358,8 @@ def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
 
 def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """The sixties: bands of windows between concrete parapets."""
-    concrete = wall(looks, "concrete", _pick(((168, 164, 156), (146, 144, 140), (186, 180, 168)), rng))
-    panel = looks.plain(_pick(((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118)), rng))
+    concrete = wall(looks, "concrete", pick(rng, ((168, 164, 156), (146, 144, 140), (186, 180, 168))))
+    panel = looks.plain(pick(rng, ((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118))))
     style = Facade(
         concrete, panel, "band", window_m=(2.75, 1.6, 0.95), floor_m=3.3, bay_m=3.1, recess_m=0.16, lintels=False,
         air_conditioners=0.05,
@@ -385,7 +369,7 @@ def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
 
 def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """Brick piers round wide steel windows."""
-    brick = wall(looks, "brick", _pick(BRICKS[:6], rng))
+    brick = wall(looks, "brick", pick(rng, BRICKS[:6]))
     trim = wall(looks, "brick", BRICKS[8])
     style = Facade(
         brick, trim, "factory", window_m=(2.6, 2.5, 0.8), floor_m=4.0, bay_m=3.4, recess_m=0.28, pilasters=True
@@ -411,29 +395,29 @@ def _apartments(
         plain = side not in lot.streets
         skin = style.wall
         pieces = [windowed_wall(style, width, looks, rng, z0=ground, floors=floors, plain=plain)]
-        pieces.append(wall_quads((0, height - 0.35, width, height), 0.0, skin, BUILDING))
+        pieces.append(kit.wall_quads((0, height - 0.35, width, height), 0.0, skin, BUILDING))
         if shops and not plain:
             pieces.append(shop_row(width, looks, rng, style.wall))
         else:
             base = 0.0 if plain else ground
-            pieces.append(wall_quads((0, 0, width, ground), 0.0, plinth if base else skin, BUILDING))
+            pieces.append(kit.wall_quads((0, 0, width, ground), 0.0, plinth if base else skin, BUILDING))
         if not shops and not plain and width > 5:
             edges = bay_edges(width, style.bay_m)
             pieces.append(_entrance(float(edges[len(edges) // 2]), looks, style.trim, rng))
         if crown and not plain:
             pieces.append(cornice(width, height, style.trim, out, dentils=rng.random() < 0.7, ends=False))
-        return merge(*pieces)
+        return kit.merge(*pieces)
 
-    return _finish(lot, set_round(lot.width, lot.depth, make), height, (style.wall, style.trim), looks, rng)
+    return _finish(lot, kit.set_round(lot.width, lot.depth, make), height, (style.wall, style.trim), looks, rng)
 
 
 def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     """A curtain wall with mullions and spandrels over a lobby."""
     # materials and proportions of the whole house
-    panes = pane_sheet(looks, _pick(("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark"), rng))
-    metal = looks.plain(_pick(((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234)), rng), "metal")
-    spandrel = looks.plain(_pick(((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198)), rng), "gloss")
-    stone = wall(looks, "ashlar", _pick(STONES, rng))
+    panes = pane_sheet(looks, pick(rng, ("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark")))
+    metal = looks.plain(pick(rng, ((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234))), "metal")
+    spandrel = looks.plain(pick(rng, ((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198))), "gloss")
+    stone = wall(looks, "ashlar", pick(rng, STONES))
     floor_m, bay_m, lobby = 3.6, float(rng.uniform(1.4, 2.0)), 4.6
     fin = float(rng.uniform(0.1, 0.32))
     height = lobby + (lot.floors + 1) * floor_m + 0.4
@@ -448,15 +432,15 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in pairwise(edges)])
         bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
         pieces = [
-            quads(upright(cells, 0.0), panes, BUILDING, pane_uv(rng, len(cells))),
-            wall_quads(bands, 0.0, spandrel, BUILDING),
+            kit.quads(kit.upright(cells, 0.0), panes, BUILDING, pane_uv(rng, len(cells))),
+            kit.wall_quads(bands, 0.0, spandrel, BUILDING),
         ]
         # fins run up the wall, rails along the floors
-        low = xyz(edges[1:-1] - 0.05, -fin, lobby)
-        pieces.append(boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
+        low = kit.xyz(edges[1:-1] - 0.05, -fin, lobby)
+        pieces.append(kit.boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
         z = np.r_[base, base + 0.9]
-        low = xyz(0.0, -0.06, z - 0.04)
-        pieces.append(boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
+        low = kit.xyz(0.0, -0.06, z - 0.04)
+        pieces.append(kit.boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
         # the ground floor: shop or lobby on streets, else stone
         if open_side and side in lot.streets:
             pieces.append(
@@ -464,12 +448,12 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
                 if rng.random() < 0.35
                 else _lobby(width, lobby, panes, metal, stone, rng)
             )
-            pieces.append(wall_quads((0, SHOP_FLOOR_M, width, lobby), -0.02, metal, BUILDING))
+            pieces.append(kit.wall_quads((0, SHOP_FLOOR_M, width, lobby), -0.02, metal, BUILDING))
         else:
-            pieces.append(wall_quads((0, 0, width, lobby), 0.0, stone, BUILDING))
-        return merge(*pieces)
+            pieces.append(kit.wall_quads((0, 0, width, lobby), 0.0, stone, BUILDING))
+        return kit.merge(*pieces)
 
-    return _finish(lot, set_round(lot.width, lot.depth, make), height, (spandrel, metal), looks, rng)
+    return _finish(lot, kit.set_round(lot.width, lot.depth, make), height, (spandrel, metal), looks, rng)
 
 
 def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: np.random.Generator) -> Piece:
@@ -478,15 +462,15 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     edges = np.linspace(0, width, count + 1)
     back = 0.5
     rect = np.array([(a, 0.0, b, height) for a, b in pairwise(edges)])
-    face = upright(rect, back)
-    low = xyz(np.clip(edges - 0.3, 0, width - 0.6), 0.0, 0.0)
+    face = kit.upright(rect, back)
+    low = kit.xyz(np.clip(edges - 0.3, 0, width - 0.6), 0.0, 0.0)
     ceiling = np.array([[(0, back, height), (0, 0, height), (width, 0, height), (width, back, height)]])[:, ::-1]
     middle = width / 2
-    canopy = boxes([middle - 2.2, -1.8, 3.0], [middle + 2.2, back, 3.25], metal, BUILDING, ())
-    return merge(
-        quads(face, panes, BUILDING, pane_uv(rng, count)),
-        boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
-        quads(ceiling, metal, BUILDING), canopy,
+    canopy = kit.boxes([middle - 2.2, -1.8, 3.0], [middle + 2.2, back, 3.25], metal, BUILDING, ())
+    return kit.merge(
+        kit.quads(face, panes, BUILDING, pane_uv(rng, count)),
+        kit.boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
+        kit.quads(ceiling, metal, BUILDING), canopy,
     )  # fmt: skip
 
 

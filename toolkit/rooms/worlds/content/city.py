@@ -45,16 +45,12 @@ MIN_STRETCH_M = 40.0
 
 @dataclass
 class Filling:
-    """A city's blocks while they are filled.
+    """A city's blocks while they are filled."""
 
-    Attributes:
-        plan, fleet, looks: of the city.
-        pieces, solids, pads, spots: what was built so far; pads are x, y, z, radius.
-    """
-
-    plan: Plan
+    plan: Plan  # plan, fleet, looks: of the city
     fleet: Fleet
     looks: Looks
+    # pieces, solids, pads, spots: what was built so far; pads are x, y, z, radius
     pieces: list[Piece] = field(default_factory=list)
     solids: list[np.ndarray] = field(default_factory=list)
     pads: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -108,7 +104,10 @@ Area = tuple[float, float, float, float]
 def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.random.Generator) -> None:
     """Build a block and everything on it."""
     looks, (width, depth), (x, y) = filling.looks, block.size, block.corner
-    area, density = (x, y, width, depth), _density(block, filling.plan)
+    area, plan = (x, y, width, depth), filling.plan
+    # 1 in the middle of the city, 0 at its edge
+    centre, reach = (np.array(block.low) + block.high) / 2, np.array([plan.north[-1].at, plan.east[-1].at])
+    density = float(np.clip(1.15 - np.abs(centre / reach).max() * 1.25, 0, 1))
     # the ground of the block
     yard: tuple[Skin, int] = (wall(looks, "roofing", (104, 104, 102)), SceneClass.GROUND)
     if landmark in ("square", "library"):
@@ -174,13 +173,6 @@ def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
         elif kind < 0.5:
             standing.setdefault("dustbins", []).append((px, py, KERB_M, rng.uniform(0, 360)))
     filling.pieces.append(build_standing(standing, filling.looks))
-
-
-def _density(block: Block, plan: Plan) -> float:
-    """1 in the middle of the city, 0 at its edge."""
-    centre = (np.array(block.low) + block.high) / 2
-    reach = np.array([plan.north[-1].at, plan.east[-1].at])
-    return float(np.clip(1.15 - np.abs(centre / reach).max() * 1.25, 0, 1))
 
 
 def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
@@ -261,6 +253,7 @@ def _park(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     radius = min(width, depth) / 2 - 11.0
     filling.spots.append(Spot("park", "grass", (cx, cy, KERB_M), round(radius, 2), 90.0, "ground"))
     _scatter_trees(filling, area, 46, rng, keep=(cx, cy, radius))
+    # a path along each side of the clearing; each lies a little higher, so that crossings do not flicker
     gravel = wall(looks, "render", (196, 176, 140))
     paths = [(x, cy - radius - 3.2, x + width, cy - radius - 1.2), (x, cy + radius + 1.2, x + width, cy + radius + 3.2)]
     paths += [
@@ -270,6 +263,7 @@ def _park(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     for k, rect in enumerate(paths):
         filling.pieces.append(floor_quads([rect], KERB_M + 0.008 + 0.004 * k, gravel, SceneClass.PAVEMENT))
     standing: Standing = {}
+    # benches, lamps, shrubs and bins in turn about the clearing
     for k in range(10):
         angle = 2 * np.pi * k / 10
         px, py = cx + (radius + 1.8) * np.cos(angle), cy + (radius + 1.8) * np.sin(angle)
@@ -283,7 +277,6 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     """City number `seed`, the same everywhere.
 
     Args:
-        seed: of everything in it.
         blocks: how many from west to east and from south to north; 5 x 6 are about 450 m across.
     """
     rng = np.random.default_rng([seed, 20])
@@ -292,7 +285,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     fleet = build_fleet(looks)
     filling = Filling(plan, fleet, looks)
     landmarks = choose_landmarks(plan.blocks(), rng)
-    # each block has draws of its own: a change in a block moves nothing in others
+    # each block has its own draws: a change in a block moves nothing in others
     for block in plan.blocks():
         place_rng = np.random.default_rng([seed, 21, block.column, block.row])
         fill_block(block, landmarks.get((block.column, block.row)), filling, place_rng)
@@ -386,7 +379,7 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
 
 
 def _carry_on(inner: list[tuple[float, float]], low: float, high: float) -> list[tuple[float, float]]:
-    """Block edges along one axis, carried on beyond both ends towards the horizon."""
+    """Block edges along an axis, carried on beyond both ends towards the horizon."""
     pitch, gap = 70.0, 14.0
     outer = int((HORIZON_M - 250) // (pitch + gap))
     west = [(low - (k + 1) * pitch - k * gap, low - k * (pitch + gap)) for k in range(outer)]

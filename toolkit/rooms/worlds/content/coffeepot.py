@@ -4,7 +4,7 @@ Its front is its profile, as people photograph a pot: spout to the left, handle 
 thumb lift stands over the handle, so that a printed sheet can be taped on top.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,16 @@ from PIL import Image
 
 from toolkit.objects.mesh import Mesh
 from toolkit.rooms.worlds.content.drawing import Colour
-from toolkit.rooms.worlds.content.modelling import Part, assemble, extrude, revolve, seen_from_above, surface, tube
+from toolkit.rooms.worlds.content.modelling import (
+    Part,
+    assemble,
+    extrude,
+    revolve,
+    seen_from_above,
+    smooth_curve,
+    surface,
+    tube,
+)
 
 NAVY: Colour = (24, 40, 84)
 CREAM_SPECKS: Colour = (226, 232, 240)
@@ -41,7 +50,7 @@ HEIGHT_MM = 211.0
 """Height of the body without the lid, mm."""
 LID_RADIUS_MM = TOP_RADIUS_MM + 1.5
 LID_MM = HEIGHT_MM + 4.8
-"""Where the lid lies on the rolled rim."""
+"""Height of the lid on the rolled rim."""
 SEGMENTS = 96
 
 
@@ -86,7 +95,7 @@ def _hinge() -> list[Part]:
     x, z = -LID_RADIUS_MM - 3.5, LID_MM + 3.0
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     barrel = extrude(np.stack([4.0 * np.cos(turn), 4.0 * np.sin(turn)], axis=1).tolist(), 26, 0.8, TRIM, "trim")
-    leaf = _smooth([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24)
+    leaf = smooth_curve([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24, False)
     thickness = np.interp(np.linspace(0, 1, 24), [0, 0.3, 0.85, 0.96, 1], [2.2, 2.2, 2.6, 2.2, 1.2])
     widen = np.interp(np.linspace(0, 1, 24), [0, 0.4, 0.8, 1], [3.0, 2.2, 4.2, 3.2])
     return [*[part.rotated("x", 90).moved(x, 13, z) for part in barrel], *_strap(leaf, thickness, thickness * widen)]
@@ -96,7 +105,7 @@ def _spout() -> list[Part]:
     """A swan-neck that leaves the wall low and wide and ends level with the rim, cut nearly flat, open and hollow."""
     root = _wall_radius(67)
     points = [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)]
-    path = _smooth(points, 44)
+    path = smooth_curve(points, 44, monotone=False)
     t = np.linspace(0, 1, len(path))
     stops = [0, 0.12, 0.3, 0.6, 0.9, 1]
     tall, wide = np.interp(t, stops, [38, 31, 21, 14.5, 12, 13.4]), np.interp(t, stops, [25, 22, 17, 12.5, 10.5, 11])
@@ -126,10 +135,10 @@ def _spout() -> list[Part]:
 def _handle() -> list[Part]:
     """A black loop as broad as a hand, flared where it is welded to the wall."""
     top, base = -TOP_RADIUS_MM, -BASE_RADIUS_MM
-    path = _smooth(
+    path = smooth_curve(
         [(top + 5, 0, 198), (top - 23, 0, 207), (top - 55, 0, 194), (top - 70, 0, 152), (top - 59, 0, 105),
          (base - 1, 0, 66), (base + 20, 0, 52)],
-        64,
+        64, monotone=False,
     )  # fmt: skip
     t = np.linspace(0, 1, len(path))
     radius = 6.6 + 3.0 * np.exp(-((t / 0.07) ** 2)) + 4.0 * np.exp(-(((1 - t) / 0.12) ** 2))
@@ -139,20 +148,10 @@ def _handle() -> list[Part]:
 def _strap(path: np.ndarray, thick: np.ndarray, wide: np.ndarray) -> list[Part]:
     """A pipe along a path in the x-z plane, `wide` along y."""
     parts = tube(path, thick, 24, TRIM, "trim")
-    return [_widen(part, path, wide / thick) for part in parts]
-
-
-def _widen(part: Part, path: np.ndarray, factor: np.ndarray) -> Part:
-    nearest = np.argmin(np.linalg.norm(part.vertices[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2), axis=1)
-    stretched = part.vertices * [1, 0, 1]
-    stretched[:, 1] = part.vertices[:, 1] * factor[nearest]
-    return replace(part, vertices=stretched)
-
-
-def _smooth(points: Sequence[Sequence[float]], count: int) -> np.ndarray:
-    """`count` points on the natural-looking curve (cubic spline over chord length) through the given ones."""
-    from scipy.interpolate import CubicSpline
-
-    given = np.asarray(points, float)
-    chord = np.r_[0, np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))]
-    return CubicSpline(chord, given)(np.linspace(0, chord[-1], count))
+    for k, part in enumerate(parts):
+        # each vertex takes the factor of the place on the path that it lies next to
+        away = np.linalg.norm(part.vertices[:, None, [0, 2]] - path[None, :, [0, 2]], axis=2)
+        stretched = part.vertices.copy()
+        stretched[:, 1] *= (wide / thick)[np.argmin(away, axis=1)]
+        parts[k] = replace(part, vertices=stretched)
+    return parts

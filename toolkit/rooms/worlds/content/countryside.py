@@ -1,31 +1,15 @@
-"""Open country: trees, a skyline from afar; a field of grass with one pad (paper, Figure 10d); an airfield's apron."""
+"""Open country: trees, a distant skyline, a field of grass with a pad (paper, Figure 10d), an airfield's apron."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from toolkit.objects.mesh import Material
+from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import landing_pad
 from toolkit.rooms.worlds.content.drawing import Canvas, Colour, finish, flat, fractal, grain, hex_name, noise
 from toolkit.rooms.worlds.content.modelling import tube
-from toolkit.rooms.worlds.content.pieces import (
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    floor_quads,
-    merge,
-    mesh_of,
-    place,
-    polygon,
-    quads,
-    revolved,
-    solid,
-    upright,
-    xyz,
-)
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.street_furniture import barrier, board, flag, sheet, traffic_cone
 from toolkit.rooms.worlds.content.surfaces import (
     BRICKS,
@@ -61,7 +45,7 @@ F, B = SceneClass.FURNITURE, SceneClass.BUILDING
 
 
 MEADOWS = ((0.0, -28.0, 14.0, 90.0), (-30.0, 16.0, 13.0, 0.0), (-32.0, -22.0, 13.0, 45.0), (24.0, -14.0, 11.0, 160.0))
-"""Where an object may stand besides the pad: x, y, how far it is free, and how it is turned there."""
+"""Places for objects besides the pad: x, y, free radius and yaw."""
 
 
 def bark(looks: Looks) -> Skin:
@@ -106,7 +90,7 @@ def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: 
     cell = rng.integers(0, CELLS, (n, 2)) / CELLS
     # well inside of the cell: blurred look-ups mix in no neighbour
     uv = cell[:, None] + np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]) / CELLS
-    piece = quads(corners, skin, TREE, uv)
+    piece = kit.quads(corners, skin, TREE, uv)
     # foliage is lit as a soft whole: normals lean out of the crown
     soft = np.repeat(outward * 1.4 + normal, 4, axis=0)
     soft /= np.maximum(np.linalg.norm(soft, axis=1, keepdims=True), 1e-6)
@@ -138,7 +122,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
             np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 4, cap=False
         )
         tips.append(tip)
-    pieces = [solid(parts, bark(looks), TREE, 60)]
+    pieces = [kit.solid(parts, bark(looks), TREE, 60)]
     skin = leaf_sheet(looks, variant)
     centre = np.array([*lean, height * 0.62])
     each = count // len(tips)
@@ -153,7 +137,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
         out = at[-1] - centre
         away.append(0.6 * ball + 0.5 * out / np.linalg.norm(out, axis=1, keepdims=True))
     pieces.append(leaves(np.concatenate(at), 0.06 * height, np.concatenate(away), skin, rng))
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) -> Piece:
@@ -164,10 +148,10 @@ def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) 
     z = height * (0.12 + 0.88 * rng.random(count) ** 1.25)
     reach = (1 - z / height) * height * 0.24 + 0.1
     turn = rng.uniform(0, 2 * np.pi, count)
-    way = xyz(np.cos(turn), np.sin(turn), -0.25)
+    way = kit.xyz(np.cos(turn), np.sin(turn), -0.25)
     at = np.column_stack([np.zeros((count, 2)), z]) + way * (reach * rng.uniform(0.35, 1.0, count))[:, None]
     skin = leaf_sheet(looks, 2)
-    return merge(solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng))
+    return kit.merge(kit.solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng))
 
 
 def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> Piece:
@@ -230,13 +214,18 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             start = rng.integers(0, BAYS, len(a)) / BAYS
             corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
             left, right = ((np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])) for px, py in corner)
-            rows = [xyz(*left, a[:, 2]), xyz(*right, a[:, 2]), xyz(*right, b[:, 2]), xyz(*left, b[:, 2])]
+            rows = [
+                kit.xyz(*left, a[:, 2]),
+                kit.xyz(*right, a[:, 2]),
+                kit.xyz(*right, b[:, 2]),
+                kit.xyz(*left, b[:, 2]),
+            ]
             up = np.stack([0 * floors, 0 * floors, floors, floors], 1)
             uv = np.stack([np.stack([start, start + bays, start + bays, start], 1), up], 2)
-            pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
+            pieces.append(kit.quads(np.stack(rows, 1), skin, FAR, uv))
         rect = np.column_stack([a[:, :2], b[:, :2]])
-        pieces.append(floor_quads(rect, b[:, 2], felt, FAR))
-    return merge(*pieces)
+        pieces.append(kit.floor_quads(rect, b[:, 2], felt, FAR))
+    return kit.merge(*pieces)
 
 
 def surround(
@@ -251,7 +240,7 @@ def surround(
             (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
             (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
         ]  # fmt: skip
-    return floor_quads(np.array(rects), 0.0, ground, label)
+    return kit.floor_quads(np.array(rects), 0.0, ground, label)
 
 
 def build_grass(seed: int = 0) -> World:
@@ -260,19 +249,18 @@ def build_grass(seed: int = 0) -> World:
     looks, rng = Looks(seed), np.random.default_rng([seed, 30])
     meadow = grass(looks, meadow=True)
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
-    pad = landing_pad(6.0, looks).moved(0, 0, 0)
     pieces = [
-        floor_quads((-60, -60, 60, 60), 0.0, meadow, SceneClass.GRASS),
+        kit.floor_quads((-60, -60, 60, 60), 0.0, meadow, SceneClass.GRASS),
         surround(inner, HORIZON_M, meadow, SceneClass.GRASS, (0.0, 60.0, 300.0)),
-        pad,
-        floor_quads((-300, -49.0, 300, -45.5), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
+        landing_pad(6.0, looks),
+        kit.floor_quads((-300, -49.0, 300, -45.5), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
         _fence(looks), tree_line(looks, rng, 95.0, 260.0, 260), hills(looks, rng), windsock(looks).moved(16, 14, 0),
-        place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
+        kit.place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
     ]  # fmt: skip
     # tufts of grass, away from pad and track
     at = rng.uniform(-58, 58, (420, 2))
     at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
-    pieces.append(place(
+    pieces.append(kit.place(
         _tuft(looks), np.column_stack([at, np.zeros(len(at))]), rng.uniform(0, 360, len(at)),
         rng.uniform(0.5, 1.4, len(at)),
     ))  # fmt: skip
@@ -286,7 +274,7 @@ def build_grass(seed: int = 0) -> World:
     )
     for spot in spots[1:]:
         pieces = [_outside(piece, spot) for piece in pieces]
-    mesh, face_class = mesh_of(merge(*pieces), looks)
+    mesh, face_class = kit.mesh_of(kit.merge(*pieces), looks)
     shed = np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]])
     return World("grass", seed, mesh, face_class, spots=spots, solids=shed, core=inner, pads=spots[:1])
 
@@ -305,11 +293,11 @@ def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, c
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
     distance = rng.uniform(near, far, count)
-    at = xyz(distance * np.cos(angle), distance * np.sin(angle), 0.0)
+    at = kit.xyz(distance * np.cos(angle), distance * np.sin(angle), 0.0)
     kind, yaw = rng.integers(0, 5, count), rng.uniform(0, 360, count)
     made = [street_tree(looks, k, 10.0) for k in range(3)] + [conifer(looks, k, 13.0) for k in range(2)]
     scale = rng.uniform(0.7, 1.5, count)
-    return merge(*[place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
+    return kit.merge(*[kit.place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
 
 
 def hills(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -330,25 +318,26 @@ def hills(looks: Looks, rng: np.random.Generator) -> Piece:
     height = np.round(np.maximum(height, 3), 3)
 
     def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
-        return xyz(radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape))
+        return kit.xyz(radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape))
 
     rows = [ring(520, 0.0), ring(600, height * 0.7), ring(700, height), ring(840, height * 1.5)]
-    faces = [np.stack([b[1:], b[:-1], a[:-1], a[1:]], 1) for a, b in pairwise(rows)]
-    faces = [np.stack([f[:, 0], f[:, 1], f[:, 2], f[:, 3]], 1)[:, ::-1] for f in faces]
-    return quads(np.concatenate(faces), skin, SceneClass.SKYLINE)
+    faces = [np.stack([a[1:], a[:-1], b[:-1], b[1:]], 1) for a, b in pairwise(rows)]
+    return kit.quads(np.concatenate(faces), skin, SceneClass.SKYLINE)
 
 
 def _fence(looks: Looks) -> Piece:
     wood = looks.plain((150, 132, 108), "matte")
     x = np.arange(-58.0, 58.1, 2.9)
-    post = xyz(x, 40.0, 0.0)
+    post = kit.xyz(x, 40.0, 0.0)
     posts = np.concatenate([post, post[:, [1, 0, 2]]])
     rails = np.array(
         [((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)]
         + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)]
     )
     posts = posts[(posts[:, 1] > -44.5)]
-    return merge(bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F))
+    return kit.merge(
+        kit.bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), kit.bars(rails[:, 0], rails[:, 1], 0.09, wood, F)
+    )
 
 
 def _tuft(looks: Looks) -> Piece:
@@ -358,7 +347,7 @@ def _tuft(looks: Looks) -> Piece:
     lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])
     side = np.column_stack([rng.normal(0, 1, (n, 2)), np.zeros(n)])
     side *= 0.012 / np.linalg.norm(side, axis=1, keepdims=True)
-    return quads(
+    return kit.quads(
         np.stack([foot - side, foot + side, foot + lean, foot + lean], 1),
         looks.plain((122, 132, 62), "matte"), SceneClass.TREE,
     )  # fmt: skip
@@ -375,36 +364,35 @@ def _barn(looks: Looks) -> Piece:
         [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
     ])  # fmt: skip
     pieces = [
-        polygon(gable, 0.0, red, B),
-        place(polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
-        quads(
+        kit.polygon(gable, 0.0, red, B),
+        kit.place(kit.polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
+        kit.quads(
             [[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], red, B
         ),
-        quads(slope, tin, SceneClass.ROOF),
-        quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
-        box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
-        box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-        box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
+        kit.quads(slope, tin, SceneClass.ROOF),
+        kit.quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
+        kit.box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
+        kit.box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
+        kit.box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
     ]
-    body = merge(*pieces)
-    return place(body, (0.0, 0.0, 0.0), 90.0)
+    return kit.merge(*pieces).turned(90.0)
 
 
 def windsock(looks: Looks) -> Piece:
     """An orange and white sock on a mast."""
-    mast = revolved([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8, looks.plain((214, 214, 210)), F)
+    mast = kit.revolved([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8, looks.plain((214, 214, 210)), F)
     angle = np.linspace(0, 2 * np.pi, 11)
     pieces = [mast]
     for k in range(5):
         rows = []
         for x in (0.1 + 0.6 * k, 0.1 + 0.6 * (k + 1)):
             r = 0.42 - 0.07 * x
-            rows.append(xyz(x, r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)))
+            rows.append(kit.xyz(x, r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)))
         a, b = rows
         cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
         skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")
-        pieces += [quads(cloth[:, ::-1], skin, F), quads(cloth + (b - a).mean(0) * 0 + [0, 0, 0.004], skin, F)]
-    return merge(*pieces)
+        pieces += [kit.quads(cloth[:, ::-1], skin, F), kit.quads(cloth + [0, 0, 0.004], skin, F)]
+    return kit.merge(*pieces)
 
 
 def build_apron(seed: int = 0) -> World:
@@ -415,10 +403,11 @@ def build_apron(seed: int = 0) -> World:
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
     stands = np.array([-84.0, -28.0, 28.0, 84.0])
     pieces = [
-        floor_quads((-130, -75, 130, 75), 0.0, concrete, SceneClass.GROUND),
+        kit.floor_quads((-130, -75, 130, 75), 0.0, concrete, SceneClass.GROUND),
         surround(core, HORIZON_M, grass(looks), SceneClass.GRASS, (0.0, 60.0, 300.0)),
-        floor_quads([(-600, -190, 600, -145), (-130, -145, -105, -75.0)], 0.01, junction(looks), SceneClass.ROAD),
-        _marks(looks, stands), _runway_marks(looks), _stand_numbers(looks, stands),
+        kit.floor_quads([(-600, -190, 600, -145), (-130, -145, -105, -75.0)], 0.01, junction(looks), SceneClass.ROAD),
+        _marks(looks, stands), _runway_marks(looks),
+        *(_stand_number(looks, k, x) for k, x in enumerate(stands)),
     ]  # fmt: skip
     # buildings and their solids for collisions
     solids = []
@@ -435,7 +424,7 @@ def build_apron(seed: int = 0) -> World:
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
     pad = Spot("pad", "apron", (112.0, 20.0, 0.25), 6.8, 0.0, "ground")
     pieces.append(landing_pad(7.0, looks).moved(112, 20, 0))
-    mesh, face_class = mesh_of(merge(*pieces), looks)
+    mesh, face_class = kit.mesh_of(kit.merge(*pieces), looks)
     return World("apron", seed, mesh, face_class, spots=(*spots, pad), solids=np.array(solids), core=core, pads=(pad,))
 
 
@@ -446,7 +435,7 @@ def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colou
     side = np.column_stack([-ahead[:, 1], ahead[:, 0]]) * width / 2
     corners = np.stack([path[:-1] + side, path[:-1] - side, path[1:] - side, path[1:] + side], 1)
     flat = np.concatenate([corners, np.full((*corners.shape[:2], 1), MARK_M)], 2)
-    return quads(flat, _worn_paint(looks, colour), SceneClass.GROUND)
+    return kit.quads(flat, _worn_paint(looks, colour), SceneClass.GROUND)
 
 
 def _worn_paint(looks: Looks, colour: Colour) -> Skin:
@@ -472,7 +461,7 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
     pieces.append(
         _stripe(looks, [(-128, -73.5), (128, -73.5), (128, 73.5), (-128, 73.5), (-128, -73.5)], 0.3, YELLOW_PAINT)
     )
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _runway_marks(looks: Looks) -> Piece:
@@ -481,17 +470,14 @@ def _runway_marks(looks: Looks) -> Piece:
         np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
         np.array([(-560.0, y, -530.0, y + 1.8) for y in np.arange(-187.0, -149.0, 3.6)]),
     ])  # fmt: skip
-    return floor_quads(rects, 0.016, _worn_paint(looks, WHITE_PAINT), SceneClass.ROAD)
+    return kit.floor_quads(rects, 0.016, _worn_paint(looks, WHITE_PAINT), SceneClass.ROAD)
 
 
-def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
-    pieces = []
-    for k, x in enumerate(stands):
-        canvas = Canvas(3, 3, 64, (30, 30, 32))
-        canvas.text(1.5, 1.5, f"A{k + 1}", 2.3, YELLOW_PAINT, fit_m=2.6)
-        skin = sheet(f"stand-{k}", looks, canvas)
-        pieces.append(floor_quads((x + 1.2, -30.0, x + 4.2, -27.0), MARK_M, skin, SceneClass.GROUND, fit=True))
-    return merge(*pieces)
+def _stand_number(looks: Looks, number: int, x: float) -> Piece:
+    canvas = Canvas(3, 3, 64, (30, 30, 32))
+    canvas.text(1.5, 1.5, f"A{number + 1}", 2.3, YELLOW_PAINT, fit_m=2.6)
+    skin = sheet(f"stand-{number}", looks, canvas)
+    return kit.floor_quads((x + 1.2, -30.0, x + 4.2, -27.0), MARK_M, skin, SceneClass.GROUND, fit=True)
 
 
 def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Colour, number: int) -> Piece:
@@ -502,7 +488,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     angle = np.linspace(0, np.pi, 15)
     arch = np.column_stack([half * np.cos(angle), eaves + (height - eaves) * np.sin(angle)])
     front = np.concatenate([[(half, eaves)], arch[1:]])
-    ridge = xyz(arch[:, 0], 0.0, arch[:, 1])
+    ridge = kit.xyz(arch[:, 0], 0.0, arch[:, 1])
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
     # the number on the front
     canvas = Canvas(6, 3, 48, colour)
@@ -517,45 +503,45 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
     # a closed rear wall
-    back = merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B))
+    back = kit.merge(kit.boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), kit.polygon(front, 0.0, skin, B))
     pieces = [
-        boxes(low, high, skin, B),
-        boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
-        box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
-        polygon(front, 0.0, skin, B), place(back, (0, depth, 0.0), 180.0),
-        boxes([(-half, 0, 0), (half - 0.3, 0, 0)], [(-half + 0.3, depth, eaves), (half, depth, eaves)], skin, B),
-        quads(bow, roof, SceneClass.ROOF),
-        quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
-        floor_quads((-half, 0, half, depth), 0.02, dark, SceneClass.GROUND),
-        box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
+        kit.boxes(low, high, skin, B),
+        kit.boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
+        kit.box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
+        kit.polygon(front, 0.0, skin, B), kit.place(back, (0, depth, 0.0), 180.0),
+        kit.boxes([(-half, 0, 0), (half - 0.3, 0, 0)], [(-half + 0.3, depth, eaves), (half, depth, eaves)], skin, B),
+        kit.quads(bow, roof, SceneClass.ROOF),
+        kit.quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
+        kit.floor_quads((-half, 0, half, depth), 0.02, dark, SceneClass.GROUND),
+        kit.box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
         board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
     ]  # fmt: skip
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _control_tower(looks: Looks) -> Piece:
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
-    low, high = ([xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
+    low, high = ([kit.xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
     cells = [(-12 + 2 * k, 2.6, -12 + 2 * k + 1.9, 5.6) for k in range(12)]
-    face = upright(cells, -8.02)
+    face = kit.upright(cells, -8.02)
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
     words = sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
     pieces = [
-        boxes((-3, -3, 0), (3, 3, 19.0), white, B),
-        revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
-        quads(cab, glass, B, pane_uv(rng, 8)), bars(low[0], high[0], 0.16, frame, B),
-        revolved([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16, looks.plain((210, 60, 44)), B),
-        bars([(0, 0, 24.4), (1, 1, 24.3)], [(0, 0, 30.0), (1, 1, 27.0)], 0.1, frame, F),
-        boxes((-12, -8, 0), (12, 8, 7), white, B), quads(face, glass, B, pane_uv(rng, 12)),
-        box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
+        kit.boxes((-3, -3, 0), (3, 3, 19.0), white, B),
+        kit.revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
+        kit.quads(cab, glass, B, pane_uv(rng, 8)), kit.bars(low[0], high[0], 0.16, frame, B),
+        kit.revolved([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16, looks.plain((210, 60, 44)), B),
+        kit.bars([(0, 0, 24.4), (1, 1, 24.3)], [(0, 0, 30.0), (1, 1, 27.0)], 0.1, frame, F),
+        kit.boxes((-12, -8, 0), (12, 8, 7), white, B), kit.quads(face, glass, B, pane_uv(rng, 12)),
+        kit.box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
         board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
     ]  # fmt: skip
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
@@ -572,24 +558,27 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
         (fire.piece, (62, 46), 270.0), (fire.piece, (68, 46), 270.0), (crew.piece, (2, 40), 0.0),
         (parked.piece, (78, 52), 90.0), (parked.piece, (82, 52), 90.0), (fuel.piece, (118, -30), 0.0),
     ]  # fmt: skip
-    pieces = [place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
+    pieces = [kit.place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
     # cones and barriers about the stands
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
-    pieces += [place(traffic_cone(looks), cones), place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands])]
+    pieces += [
+        kit.place(traffic_cone(looks), cones),
+        kit.place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands]),
+    ]
     # floodlight masts
     steel, lamp = looks.plain((150, 154, 156)), looks.plain((255, 250, 230), "lamp")
     for x in (-112.0, -56.0, 0.0, 56.0, 112.0):
         heads = np.array([(x + dx, 44.0, 17.6) for dx in (-1.5, -0.5, 0.5, 1.5)])
         pieces += [
-            bars((x, 44.6, 0), (x, 44.6, 18.0), 0.3, steel, F),
-            boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
-            boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
+            kit.bars((x, 44.6, 0), (x, 44.6, 18.0), 0.3, steel, F),
+            kit.boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
+            kit.boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
         ]
     # stairs for passengers
     tread = np.array([(-60.0, 30.0 - 0.3 * k, 0.4 + 0.22 * k) for k in range(14)])
     pieces += [
-        boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
-        bars(
+        kit.boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
+        kit.bars(
             tread[[0, 0]] + [[0, 0, 0], [1.6, 0, 0]], tread[[-1, -1]] + [[0, 0, 1], [1.6, 0, 1]], 0.08,
             looks.plain((40, 90, 160)), F,
         ),
@@ -597,17 +586,17 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     # a train of baggage carts
     carts = np.array([(40.0 + 3.2 * k, 28.0, 0.0) for k in range(4)])
     pieces += [
-        boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()),
-        boxes(carts + [0.2, 0.1, 0.5], carts + [2.4, 1.4, 1.5], looks.plain((70, 90, 130)), F),
-        boxes(carts + [0.2, 0.1, 0.0], carts + [0.5, 1.4, 0.4], looks.plain((24, 24, 26)), F),
-        boxes(carts + [2.0, 0.1, 0.0], carts + [2.3, 1.4, 0.4], looks.plain((24, 24, 26)), F),
+        kit.boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()),
+        kit.boxes(carts + [0.2, 0.1, 0.5], carts + [2.4, 1.4, 1.5], looks.plain((70, 90, 130)), F),
+        kit.boxes(carts + [0.2, 0.1, 0.0], carts + [0.5, 1.4, 0.4], looks.plain((24, 24, 26)), F),
+        kit.boxes(carts + [2.0, 0.1, 0.0], carts + [2.3, 1.4, 0.4], looks.plain((24, 24, 26)), F),
     ]
     # edge markers and flags
     posts = np.array([(x, -76.0, 0) for x in np.arange(-100.0, 131.0, 5.0)])
-    pieces.append(bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
-    pieces += [place(flag(looks, k), (80.0 + 4 * k, 58.0, 0)) for k in range(3)]
-    return merge(
+    pieces.append(kit.bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
+    pieces += [kit.place(flag(looks, k), (80.0 + 4 * k, 58.0, 0)) for k in range(3)]
+    return kit.merge(
         *pieces,
-        place(shrub(looks, 0), [(84.0 + 3 * k, 60.5, 0) for k in range(7)]),
+        kit.place(shrub(looks, 0), [(84.0 + 3 * k, 60.5, 0) for k in range(7)]),
         windsock(looks).moved(-120, -90, 0),
     )

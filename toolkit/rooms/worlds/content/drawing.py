@@ -63,7 +63,7 @@ def grain(rng: np.random.Generator, shape: tuple[int, int], amount: float) -> np
 
 
 POOL = 2
-"""How many noises of a kind are made; a texture takes one of them, moved at random: painting is mostly noise."""
+"""How many noises of a kind are made; a texture takes any, moved at random: painting is mostly noise."""
 
 
 def _roll(field: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -130,9 +130,7 @@ class Canvas:
     """A drawing in metres on a plain ground, y up, drawn twice as fine as it is kept.
 
     Args:
-        width_m, height_m: its extent.
         px_per_m: of the kept picture.
-        ground: its colour.
         low: metres at its lower left corner.
     """
 
@@ -278,7 +276,7 @@ class Side:
 
 
 def chart_points(net: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where each texel of `surface(net)`'s chart lies, and the normal there: two (height, width, 3) float32."""
+    """Place and normal of each texel of `surface(net)`'s chart: two (height, width, 3) float32."""
     u = np.r_[0, np.cumsum(np.linalg.norm(np.diff(net, axis=1), axis=2).mean(axis=0))]
     v = np.r_[0, np.cumsum(np.linalg.norm(np.diff(net, axis=0), axis=2).mean(axis=1))]
     column = np.interp((np.arange(width) + 0.5) / width * u[-1], u, np.arange(len(u)))
@@ -315,7 +313,7 @@ def pick(rng: np.random.Generator, options: Sequence[T]) -> T:
 
 
 def pick_colour(rng: np.random.Generator, *palettes: str, spread: float = 12.0) -> Colour:
-    """A colour of one of the palettes, each palette as likely, shifted a little."""
+    """A colour of a random palette, each palette as likely, shifted a little."""
     return vary(rng, pick(rng, PALETTES[pick(rng, palettes)]), spread)
 
 
@@ -341,7 +339,7 @@ Shader = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 
 def pattern(colours: Sequence[Colour], shader: Shader) -> Paint:
-    """Paint whose shader names, for each pixel, one of the colours."""
+    """Paint whose shader names a colour for each pixel."""
     table = np.array(colours, np.uint8)
 
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
@@ -430,7 +428,7 @@ def wood_grain(rng: np.random.Generator, colour: Colour, along: str = "u") -> Pa
 
 
 def decorate(rng: np.random.Generator, ground: Colour, *accents: str) -> Paint:
-    """The ground plain, or with one of the patterns that pots, cloths and toys have, in colours of the palettes."""
+    """The ground plain, or with a pattern that pots, cloths and toys have, in colours of the palettes."""
     accent, other = pick_colour(rng, *accents), pick_colour(rng, *accents)
     low, wide = draw(rng, 0.15, 0.7), draw(rng, 0.06, 0.25)
     kind = pick(rng, ("plain", "plain", "band", "bands", "stripes", "dots", "checks", "scatter", "blotches", "dipped"))

@@ -1,7 +1,7 @@
 """The eggnog: a wide-necked glass bottle, open and full to the neck, with foam, nutmeg and a quill of cinnamon.
 
-The rig knows no clear glass: where eggnog stands behind the wall its surface is eggnog with the gloss of glass, and
-above the fill line and at the heel it is the pale green of thick glass. The label says the same in front and behind.
+The rig knows no clear glass. A wall with eggnog behind it has eggnog's colour and the gloss of glass. Above the fill
+line and at the heel it is the pale green of thick glass. The label says the same in front and behind.
 """
 
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ from toolkit.rooms.worlds.content.modelling import Part, assemble, extrude, revo
 RED, DARK_RED, CREAM, GOLD = (158, 20, 30), (98, 8, 18), (255, 244, 214), (222, 170, 72)
 EGGNOG, FOAM, GLASS, BARK = (247, 231, 175), (252, 243, 212), (222, 230, 220), (128, 72, 38)
 NAME_AT = 0.3
-"""Where on each half of the label the name stands, as a share of the half."""
+"""Place of the name on each half of the label, as a share of the half."""
 
 
-class Picture:
+class LabelCanvas:
     """An RGB picture, lengths in millimetres from its upper left corner; masks are (height, width) in [0, 1]."""
 
     def __init__(self, width_px: int, height_px: int, px_per_mm: float, colour: Colour):
@@ -112,7 +112,7 @@ class Picture:
         self.pixels = np.asarray(image).astype(np.float32)
 
 
-def draw_mug(canvas: Picture, x: float, y: float, size: float, seed: int = 5) -> None:
+def draw_mug(canvas: LabelCanvas, x: float, y: float, size: float, seed: int = 5) -> None:
     """A glass mug of eggnog with foam, grated nutmeg and a cinnamon stick; (x, y) its middle, `size` its height."""
     s = size
     rim, base = (x - 0.07 * s, y - 0.28 * s), (x - 0.07 * s, y + 0.40 * s)
@@ -143,7 +143,7 @@ def draw_mug(canvas: Picture, x: float, y: float, size: float, seed: int = 5) ->
     _draw_shine(canvas, rim, base, wide, narrow, s)
 
 
-def _draw_handle(canvas: Picture, x: float, y: float, s: float) -> None:
+def _draw_handle(canvas: LabelCanvas, x: float, y: float, s: float) -> None:
     outer, inner = canvas.ellipse(x, y, 0.25 * s, 0.25 * s), canvas.ellipse(x - 0.005 * s, y, 0.185 * s, 0.18 * s)
     canvas.fill(_cut(outer, inner), (228, 216, 190), 0.88)
     light = _cut(canvas.ellipse(x, y, 0.232 * s, 0.232 * s), canvas.ellipse(x - 0.004 * s, y, 0.214 * s, 0.212 * s))
@@ -156,7 +156,7 @@ def _cut(mask: np.ndarray, hole: np.ndarray) -> np.ndarray:
     return np.clip(mask - hole, 0, 1)
 
 
-def _draw_surface(canvas: Picture, rim: tuple[float, float], wide: float, s: float, seed: int) -> None:
+def _draw_surface(canvas: LabelCanvas, rim: tuple[float, float], wide: float, s: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     canvas.fill(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), (236, 226, 202))
     top = canvas.ellipse(rim[0], rim[1] + 0.004 * s, wide - 0.018 * s, 0.084 * s)
@@ -172,7 +172,7 @@ def _draw_surface(canvas: Picture, rim: tuple[float, float], wide: float, s: flo
         canvas.spot(spot_x, spot_y, grain * 1.4, grain, (int(rng.integers(110, 170)), 78, 36))
 
 
-def _draw_cinnamon(canvas: Picture, rim: tuple[float, float], s: float) -> None:
+def _draw_cinnamon(canvas: LabelCanvas, rim: tuple[float, float], s: float) -> None:
     foot, tip = np.array([rim[0] + 0.04 * s, rim[1] + 0.03 * s]), np.array([rim[0] + 0.27 * s, rim[1] - 0.25 * s])
     along = (tip - foot) / np.linalg.norm(tip - foot)
     side = np.array([-along[1], along[0]]) * 0.038 * s
@@ -188,7 +188,7 @@ def _draw_cinnamon(canvas: Picture, rim: tuple[float, float], s: float) -> None:
 
 
 def _draw_shine(
-    canvas: Picture, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
+    canvas: LabelCanvas, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
 ) -> None:
     for start, end, alpha in ((-0.80, -0.66, 0.75), (-0.58, -0.54, 0.45), (0.76, 0.84, 0.5)):
         top, bottom = rim[1] + 0.10 * s, base[1] - 0.03 * s
@@ -199,7 +199,7 @@ def _draw_shine(
     canvas.fill(_cut(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), inside), (255, 255, 252), 0.85)
 
 
-def draw_holly(canvas: Picture, x: float, y: float, size: float, turn_deg: float = 0.0) -> None:
+def draw_holly(canvas: LabelCanvas, x: float, y: float, size: float, turn_deg: float = 0.0) -> None:
     """Two prickly leaves and three berries; `size` is a leaf's length."""
     for bearing, shade in ((turn_deg + 205, 0.85), (turn_deg - 25, 1.0)):
         t = np.linspace(0, 2 * np.pi, 121)
@@ -229,7 +229,7 @@ def paint_label(width: int, height: int, px_per_mm: float) -> Image.Image:
 
 def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
     """Half of the label: the name with holly, and a mug beside it."""
-    canvas = Picture(width, height, px_per_mm, RED)
+    canvas = LabelCanvas(width, height, px_per_mm, RED)
     w, h = canvas.size_mm
     rng = np.random.default_rng(3)
     for x, y, radius in rng.uniform((0, 0, 0.25), (w, h, 0.8), (90, 3)):
@@ -237,7 +237,9 @@ def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
     for y, thick in ((0.0, 2.0), (3.4, 0.6), (h - 4.0, 0.6), (h - 2.0, 2.0)):
         canvas.fill(canvas.box(0, y, w, thick), GOLD)
     middle = NAME_AT * w
-    _letter_name(canvas, middle, 0.42 * h, 23)
+    # the name over its own shadow
+    for off, colour, edge in ((0.05 * 23, DARK_RED, 0.09 * 23), (0.0, CREAM, 0.05 * 23)):
+        canvas.text(middle + off, 0.42 * h + off, "Egg Nog", 23, colour, "italic", outline=DARK_RED, outline_mm=edge)
     canvas.text(middle, 0.73 * h, "RICH & CREAMY", 5.6, CREAM)
     for side, turn_deg in ((-1, -10), (1, 10)):
         draw_holly(canvas, middle + side * 37, 0.75 * h, 13, turn_deg)
@@ -245,23 +247,16 @@ def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
     return canvas.image()
 
 
-def _letter_name(canvas: Picture, x: float, y: float, size: float) -> None:
-    canvas.text(
-        x + 0.05 * size, y + 0.05 * size, "Egg Nog", size, DARK_RED, "italic", outline=DARK_RED, outline_mm=0.09 * size
-    )
-    canvas.text(x, y, "Egg Nog", size, CREAM, "italic", outline=DARK_RED, outline_mm=0.05 * size)
-
-
 def paint_heel(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """Eggnog behind glass below the label, and the thick heel of bare glass."""
-    canvas = Picture(width, height, px_per_mm, EGGNOG)
+    """Eggnog behind glass below the label, and the thick heel of clear glass."""
+    canvas = LabelCanvas(width, height, px_per_mm, EGGNOG)
     canvas.fill(np.clip((canvas.y - canvas.size_mm[1] + 7) / 2.5, 0, 1), GLASS, 0.85)
     return canvas.image()
 
 
 def paint_neck(width: int, height: int, px_per_mm: float) -> Image.Image:
     """Eggnog behind glass above the label: paler and full of bubbles where the foam floats."""
-    canvas = Picture(width, height, px_per_mm, EGGNOG)
+    canvas = LabelCanvas(width, height, px_per_mm, EGGNOG)
     w = canvas.size_mm[0]
     edge = 15 + 1.2 * np.sin(canvas.x / w * 2 * np.pi * 5) + 0.7 * np.sin(canvas.x / w * 2 * np.pi * 13)
     canvas.fill(np.clip((edge - canvas.y) / 3, 0, 1), FOAM)
@@ -273,7 +268,7 @@ def paint_neck(width: int, height: int, px_per_mm: float) -> Image.Image:
 
 def paint_foam(width: int, height: int, px_per_mm: float) -> Image.Image:
     """The drink from above: swirled foam, bubbles along the glass, and nutmeg grated over the middle."""
-    canvas = Picture(width, height, px_per_mm, FOAM)
+    canvas = LabelCanvas(width, height, px_per_mm, FOAM)
     w, h = canvas.size_mm
     x, y = canvas.x - w / 2, canvas.y - h / 2
     distance = np.hypot(x, y) / (w / 2)
@@ -295,7 +290,7 @@ def paint_foam(width: int, height: int, px_per_mm: float) -> Image.Image:
 
 def paint_bark(width: int, height: int, px_per_mm: float) -> Image.Image:
     """Cinnamon bark, grained along the quill."""
-    canvas = Picture(width, height, px_per_mm, BARK)
+    canvas = LabelCanvas(width, height, px_per_mm, BARK)
     grain = np.sin(canvas.x * 2.9 + np.sin(canvas.y * 0.13) * 2) + 0.6 * np.sin(canvas.x * 7.7 + canvas.y * 0.21)
     canvas.fill(np.clip(0.5 + 0.35 * grain, 0, 1), (172, 104, 58), 0.7)
     return canvas.image()
@@ -303,7 +298,7 @@ def paint_bark(width: int, height: int, px_per_mm: float) -> Image.Image:
 
 def paint_quill(width: int, height: int, px_per_mm: float) -> Image.Image:
     """The cut end of the quill: two curls of bark around their hollows."""
-    canvas = Picture(width, height, px_per_mm, (176, 112, 66))
+    canvas = LabelCanvas(width, height, px_per_mm, (176, 112, 66))
     w, h = canvas.size_mm
     for x in (0.28 * w, 0.72 * w):
         for scale, colour in ((0.17, (84, 44, 22)), (0.1, (160, 98, 54)), (0.05, (70, 34, 16))):
@@ -316,7 +311,7 @@ BODY_MM = 62.0
 """Radius of the straight wall, which reaches up to the shoulder: room for a sheet of 98 mm."""
 RIM_MM = 226.0
 FILL_MM = 216.0
-"""Where the eggnog ends on the wall."""
+"""Height of the eggnog on the wall."""
 GLASS_MM = 3.0
 """Thickness of the wall at the mouth."""
 LABEL_FROM_MM, LABEL_TO_MM = 35.0, 95.0

@@ -9,20 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.objects.mesh import Material
+from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name, pick
-from toolkit.rooms.worlds.content.pieces import (
-    EMPTY,
-    UNIT,
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    boxes,
-    merge,
-    quads,
-    wall_quads,
-    xyz,
-)
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.surfaces import pane_sheet, pane_uv
 from toolkit.rooms.worlds.world import SceneClass
 
@@ -88,7 +77,7 @@ def windowed_wall(
     if style.air_conditioners:
         pieces.append(_air_conditioners(cell[rng.random(len(cell)) < style.air_conditioners], looks))
     if plain:
-        return merge(*pieces)
+        return kit.merge(*pieces)
     if style.string_course:
         full = np.broadcast_to([0.0, width], (floors, 2))
         pieces.append(_blocks(full, base - 0.1, base + 0.14, 0.07, style.trim))
@@ -100,7 +89,7 @@ def windowed_wall(
         pieces.append(_balconies(cell[rng.random(len(cell)) < style.balconies], base, style, looks))
     if style.fire_escape and width > 7 and floors > 1:
         pieces.append(fire_escape(float(middle[len(middle) // 2]), base, looks))
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray) -> Piece:
@@ -109,7 +98,7 @@ def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: n
     strips = [(0.0, rows[2 * k], width, rows[2 * k + 1]) for k in range(len(up) + 1)]
     columns = np.concatenate([[0.0], across.reshape(-1), [width]])
     piers = [(columns[2 * i], low, columns[2 * i + 1], high) for low, high in up for i in range(len(across) + 1)]
-    return wall_quads(np.array(strips + piers), 0.0, skin, BUILDING)
+    return kit.wall_quads(np.array(strips + piers), 0.0, skin, BUILDING)
 
 
 def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: np.random.Generator) -> Piece:
@@ -117,16 +106,16 @@ def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: np.random.Gener
     x0, z0, x1, z1 = cell.T
     depth = style.recess_m
     panes = pane_sheet(looks, style.panes)
-    front = np.stack([xyz(x0, 0, z0), xyz(x1, 0, z0), xyz(x1, 0, z1), xyz(x0, 0, z1)], 1)
+    front = np.stack([kit.xyz(x0, 0, z0), kit.xyz(x1, 0, z0), kit.xyz(x1, 0, z1), kit.xyz(x0, 0, z1)], 1)
     back = front + [0, depth, 0]
     sides = [np.stack([front[:, k], front[:, k - 3], back[:, k - 3], back[:, k]], 1) for k in range(4)]
     uv = pane_uv(rng, len(cell), mirror=True)
-    return merge(quads(np.concatenate(sides), style.wall, BUILDING), quads(back, panes, BUILDING, uv))
+    return kit.merge(kit.quads(np.concatenate(sides), style.wall, BUILDING), kit.quads(back, panes, BUILDING, uv))
 
 
 def _blocks(span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin) -> Piece:
     """Blocks on the wall that stand out by `out_m`, from spans (n, 2) along it."""
-    return boxes(xyz(span[:, 0], -out_m, z0), xyz(span[:, 1], 0.0, z1), skin, BUILDING, without=("back",))
+    return kit.boxes(kit.xyz(span[:, 0], -out_m, z0), kit.xyz(span[:, 1], 0.0, z1), skin, BUILDING, without=("back",))
 
 
 def cornice(
@@ -138,8 +127,9 @@ def cornice(
     pieces = []
     for low, high, share in steps:
         span = np.array([[-reach * share, width + reach * share]])
-        block = boxes(
-            xyz(span[:, 0], -out_m * share, np.array([low])), xyz(span[:, 1], 0.1, np.array([high])), skin, BUILDING,
+        block = kit.boxes(
+            kit.xyz(span[:, 0], -out_m * share, np.array([low])), kit.xyz(span[:, 1], 0.1, np.array([high])), skin,
+            BUILDING,
             without=("back",),
         )  # fmt: skip
         pieces.append(block)
@@ -147,39 +137,41 @@ def cornice(
         at = np.arange(0.3, width - 0.2, 0.55)
         span = np.stack([at, at + 0.26], 1)
         pieces.append(_blocks(span, np.full(len(at), z - 0.52), np.full(len(at), z - 0.24), out_m * 0.85, skin))
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
     if not len(cell):
-        return EMPTY
+        return kit.EMPTY
     x = (cell[:, 0] + cell[:, 2]) / 2
-    low, high = xyz(x - 0.32, -0.34, cell[:, 1] + 0.02), xyz(x + 0.32, 0.15, cell[:, 1] + 0.44)
-    grille = xyz(x - 0.26, -0.345, cell[:, 1] + 0.07), xyz(x + 0.26, -0.34, cell[:, 1] + 0.39)
-    return merge(
-        boxes(low, high, looks.plain((206, 204, 194)), BUILDING, without=("back",)),
-        boxes(*grille, looks.plain((96, 98, 98)), BUILDING, without=("back", "top", "bottom")),
+    low, high = kit.xyz(x - 0.32, -0.34, cell[:, 1] + 0.02), kit.xyz(x + 0.32, 0.15, cell[:, 1] + 0.44)
+    grille = kit.xyz(x - 0.26, -0.345, cell[:, 1] + 0.07), kit.xyz(x + 0.26, -0.34, cell[:, 1] + 0.39)
+    return kit.merge(
+        kit.boxes(low, high, looks.plain((206, 204, 194)), BUILDING, without=("back",)),
+        kit.boxes(*grille, looks.plain((96, 98, 98)), BUILDING, without=("back", "top", "bottom")),
     )
 
 
 def _balconies(cell: np.ndarray, base: np.ndarray, style: Facade, looks: Looks) -> Piece:
     if not len(cell):
-        return EMPTY
+        return kit.EMPTY
     floor = base[np.searchsorted(base, cell[:, 1], side="right") - 1]
     x0, x1, out = cell[:, 0] - 0.55, cell[:, 2] + 0.55, 1.15
     iron = looks.plain((44, 46, 50), "paint")
-    pieces = [boxes(xyz(x0, -out, floor - 0.16), xyz(x1, 0, floor), style.trim, BUILDING, without=("back",))]
+    pieces = [
+        kit.boxes(kit.xyz(x0, -out, floor - 0.16), kit.xyz(x1, 0, floor), style.trim, BUILDING, without=("back",))
+    ]
     for height in (0.12, 1.02):
-        left, right = xyz(x0 + 0.04, -out + 0.04, floor + height), xyz(x1 - 0.04, -out + 0.04, floor + height)
-        pieces.append(bars(left, right, 0.05, iron, BUILDING))
+        left, right = kit.xyz(x0 + 0.04, -out + 0.04, floor + height), kit.xyz(x1 - 0.04, -out + 0.04, floor + height)
+        pieces.append(kit.bars(left, right, 0.05, iron, BUILDING))
         for end in (left, right):
-            pieces.append(bars(end, end * [1, 0, 1], 0.05, iron, BUILDING))
+            pieces.append(kit.bars(end, end * [1, 0, 1], 0.05, iron, BUILDING))
     count = 13
     share = np.linspace(0, 1, count)
     at = (x0[:, None] + 0.04 + (x1 - x0 - 0.08)[:, None] * share).reshape(-1)
-    foot = xyz(at, -out + 0.04, np.repeat(floor, count))
-    pieces.append(bars(foot, foot + [0, 0, 1.02], 0.022, iron, BUILDING))
-    return merge(*pieces)
+    foot = kit.xyz(at, -out + 0.04, np.repeat(floor, count))
+    pieces.append(kit.bars(foot, foot + [0, 0, 1.02], 0.022, iron, BUILDING))
+    return kit.merge(*pieces)
 
 
 def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
@@ -191,22 +183,24 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     slats = np.linspace(-out, -0.08, 7)
     pieces = []
     for y in slats:
-        pieces.append(bars(xyz(ones * (x - half), y, floor), xyz(ones * (x + half), y, floor), 0.07, iron, BUILDING))
+        pieces.append(
+            kit.bars(kit.xyz(ones * (x - half), y, floor), kit.xyz(ones * (x + half), y, floor), 0.07, iron, BUILDING)
+        )
     for height in (0.5, 0.95):
-        left, right = xyz(ones * (x - half), -out, floor + height), xyz(ones * (x + half), -out, floor + height)
-        pieces += [bars(left, right, 0.045, iron, BUILDING)]
-        pieces += [bars(end, end * [1, 0, 1], 0.045, iron, BUILDING) for end in (left, right)]
+        left, right = kit.xyz(ones * (x - half), -out, floor + height), kit.xyz(ones * (x + half), -out, floor + height)
+        pieces += [kit.bars(left, right, 0.045, iron, BUILDING)]
+        pieces += [kit.bars(end, end * [1, 0, 1], 0.045, iron, BUILDING) for end in (left, right)]
     for post in np.linspace(-half, half, 9):
-        foot = xyz(ones * (x + post), -out, floor)
-        pieces.append(bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
+        foot = kit.xyz(ones * (x + post), -out, floor)
+        pieces.append(kit.bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]
         for y in (-out + 0.15, -out + 0.7):
-            pieces.append(bars([ends[0], y, low], [ends[1], y, high], 0.07, iron, BUILDING))
+            pieces.append(kit.bars([ends[0], y, low], [ends[1], y, high], 0.07, iron, BUILDING))
         steps = np.linspace(0.06, 0.94, 11)
-        tread = xyz(ends[0] + (ends[1] - ends[0]) * steps, -out + 0.15, low + (high - low) * steps)
-        pieces.append(bars(tread, tread + [0, 0.55, 0], 0.06, iron, BUILDING))
-    return merge(*pieces)
+        tread = kit.xyz(ends[0] + (ends[1] - ends[0]) * steps, -out + 0.15, low + (high - low) * steps)
+        pieces.append(kit.bars(tread, tread + [0, 0.55, 0], 0.06, iron, BUILDING))
+    return kit.merge(*pieces)
 
 
 def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: float, rng: np.random.Generator) -> None:
@@ -222,8 +216,11 @@ def lay_out_goods(canvas: Canvas, kind: str, span: tuple[float, float], floor: f
             tone = pick(rng, BRIGHT)
             if kind == "shoes":
                 _shoes(canvas, float(x), floor, rng)
-            else:
-                _mannequin(canvas, float(x), floor, tone)
+                continue
+            # a dressed dummy
+            outline = [(-0.2, 1.4), (0.2, 1.4), (0.13, 0.9), (0.24, 0.3), (-0.24, 0.3), (-0.13, 0.9)]
+            canvas.disc(x, floor + 1.55, 0.1, (206, 170, 140))
+            canvas.fill([(x + dx, floor + dz) for dx, dz in outline], tone)
     else:
         for x in np.arange(span[0] + 0.05, span[1] - 0.5, 0.72):
             for z in (floor + 0.1, floor + 0.95):
@@ -269,12 +266,6 @@ def _shoes(canvas: Canvas, x: float, floor: float, rng: np.random.Generator) -> 
     for z in np.arange(floor, 2.0, 0.36):
         canvas.rect(x - 0.28, z, x + 0.28, z + 0.03, (226, 222, 214))
         canvas.fill([(x + dx, z + dz) for dx, dz in outline], pick(rng, (*BRIGHT[:4], (40, 34, 30), (96, 58, 34))))
-
-
-def _mannequin(canvas: Canvas, x: float, floor: float, tone: Colour) -> None:
-    outline = [(-0.2, 1.4), (0.2, 1.4), (0.13, 0.9), (0.24, 0.3), (-0.24, 0.3), (-0.13, 0.9)]
-    canvas.disc(x, floor + 1.55, 0.1, (206, 170, 140))
-    canvas.fill([(x + dx, floor + dz) for dx, dz in outline], tone)
 
 
 def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.Generator) -> float:
@@ -360,10 +351,10 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
         left = pier + k * span
         pieces.append(shop(TRADES[trade], left, left + span - pier, looks, rng))
     lefts = np.arange(count + 1) * span
-    low = xyz(lefts, -0.06, 0.0)
-    high = xyz(lefts + pier, 0.5, SHOP_FLOOR_M)
-    pieces.append(boxes(low, high, wall, BUILDING))
-    return merge(*pieces)
+    low = kit.xyz(lefts, -0.06, 0.0)
+    high = kit.xyz(lefts + pier, 0.5, SHOP_FLOOR_M)
+    pieces.append(kit.boxes(low, high, wall, BUILDING))
+    return kit.merge(*pieces)
 
 
 def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Generator) -> Piece:
@@ -371,22 +362,22 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
     z = 3.05
-    board = boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
+    board = kit.boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
     # a narrow shop shows the middle of the sign, at its true size
     share = min(1.0, (x1 - x0) / SIGN_W)
-    fascia = wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
+    fascia = kit.wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
-    fascia = quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
-    glass = quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, UNIT)
+    fascia = kit.quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
+    glass = kit.quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, kit.UNIT)
     frame = looks.plain(trade.frame)
-    ceiling = quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)
-    above = wall_quads((x0, z + 0.98, x1, SHOP_FLOOR_M), 0.0, frame, BUILDING)
+    ceiling = kit.quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)
+    above = kit.wall_quads((x0, z + 0.98, x1, SHOP_FLOOR_M), 0.0, frame, BUILDING)
     pieces = [board, fascia, glass, ceiling, above]
     if trade.awning and rng.random() < 0.8:
         pieces.append(_awning(trade.awning, x0, x1, looks))
     if rng.random() < 0.6:
         pieces.append(_blade(trade, x1 - 0.3, looks))
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
@@ -407,7 +398,7 @@ def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) 
         [[(x0, -out, low), (x0, -0.17, top), (x0, -0.17, low)], [(x1, -out, low), (x1, -0.17, low), (x1, -0.17, top)]]
     )
     ends = np.concatenate([ends, ends[:, 2:]], axis=1)
-    return quads(np.concatenate([faces, inner, ends, ends[:, [0, 2, 1, 1]]]), skin, BUILDING)
+    return kit.quads(np.concatenate([faces, inner, ends, ends[:, [0, 2, 1, 1]]]), skin, BUILDING)
 
 
 def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
@@ -430,9 +421,9 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     right = [(x + thick, y0, low), (x + thick, y1, low), (x + thick, y1, low + height), (x + thick, y0, low + height)]
     left = [(x, y1, low), (x, y0, low), (x, y0, low + height), (x, y1, low + height)]
     rim = looks.plain((60, 60, 62))
-    return merge(
-        quads([right, left], skin, SceneClass.SIGN, UNIT),
-        boxes([x + 0.01, y0 - 0.02, low - 0.02], [x + thick - 0.01, 0, low + height + 0.02], rim, BUILDING),
+    return kit.merge(
+        kit.quads([right, left], skin, SceneClass.SIGN, kit.UNIT),
+        kit.boxes([x + 0.01, y0 - 0.02, low - 0.02], [x + thick - 0.01, 0, low + height + 0.02], rim, BUILDING),
     )
 
 

@@ -6,28 +6,12 @@ A hull lies along x, its bow to +x, its waterline at z = 0.
 import numpy as np
 
 from toolkit.objects.mesh import Material
+from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.countryside import towers
 from toolkit.rooms.worlds.content.drawing import Canvas, Colour
 from toolkit.rooms.worlds.content.landmarks import tower_crane
 from toolkit.rooms.worlds.content.modelling import revolve
-from toolkit.rooms.worlds.content.pieces import (
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    floor_quads,
-    merge,
-    mesh_of,
-    place,
-    quads,
-    revolved,
-    solid,
-    upright,
-    wall_quads,
-    xyz,
-)
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.street_furniture import board, sheet, street_lamp, traffic_cone
 from toolkit.rooms.worlds.content.surfaces import (
     BRICKS,
@@ -71,14 +55,14 @@ def container(looks: Looks, line: int, label: int = F) -> Piece:
     length, width, height = BOX_M
     colour = LINES[line][0]
     skin, frame = container_skin(looks, line), looks.plain(tuple(int(c * 0.85) for c in colour))
-    side = wall_quads((-length / 2, 0.0, length / 2, height), 0.0, skin, label, fit=True)
+    side = kit.wall_quads((-length / 2, 0.0, length / 2, height), 0.0, skin, label, fit=True)
     posts = np.array([(sx * (length / 2) - 0.08, sy * (width / 2) - 0.08, 0) for sx in (-1, 1) for sy in (-1, 1)])
     rods = np.array([(length / 2 + 0.03, y, 0.15) for y in (-0.7, -0.25, 0.25, 0.7)])
-    return merge(
-        boxes((-length / 2, -width / 2 + 0.02, 0.0), (length / 2, width / 2 - 0.02, height), frame, label),
-        place(side, [(0, -width / 2, 0), (0, width / 2, 0)], [0.0, 180.0]),
-        boxes(posts, posts + [0.16, 0.16, height + 0.02], frame, label),
-        bars(rods, rods + [0, 0, 2.3], 0.05, looks.plain((170, 170, 166)), label),
+    return kit.merge(
+        kit.boxes((-length / 2, -width / 2 + 0.02, 0.0), (length / 2, width / 2 - 0.02, height), frame, label),
+        kit.place(side, [(0, -width / 2, 0), (0, width / 2, 0)], [0.0, 180.0]),
+        kit.boxes(posts, posts + [0.16, 0.16, height + 0.02], frame, label),
+        kit.bars(rods, rods + [0, 0, 2.3], 0.05, looks.plain((170, 170, 166)), label),
     )
 
 
@@ -94,8 +78,8 @@ def hull(
     # the deck's edge rises towards the bow, and the stem leans forward
     sheer = side * (1 + 0.35 * np.clip((share - 0.65) / 0.35, 0, 1) ** 2)
     rake = length * 0.03 * np.clip((share - 0.7) / 0.3, 0, 1)
-    low, waterline = (xyz(x - rake, half * 0.86, -draught), xyz(x, half * 0.96, 0.4))
-    rail = xyz(x + rake, half, sheer)
+    low, waterline = (kit.xyz(x - rake, half * 0.86, -draught), kit.xyz(x, half * 0.96, 0.4))
+    rail = kit.xyz(x + rake, half, sheer)
     flip = np.array([1, -1, 1])
     pieces = []
     # two bands: the boot top below the waterline's mark, the topsides above
@@ -103,15 +87,15 @@ def hull(
         starboard = np.stack([a[:-1] * flip, a[1:] * flip, b[1:] * flip, b[:-1] * flip], 1)
         port = np.stack([a[1:], a[:-1], b[:-1], b[1:]], 1)
         stern = np.array([[a[0], a[0] * flip, b[0] * flip, b[0]]])
-        pieces.append(quads(np.concatenate([starboard, port, stern]), looks.plain(colour, "gloss"), V))
+        pieces.append(kit.quads(np.concatenate([starboard, port, stern]), looks.plain(colour, "gloss"), V))
     deck = rail - [0, 0, 0.5 if side > 2 else 0.12]
-    pieces.append(quads(
+    pieces.append(kit.quads(
         np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1),
         looks.plain((150, 110, 76), "matte"), V,
     ))  # fmt: skip
     inner = np.stack([rail[1:] * flip, rail[:-1] * flip, deck[:-1] * flip, deck[1:] * flip], 1)
-    pieces.append(quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
-    return merge(*pieces)
+    pieces.append(kit.quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
+    return kit.merge(*pieces)
 
 
 def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Looks) -> Piece:
@@ -120,13 +104,15 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
     for k in range(decks):
         shrink = 0.5 * k
         a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
-        pieces.append(box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
+        pieces.append(kit.box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
         cells = np.arange(-w + 0.4, w - 0.7, 1.1)
-        pieces.append(boxes(xyz(b - 0.02, cells, z0 + 1.3), xyz(b + 0.02, cells + 0.7, z0 + 2.1), glass, V))
+        pieces.append(kit.boxes(kit.xyz(b - 0.02, cells, z0 + 1.3), kit.xyz(b + 0.02, cells + 0.7, z0 + 2.1), glass, V))
         cells = np.arange(a + 0.4, b - 0.8, 1.2)
         for y in (-w, w):
-            pieces.append(boxes(xyz(cells, y - 0.02, z0 + 1.3), xyz(cells + 0.7, y + 0.02, z0 + 2.1), glass, V))
-    return merge(*pieces)
+            pieces.append(
+                kit.boxes(kit.xyz(cells, y - 0.02, z0 + 1.3), kit.xyz(cells + 0.7, y + 0.02, z0 + 2.1), glass, V)
+            )
+    return kit.merge(*pieces)
 
 
 def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -138,12 +124,12 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
                 boxes_at.append((-22 + bay * 13.2, -6.3 + row * 2.5, 6.6 + level * 2.62))
                 kinds.append(int(rng.integers(len(LINES))))
     at, kind = np.array(boxes_at), np.array(kinds)
-    cargo = [place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
-    funnel = revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
-    return merge(
+    cargo = [kit.place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
+    funnel = kit.revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
+    return kit.merge(
         hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
         *cargo, _house((-50, -36), 16.0, 6.6, 5, looks), funnel.moved(-46, 0, 19.0),
-        bars([(-40, 0, 19), (48, 0, 8)], [(-40, 0, 30), (48, 0, 18)], 0.4, looks.plain((210, 208, 200)), V),
+        kit.bars([(-40, 0, 19), (48, 0, 8)], [(-40, 0, 30), (48, 0, 18)], 0.4, looks.plain((210, 208, 200)), V),
     )  # fmt: skip
 
 
@@ -151,39 +137,39 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     """Fishing boats, a tug, yachts at moorings."""
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
     # a fishing boat with house and mast
-    fisher = merge(
+    fisher = kit.merge(
         hull(15.0, 4.6, looks, side=2.0, draught=1.4, colours=((36, 96, 150), (150, 44, 36))),
         _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
-        bars(
+        kit.bars(
             [(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)],
             [(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)],
             0.14, spar, V,
         ),
-        box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
+        kit.box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
     )  # fmt: skip
     # a tug with a funnel
-    tug = merge(
+    tug = kit.merge(
         hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
         _house((-5, 5), 5.6, 2.5, 2, looks),
-        revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
+        kit.revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
     # a yacht, moored without sails or sailing with two
     jib = np.array([
         [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
         [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
     ])  # fmt: skip
-    yacht = merge(
+    yacht = kit.merge(
         hull(10.5, 3.2, looks, side=1.1, draught=0.8, colours=((238, 238, 234), (30, 52, 110)), bow=0.45),
-        box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
-        bars([(0.2, 0, 0.9), (0.2, 0, 1.8)], [(0.2, 0, 13.2), (-4.5, 0, 1.8)], 0.12, spar, V),
+        kit.box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
+        kit.bars([(0.2, 0, 0.9), (0.2, 0, 1.8)], [(0.2, 0, 13.2), (-4.5, 0, 1.8)], 0.12, spar, V),
     )
-    sailing = merge(yacht, quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V))
+    sailing = kit.merge(yacht, kit.quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V))
     moored = np.array([(108.0 + 6.5 * k, -36.0 - 9.0 * (k % 2), WATER_Z) for k in range(6)])
-    return merge(
-        place(fisher, [(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)], [0.0, 180.0]),
-        place(tug, (-90.0, -62.0, WATER_Z), 18.0),
-        place(yacht, moored, np.array([88.0, 92.0] * 3)),
-        place(
+    return kit.merge(
+        kit.place(fisher, [(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)], [0.0, 180.0]),
+        kit.place(tug, (-90.0, -62.0, WATER_Z), 18.0),
+        kit.place(yacht, moored, np.array([88.0, 92.0] * 3)),
+        kit.place(
             sailing, [(10.0, -150.0, WATER_Z), (-130.0, -210.0, WATER_Z), (80.0, -240.0, WATER_Z)], [30.0, 150.0, 200.0]
         ),
     )
@@ -202,7 +188,7 @@ def build_harbour(seed: int = 0) -> World:
         _quay(looks), _sea(looks), _quay_marks(looks),
         *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
         stacks,
-        place(_gantry(looks), [(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)]),
+        kit.place(_gantry(looks), [(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)]),
         tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
         feeder_ship(looks, rng).moved(-58.0, -19.0, WATER_Z),
         boats(looks, rng), _pier(looks), lighthouse(looks).moved(150.0, -104.0, WATER_Z), _quay_things(looks),
@@ -216,7 +202,7 @@ def build_harbour(seed: int = 0) -> World:
         Spot("basin-1", "water", (40.0, -45.0, WATER_Z), 16.0, 0.0, "water"),
         Spot("basin-2", "water", (-20.0, -80.0, WATER_Z), 18.0, 30.0, "water"),
     )
-    mesh, face_class = mesh_of(merge(*pieces), looks)
+    mesh, face_class = kit.mesh_of(kit.merge(*pieces), looks)
     return World("harbour", seed, mesh, face_class, spots, np.array([*solids, *stack_solids]), core)
 
 
@@ -224,21 +210,21 @@ def _quay(looks: Looks) -> Piece:
     x, back = QUAY_X, QUAY_BACK_Y
     concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
     ring = revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14)
-    tyre = solid([ring.rotated("x", 90)], looks.plain((28, 28, 30), "matte"), F)
+    tyre = kit.solid([ring.rotated("x", 90)], looks.plain((28, 28, 30), "matte"), F)
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
     rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
     profile = [(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)]
-    bollard = revolved(profile, 12, looks.plain((226, 176, 30)), F)
+    bollard = kit.revolved(profile, 12, looks.plain((226, 176, 30)), F)
     edge = looks.plain((226, 190, 40), "matte")
     land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
-    return merge(
-        floor_quads((-x, 0.5, x, back), 0.0, concrete, SceneClass.GROUND),
-        floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
-        wall_quads((-HORIZON_M, -6.0, HORIZON_M, 0.0), 0.0, stone, SceneClass.GROUND),
-        boxes((-x, 0.0, 0.0), (x, 0.5, 0.18), edge, SceneClass.GROUND),
-        place(tyre, tyres),
-        bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
-        place(bollard, [(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)]),
+    return kit.merge(
+        kit.floor_quads((-x, 0.5, x, back), 0.0, concrete, SceneClass.GROUND),
+        kit.floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
+        kit.wall_quads((-HORIZON_M, -6.0, HORIZON_M, 0.0), 0.0, stone, SceneClass.GROUND),
+        kit.boxes((-x, 0.0, 0.0), (x, 0.5, 0.18), edge, SceneClass.GROUND),
+        kit.place(tyre, tyres),
+        kit.bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
+        kit.place(bollard, [(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)]),
     )
 
 
@@ -247,16 +233,16 @@ def _sea(looks: Looks) -> Piece:
         (-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0), (-HORIZON_M, -260.0, -260.0, 0.0), (260.0, -260.0, HORIZON_M, 0.0),
         (-260.0, -260.0, 260.0, 0.0),
     ]  # fmt: skip
-    return floor_quads(np.array(rings), WATER_Z, water(looks), SceneClass.WATER)
+    return kit.floor_quads(np.array(rings), WATER_Z, water(looks), SceneClass.WATER)
 
 
 def _quay_marks(looks: Looks) -> Piece:
     x, steel, yellow = QUAY_X, looks.plain((96, 92, 88)), looks.plain((214, 170, 50), "matte")
     rails = [(-x, y - 0.07, x, y + 0.07) for y in (4.0, 20.0)]
     lines = [(-x, y - 0.1, x, y + 0.1) for y in (2.6, 31.0, 58.0)]
-    return merge(
-        floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
-        floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
+    return kit.merge(
+        kit.floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
+        kit.floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
     )
 
 
@@ -273,7 +259,7 @@ def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list
             if count:
                 solids.append([x, y, 0, x + length, y + width, count * height])
     spots, kind = np.array(at), np.array(line)
-    return merge(*[place(container(looks, k), spots[kind == k]) for k in range(len(LINES))]), solids
+    return kit.merge(*[kit.place(container(looks, k), spots[kind == k]) for k in range(len(LINES))]), solids
 
 
 def _gantry(looks: Looks) -> Piece:
@@ -295,16 +281,16 @@ def _gantry(looks: Looks) -> Piece:
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
     pieces = [
-        bars(legs, top, 1.1, red, F), bars(braces[:, 0], braces[:, 1], 0.8, red, F),
-        bars(beam[:, 0], beam[:, 1], 1.2, red, F), bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
-        bars(mast[:, 0], mast[:, 1], 0.7, red, F), bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
-        bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
-        boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
-        box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
-        box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
-        box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
+        kit.bars(legs, top, 1.1, red, F), kit.bars(braces[:, 0], braces[:, 1], 0.8, red, F),
+        kit.bars(beam[:, 0], beam[:, 1], 1.2, red, F), kit.bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
+        kit.bars(mast[:, 0], mast[:, 1], 0.7, red, F), kit.bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
+        kit.bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
+        kit.boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
+        kit.box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
+        kit.box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
+        kit.box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
     ]  # fmt: skip
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def _pier(looks: Looks) -> Piece:
@@ -317,11 +303,11 @@ def _pier(looks: Looks) -> Piece:
     piles = np.array([(x, y, -7.0) for x in (101.0, 104.6) for y in np.arange(-58.0, 0.0, 6.0)])
     rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
     posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])
-    return merge(
-        boxes((100.6, -60.0, -0.45), (105.0, 0.0, -0.2), wood, SceneClass.PAVEMENT),
-        bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
-        bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
-        bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
+    return kit.merge(
+        kit.boxes((100.6, -60.0, -0.45), (105.0, 0.0, -0.2), wood, SceneClass.PAVEMENT),
+        kit.bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
+        kit.bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
+        kit.bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
     )
 
 
@@ -330,15 +316,15 @@ def lighthouse(looks: Looks) -> Piece:
     stone = wall(looks, "ashlar", STONES[3])
     tones = [looks.plain(tone) for tone in ((236, 236, 230), (190, 34, 34))]
     bands = [
-        revolved([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20, tones[k % 2], B)
+        kit.revolved([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20, tones[k % 2], B)
         for k, z in enumerate((0, 4, 8, 12))
     ]
-    return merge(
-        revolved([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20, stone, SceneClass.GROUND, 20),
+    return kit.merge(
+        kit.revolved([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20, stone, SceneClass.GROUND, 20),
         *bands,
-        revolved([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20, looks.plain((40, 42, 44)), B),
-        revolved([(1.2, 19.1), (1.2, 21.2)], 14, looks.plain((255, 236, 170), "lamp"), B),
-        revolved([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14, looks.plain((190, 34, 34)), B),
+        kit.revolved([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20, looks.plain((40, 42, 44)), B),
+        kit.revolved([(1.2, 19.1), (1.2, 21.2)], 14, looks.plain((255, 236, 170), "lamp"), B),
+        kit.revolved([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14, looks.plain((190, 34, 34)), B),
     )
 
 
@@ -348,11 +334,11 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
     bays = np.linspace(0, width, 5)
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
-    face = upright([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle], -0.05)
+    face = kit.upright([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle], -0.05)
     canvas = Canvas(9, 1.2, 48, (236, 232, 220))
     canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
     words = sheet(f"shed-{number}", looks, canvas)
-    low, high = (xyz(middle - 2.0, -0.1, 0.0), xyz(middle + 2.0, 0.0, 4.2))
+    low, high = (kit.xyz(middle - 2.0, -0.1, 0.0), kit.xyz(middle + 2.0, 0.0, 4.2))
     ridge = np.array([
         [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
         for a, m in zip(bays[:-1], middle, strict=True)
@@ -365,11 +351,12 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
         [(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)]
         for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
     ])  # fmt: skip
-    return merge(
-        boxes((0, 0, 0), (width, depth, 9.0), brick, B, ("bottom", "top")),
-        quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
-        quads(gables, brick, B), quads(gables[:, ::-1] + [0, depth, 0], brick, B), boxes(low, high, door, B, ("back",)),
-        quads(face, panes, B, pane_uv(rng, 4)),
+    return kit.merge(
+        kit.boxes((0, 0, 0), (width, depth, 9.0), brick, B, ("bottom", "top")),
+        kit.quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
+        kit.quads(gables, brick, B), kit.quads(gables[:, ::-1] + [0, depth, 0], brick, B),
+        kit.boxes(low, high, door, B, ("back",)),
+        kit.quads(face, panes, B, pane_uv(rng, 4)),
         board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
     )  # fmt: skip
 
@@ -383,12 +370,12 @@ def _quay_things(looks: Looks) -> Piece:
     lamps = np.array([(x, 60.0, 0.0) for x in np.arange(-140.0, 150.0, 40.0)])
     pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])
     heights = np.array([[0.0, 0.0, 0.4 + 0.3 * (k % 4)] for k in range(12)])
-    return merge(
-        place(red.piece, [(-70.0, 26.0, 0), (10.0, 54.0, 0)], [0.0, 90.0]),
-        place(blue.piece, [(-10.0, 26.0, 0), (84.0, 55.0, 0)], [180.0, 90.0]),
-        place(white.piece, (118.0, 42.0, 0), 30.0), place(street_lamp(looks), lamps),
-        boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
-        place(traffic_cone(looks), [(44.0 + 2 * k, 5.0, 0.0) for k in range(5)]),
+    return kit.merge(
+        kit.place(red.piece, [(-70.0, 26.0, 0), (10.0, 54.0, 0)], [0.0, 90.0]),
+        kit.place(blue.piece, [(-10.0, 26.0, 0), (84.0, 55.0, 0)], [180.0, 90.0]),
+        kit.place(white.piece, (118.0, 42.0, 0), 30.0), kit.place(street_lamp(looks), lamps),
+        kit.boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
+        kit.place(traffic_cone(looks), [(44.0 + 2 * k, 5.0, 0.0) for k in range(5)]),
     )  # fmt: skip
 
 

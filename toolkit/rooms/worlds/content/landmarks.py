@@ -8,27 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.objects.mesh import Material
+from toolkit.rooms.worlds.content import pieces as kit
 from toolkit.rooms.worlds.content.buildings import House, Roof, flat_roof
 from toolkit.rooms.worlds.content.drawing import Canvas
 from toolkit.rooms.worlds.content.facades import SHOP_FLOOR_M, Facade, cornice, shop_row, windowed_wall
-from toolkit.rooms.worlds.content.pieces import (
-    EMPTY,
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    floor_quads,
-    merge,
-    place,
-    polygon,
-    quads,
-    revolved,
-    set_round,
-    wall_quads,
-    xyz,
-)
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.content.street_furniture import board, sheet
 from toolkit.rooms.worlds.content.surfaces import BRICKS, STONES, wall
 from toolkit.rooms.worlds.world import SceneClass
@@ -36,6 +20,8 @@ from toolkit.rooms.worlds.world import SceneClass
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
 PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0
 """Dimensions of the library, metres: height of its podium and columns, width of its portico."""
+_TURN = np.linspace(0, 2 * np.pi, 25)[:-1]
+CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 
 def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
@@ -46,8 +32,8 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     floors, floor_m = 5, 3.6
     # floors; the top floor is half built
     z = floor_m * np.arange(1, floors + 1)
-    low = xyz(x0, y0, z - 0.3)
-    high = xyz(x1, y1, z)
+    low = kit.xyz(x0, y0, z - 0.3)
+    high = kit.xyz(x1, y1, z)
     high[-1, 0] = (x0 + x1) / 2
     # columns with reinforcement that sticks out, and props between the floors
     xs, ys = np.linspace(x0 + 0.3, x1 - 0.8, 6), np.linspace(y0 + 0.3, y1 - 0.8, 4)
@@ -55,25 +41,25 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     tops = np.where(posts[:, 0] < (x0 + x1) / 2, z[-1] + 1.2, z[-2] + 2.0)
     rods = (posts[:, None] + np.array([(dx, dy, 0) for dx in (0.1, 0.4) for dy in (0.1, 0.4)])).reshape(-1, 3)
     rods[:, 2] = np.repeat(tops, 4)
-    props = xyz(rng.uniform(x0, x1, 60), rng.uniform(y0, y1, 60), np.tile(z[:-1], 15))
+    props = kit.xyz(rng.uniform(x0, x1, 60), rng.uniform(y0, y1, 60), np.tile(z[:-1], 15))
     pieces = [
-        boxes(low, high, concrete, B, ()),
-        boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
-        bars(rods, rods + [0, 0, 0.9], 0.03, steel, B),
-        bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
+        kit.boxes(low, high, concrete, B, ()),
+        kit.boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
+        kit.bars(rods, rods + [0, 0, 0.9], 0.03, steel, B),
+        kit.bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
         _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
     ]  # fmt: skip
     # railings along the edges, and piles of timber
     edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
     for rail in (0.55, 1.05):
-        pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
+        pieces.append(kit.bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
     piles = np.array([(rng.uniform(x0, x1), 3.0, 0) for _ in range(5)])
-    pieces.append(boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
+    pieces.append(kit.boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
     # solids for collisions
     frame = np.array(
         [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
     )
-    return House(merge(*pieces), frame)
+    return House(kit.merge(*pieces), frame)
 
 
 def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
@@ -95,10 +81,10 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
         skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
 
     def make(number: int, span: float) -> Piece:
-        back = wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
-        return merge(wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B), back)
+        back = kit.wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
+        return kit.merge(kit.wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B), back)
 
-    return set_round(width, depth, make)
+    return kit.set_round(width, depth, make)
 
 
 def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
@@ -118,7 +104,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     # jib: a triangular truss of three chords
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
-    ridge, left, right = (xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
+    ridge, left, right = (kit.xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
@@ -127,25 +113,25 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
     hook = np.array([jib * 0.7, 0, top])
     pieces = [
-        bars(legs, legs + [0, 0, height], 0.2, yellow, F),
-        bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
-        bars(
+        kit.bars(legs, legs + [0, 0, height], 0.2, yellow, F),
+        kit.bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
+        kit.bars(
             np.stack([line[0] for line in (ridge, left, right)]),
             np.stack([line[-1] for line in (ridge, left, right)]),
             0.16, yellow, F,
         ),
-        bars(truss[:, 0], truss[:, 1], 0.08, yellow, F), bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
-        bars([(-half, 0, top), (half, 0, top)], [apex, apex], 0.22, yellow, F),
-        bars([(-12.0, -0.7, top), (-12.0, 0.7, top)], [(0, -0.7, top), (0, 0.7, top)], 0.22, yellow, F),
-        box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F),
-        box((-1.1, 1.1), (-1.1, 1.1), (height - 0.2, top), grey, F),
-        box((0.9, 2.5), (0.9, 2.2), (top - 1.9, top + 0.3), looks.plain((236, 236, 232)), F),
-        box((2.5, 2.53), (1.0, 2.1), (top - 1.2, top + 0.1), looks.plain((60, 84, 100), "gloss"), F),
-        bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
-        box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
-        box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
+        kit.bars(truss[:, 0], truss[:, 1], 0.08, yellow, F), kit.bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
+        kit.bars([(-half, 0, top), (half, 0, top)], [apex, apex], 0.22, yellow, F),
+        kit.bars([(-12.0, -0.7, top), (-12.0, 0.7, top)], [(0, -0.7, top), (0, 0.7, top)], 0.22, yellow, F),
+        kit.box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F),
+        kit.box((-1.1, 1.1), (-1.1, 1.1), (height - 0.2, top), grey, F),
+        kit.box((0.9, 2.5), (0.9, 2.2), (top - 1.9, top + 0.3), looks.plain((236, 236, 232)), F),
+        kit.box((2.5, 2.53), (1.0, 2.1), (top - 1.2, top + 0.1), looks.plain((60, 84, 100), "gloss"), F),
+        kit.bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
+        kit.box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
+        kit.box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
     ]  # fmt: skip
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
@@ -177,9 +163,9 @@ def stained_glass(looks: Looks) -> Skin:
 def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, looks: Looks) -> Piece:
     pieces = []
     for x in at:
-        pieces.append(polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
-        pieces.append(polygon(pointed_arch(x, *z, width), -0.07, stained_glass(looks), B, fit=True))
-    return merge(*pieces)
+        pieces.append(kit.polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
+        pieces.append(kit.polygon(pointed_arch(x, *z, width), -0.07, stained_glass(looks), B, fit=True))
+    return kit.merge(*pieces)
 
 
 def church(looks: Looks) -> House:
@@ -189,10 +175,14 @@ def church(looks: Looks) -> House:
     x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
     length = y1 - y0
     # long sides with lancets and buttresses
-    side = merge(
-        wall_quads((0, 0, length, eaves), 0.0, stone, B),
+    foot, head = np.array([(-0.35, -0.9, 0), (-0.35, -0.5, eaves * 0.5)]), np.array([(0.35, 0, 0.5), (0.35, 0, 0.82)])
+    side = kit.merge(
+        kit.wall_quads((0, 0, length, eaves), 0.0, stone, B),
         _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
-        *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
+        *(
+            kit.boxes(foot + [x, 0, 0], head * [1, 1, eaves] + [x, 0, 0], trim, B, without=("back", "bottom"))
+            for x in np.arange(0.5, length, 5.2)
+        ),
     )
     # gables and the two slopes of the roof
     middle = (x0 + x1) / 2
@@ -202,13 +192,14 @@ def church(looks: Looks) -> House:
         [(x, y[a], low), (middle, y[a], high), (middle, y[b], high), (x, y[b], low)]
         for x, a, b in ((x0 - 0.5, 0, 1), (x1 + 0.5, 1, 0))
     ])  # fmt: skip
-    east = merge(
-        polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks)
+    east = kit.merge(
+        kit.polygon(gable[::1] - [middle, 0], 0.0, stone, B),
+        _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks),
     )
     pieces = [
-        place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
-        polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(slopes, slate, R),
-        quads(slopes[:, ::-1] - [0, 0, 0.06], trim, R), _tower(looks, stone, trim).moved(middle, 3.2, 0),
+        kit.place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
+        kit.polygon(gable, y0, stone, B), kit.place(east, (middle, y1, 0.0), 180.0), kit.quads(slopes, slate, R),
+        kit.quads(slopes[:, ::-1] - [0, 0, 0.06], trim, R), _tower(looks, stone, trim).moved(middle, 3.2, 0),
     ]  # fmt: skip
     # solids for collisions: nave, attic in steps, tower
     solids = [[x0, y0, 0, x1, y1, eaves]]
@@ -217,37 +208,31 @@ def church(looks: Looks) -> House:
         inset = (x1 - x0) / 2 * share
         solids.append([x0 + inset, y0, eaves, x1 - inset, y1, eaves + (ridge - eaves) * share])
     solids.append([middle - 3.2, 0, 0, middle + 3.2, 6.4, 22.0])
-    return House(merge(*pieces), np.array(solids, float))
-
-
-def _buttress(x: float, skin: Skin, eaves: float) -> Piece:
-    low = np.array([(x - 0.35, -0.9, 0), (x - 0.35, -0.5, eaves * 0.5)])
-    high = np.array([(x + 0.35, 0, eaves * 0.5), (x + 0.35, 0, eaves * 0.82)])
-    return boxes(low, high, skin, B, without=("back", "bottom"))
+    return House(kit.merge(*pieces), np.array(solids, float))
 
 
 def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     half, top = 3.2, 22.0
-    circle = _circle()
+    circle = CIRCLE
     dark = looks.plain((34, 34, 36), "matte")
     # belfry windows: a dark arch behind louvres
     clock = _clock(looks)
-    bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
+    bell = [kit.polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
     louvre = [
-        bars((x - 0.5, -0.06, z), (x + 0.5, -0.06, z), 0.09, trim, B)
+        kit.bars((x - 0.5, -0.06, z), (x + 0.5, -0.06, z), 0.09, trim, B)
         for x in (-1.1, 1.1)
         for z in np.arange(17.8, 20.2, 0.35)
     ]
     # a face with its clock, cornices and corner buttresses
-    face = merge(
-        wall_quads((-half, 0, half, top), 0.0, stone, B), *bell, *louvre,
-        polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
-        polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
-        boxes(
+    face = kit.merge(
+        kit.wall_quads((-half, 0, half, top), 0.0, stone, B), *bell, *louvre,
+        kit.polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
+        kit.polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
+        kit.boxes(
             [(-half, -0.2, z) for z in (6.6, 13.6, 16.8)], [(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)], trim, B,
             ("back",),
         ),
-        boxes(
+        kit.boxes(
             [(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)], [(-half + 0.6, 0, 15), (half + 0.4, 0, 15)], trim, B,
             ("back", "bottom"),
         ),
@@ -259,19 +244,15 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
     # spire with pinnacles and a cross
     slate = wall(looks, "tiles", (84, 88, 98))
-    spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
-    pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
+    spire = kit.revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
+    pinnacle = kit.revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
     start = [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]
-    cross = bars(start, [(0, 0, top + 17.2), (0.7, 0, top + 16.4)], 0.16, looks.plain((196, 160, 70), "metal"), R)
+    cross = kit.bars(start, [(0, 0, top + 17.2), (0.7, 0, top + 16.4)], 0.16, looks.plain((196, 160, 70), "metal"), R)
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
-    deck = floor_quads((-half, -half, half, half), top, trim, R)
-    return merge(place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck)
-
-
-def _circle() -> np.ndarray:
-    """(24, 2) points of the unit circle."""
-    angle = np.linspace(0, 2 * np.pi, 25)[:-1]
-    return np.column_stack([np.cos(angle), np.sin(angle)])
+    deck = kit.floor_quads((-half, -half, half, half), top, trim, R)
+    return kit.merge(
+        kit.place(face, at, yaws), kit.place(front, at[:1]), spire, kit.place(pinnacle, corners), cross, deck
+    )
 
 
 def _clock(looks: Looks) -> Skin:
@@ -282,21 +263,20 @@ def _clock(looks: Looks) -> Skin:
         c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
     c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
     c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
-    clock = sheet("clock", looks, c, 0.8)
-    return clock
+    return sheet("clock", looks, c, 0.8)
 
 
 def _west_front(looks: Looks, trim: Skin) -> Piece:
-    circle, dark = _circle(), looks.plain((34, 34, 36), "matte")
-    return merge(
-        polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
-        polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
-        bars((0, -0.11, 0), (0, -0.11, 4.6), 0.06, dark, B),
-        polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
-        polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
-        bars(
+    circle, dark = CIRCLE, looks.plain((34, 34, 36), "matte")
+    return kit.merge(
+        kit.polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
+        kit.polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
+        kit.bars((0, -0.11, 0), (0, -0.11, 4.6), 0.06, dark, B),
+        kit.polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
+        kit.polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
+        kit.bars(
             np.array([(0, -0.12, 10.2)] * 8),
-            xyz(circle[::3, 0] * 1.6, -0.12, circle[::3, 1] * 1.6 + 10.2),
+            kit.xyz(circle[::3, 0] * 1.6, -0.12, circle[::3, 1] * 1.6 + 10.2),
             0.1, trim, B,
         ),
     )  # fmt: skip
@@ -332,33 +312,35 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     marquee, upright, bills = _cinema_sheets(looks)
     # fins, doors, bulbs and bills are laid out about the middle
     fins = np.linspace(middle - 4.5, middle + 4.5, 7)
-    low = xyz(fins - 0.22, -0.5, 5.6)
+    low = kit.xyz(fins - 0.22, -0.5, 5.6)
     doors = np.linspace(middle - 3, middle + 3, 5)
     bulbs = np.array([(middle - 4.4 + 0.4 * k, -3.06, z) for k in range(23) for z in (3.62, 5.38)])
     end = board(2.7, 1.3, marquee, SIGN, 0.0, both=False)
     beside = np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)])
     door_cells = np.array([(a + 0.06, 0.1, b - 0.06, 2.6) for a, b in pairwise(doors)])
     pieces = [
-        wall_quads((0, 0, width, height), 0.0, render, B),
-        boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
-        box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
+        kit.wall_quads((0, 0, width, height), 0.0, render, B),
+        kit.boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
+        kit.box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
         board(7.0, 1.5, marquee, SIGN, 0.0, both=False).moved(middle, -3.02, 4.5),
-        place(end, [(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)], [90.0, 270.0]),
-        boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
-        wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
-        wall_quads(door_cells + [0.15, 0.9, -0.15, -0.3], -0.07, looks.plain((230, 200, 140), "lamp"), B),
-        wall_quads(beside.clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]), -0.06, bills, SIGN, fit=True),
-        place(board(1.4, 7.5, upright, SIGN, 0.3), (middle + 5.6, -1.0, 9.6), 90.0),
-        box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
+        kit.place(end, [(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)], [90.0, 270.0]),
+        kit.boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
+        kit.wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
+        kit.wall_quads(door_cells + [0.15, 0.9, -0.15, -0.3], -0.07, looks.plain((230, 200, 140), "lamp"), B),
+        kit.wall_quads(beside.clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]), -0.06, bills, SIGN, fit=True),
+        kit.place(board(1.4, 7.5, upright, SIGN, 0.3), (middle + 5.6, -1.0, 9.6), 90.0),
+        kit.box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]  # fmt: skip
     # bands on either side of the sign
     for x0, x1 in ((0.6, middle - 5.2), (middle + 6.6, width - 0.6)):
-        pieces.append(wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
+        pieces.append(kit.wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
     # plain brick on the other sides
-    sides = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
+    sides = kit.set_round(
+        width, depth, lambda k, span: kit.wall_quads((0, 0, span, height), 0.0, brick, B) if k else kit.EMPTY
+    )
     pieces += [sides, flat_roof(Roof(width, depth, height), brick, trim, looks, rng)]
-    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
+    return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
 
 def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
@@ -372,14 +354,14 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     pieces = [_portico(looks, stone, trim).moved(middle)]
 
     def make(number: int, side: float) -> Piece:
-        bare = wall_quads([(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)], 0.0, stone, B)
-        crown = cornice(side, height, trim, 0.5, ends=False) if number < 3 else EMPTY
-        return merge(bare, windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2), crown)
+        bare = kit.wall_quads([(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)], 0.0, stone, B)
+        crown = cornice(side, height, trim, 0.5, ends=False) if number < 3 else kit.EMPTY
+        return kit.merge(bare, windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2), crown)
 
-    pieces += [set_round(width, depth, make), flat_roof(Roof(width, depth, height), stone, trim, looks, rng)]
+    pieces += [kit.set_round(width, depth, make), flat_roof(Roof(width, depth, height), stone, trim, looks, rng)]
     top = PODIUM_M + COLUMN_M
     porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
-    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height], porch]))
+    return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, height], porch]))
 
 
 def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
@@ -388,7 +370,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     # columns with base and capital
     profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
     profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
-    column = revolved(profile, 18, trim, B, 50)
+    column = kit.revolved(profile, 18, trim, B, 50)
     xs = np.linspace(-half + 1.1, half - 1.1, 6)
     # steps before the portico
     steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
@@ -411,14 +393,15 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])
     pieces = [
-        boxes(steps, tops, trim, B, ("bottom", "back")), place(column, xyz(xs, -3.2, PODIUM_M)),
-        boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
-        wall_quads(name, -4.02, words, SIGN, fit=True), polygon(gable, -4.4, trim, B), polygon(inner, -4.42, stone, B),
-        quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
-        boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
-        boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
+        kit.boxes(steps, tops, trim, B, ("bottom", "back")), kit.place(column, kit.xyz(xs, -3.2, PODIUM_M)),
+        kit.boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
+        kit.wall_quads(name, -4.02, words, SIGN, fit=True),
+        kit.polygon(gable, -4.4, trim, B), kit.polygon(inner, -4.42, stone, B),
+        kit.quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
+        kit.boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
+        kit.boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
     ]  # fmt: skip
-    return merge(*pieces)
+    return kit.merge(*pieces)
 
 
 def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
@@ -428,8 +411,8 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     # decks with parapets
     z = floor_m * np.arange(1, decks + 1)
     full = np.array([(0.0, 0.0, width, depth)])
-    low = xyz(0.0, 0.0, z - 0.35)
-    high = xyz(width, depth, z)
+    low = kit.xyz(0.0, 0.0, z - 0.35)
+    high = kit.xyz(width, depth, z)
     rim = []
     for level in z:
         for a, b in (
@@ -449,21 +432,21 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     n.text(4, 0.5, "CITY PARKING · 24 H", 0.75, (244, 244, 244), fit_m=7.4)
     words = sheet("parking-name", looks, n, 0.9)
     pieces = [
-        boxes(low, high, concrete, B, ()), boxes(edge[:, :3], edge[:, 3:], dark, B),
-        boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
-        floor_quads(full, 0.02, dark, R),
+        kit.boxes(low, high, concrete, B, ()), kit.boxes(edge[:, :3], edge[:, 3:], dark, B),
+        kit.boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
+        kit.floor_quads(full, 0.02, dark, R),
         board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
-        box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
-        wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
-        boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
+        kit.box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
+        kit.wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
+        kit.boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
     ]  # fmt: skip
     # parked cars on the ground, the first deck and the roof
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
             for x in bays[rng.random(len(bays)) < 0.36]:
-                pieces.append(place(cars[int(rng.integers(len(cars)))], (x, y, level), yaw))
-    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
+                pieces.append(kit.place(cars[int(rng.integers(len(cars)))], (x, y, level), yaw))
+    return House(kit.merge(*pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
 
 
 def filling_station(width: float, looks: Looks) -> House:
@@ -485,33 +468,35 @@ def filling_station(width: float, looks: Looks) -> House:
     # a pump with its face on both sides, a hose and a kerb
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
-    pump = merge(
+    pump = kit.merge(
         face.moved(0, 0, 1.0),
-        box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
-        bars(hose[:-1], hose[1:], 0.05, dark, F),
-        box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
+        kit.box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
+        kit.bars(hose[:-1], hose[1:], 0.05, dark, F),
+        kit.box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
     )
     # pumps under a lit roof
     middle = width / 2
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
     posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
     pieces = [
-        place(pump, at),
-        boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
-        boxes((middle - 8, 2.0, 4.9), (middle + 8, 12.0, 5.8), red, B, ()),
+        kit.place(pump, at),
+        kit.boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
+        kit.boxes((middle - 8, 2.0, 4.9), (middle + 8, 12.0, 5.8), red, B, ()),
         board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35),
         board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
-        boxes(
+        kit.boxes(
             [(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
             [(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
             looks.plain((255, 250, 230), "lamp"), F, ("top",),
         ),
     ]  # fmt: skip
     # the kiosk behind the pumps
-    kiosk = merge(shop_row(11.0, looks, looks.rng("kiosk"), white), boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B))
+    kiosk = kit.merge(
+        shop_row(11.0, looks, looks.rng("kiosk"), white), kit.boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B)
+    )
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
     return House(
-        merge(*pieces),
+        kit.merge(*pieces),
         np.array(
             [[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]
         ),

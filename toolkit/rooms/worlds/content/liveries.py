@@ -26,11 +26,11 @@ MATT_BLACK, SIGN_WHITE = (34, 36, 39, 255), (236, 238, 240, 255)
 BLUE, SIGNAL_RED, WARNING_YELLOW = (28, 44, 92, 255), (186, 38, 36, 255), (232, 180, 40, 255)
 PRIMER = (60, 64, 66, 255)
 STATIONS_MM = (104.0, 86.0, 52.0, 20.0, -4.0, -30.0, -54.0, -80.0, -97.0)
-"""Where frames ring the fuselage."""
+"""Frames round the fuselage."""
 
 
 def panel(net: np.ndarray, look: Look, material: str = "paint") -> Part:
-    """A surface whose chart is painted by where each texel lies on the car."""
+    """A surface whose chart is painted by the places of its texels on the car."""
     return surface(net, project(net, look), material)
 
 
@@ -357,7 +357,7 @@ def draw_wing_lines(sheet: Drawing, side: int) -> None:
 
 
 def draw_above(sheet: Drawing) -> None:
-    """What is seen from above."""
+    """The view from above."""
     for side in (1, -1):
         draw_wing_lines(sheet, side)
         sheet.line([(30, 16 * side), (-60, 15 * side), (-104, 12 * side)])  # nacelle seams
@@ -381,7 +381,7 @@ def draw_above(sheet: Drawing) -> None:
 
 
 def draw_below(sheet: Drawing) -> None:
-    """What is seen from below."""
+    """The view from below."""
     for side in (1, -1):
         draw_wing_lines(sheet, side)
         sheet.line([(30, 14 * side), (-104, 12 * side)])
@@ -395,7 +395,7 @@ def draw_below(sheet: Drawing) -> None:
 
 
 def draw_flank(sheet: Drawing, ahead: int) -> None:
-    """What is seen from one side; `ahead` is +1 where the nose points right on the drawing, else -1."""
+    """The view from a side; `ahead` is +1 if the nose points right on the drawing, else -1."""
 
     def at(*points: Point) -> list[Point]:
         return [(ahead * x, z) for x, z in points]

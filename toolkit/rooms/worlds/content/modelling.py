@@ -23,29 +23,18 @@ MATERIALS = {
     "wood": (0.55, 0.0), "rubber": (0.85, 0.0), "paper": (0.8, 0.0), "cloth": (0.9, 0.0), "matte": (0.7, 0.0),
 }  # fmt: skip
 """Name -> (roughness, metallic)."""
-PLAIN_MM = 1.0
-"""Side of the chart that all parts of one plain colour share."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of surface with its chart.
+    """A piece of surface with its chart."""
 
-    Attributes:
-        vertices: (n, 3) millimetres.
-        faces: (m, 3), counter-clockwise from outside.
-        corner_uv: (m, 3, 2) position of each corner on the chart, millimetres.
-        chart_mm: (width, height) of the chart.
-        paint: what the chart shows.
-        material: name of the part's material.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    corner_uv: np.ndarray
-    chart_mm: tuple[float, float]
-    paint: Paint = (200, 200, 200)
-    material: str = "paint"
+    vertices: np.ndarray  # (n, 3) millimetres
+    faces: np.ndarray  # (m, 3), counter-clockwise from outside
+    corner_uv: np.ndarray  # (m, 3, 2) position of each corner on the chart, millimetres
+    chart_mm: tuple[float, float]  # (width, height) of the chart
+    paint: Paint = (200, 200, 200)  # what the chart shows
+    material: str = "paint"  # name of the part's material
 
     def painted(self, paint: Paint, material: str | None = None) -> "Part":
         """The same surface with other paint, and another material if named."""
@@ -229,13 +218,13 @@ def curve(knots: Sequence[tuple[float, ...]]) -> Callable[[float | np.ndarray], 
     return PchipInterpolator(table[:, 0], table[:, 1:])
 
 
-def smooth_curve(points: Sequence[Sequence[float]], count: int) -> np.ndarray:
-    """`count` points on a smooth curve (monotone cubic per axis over chord length) through the given ones."""
-    from scipy.interpolate import PchipInterpolator
+def smooth_curve(points: Sequence[Sequence[float]], count: int, monotone: bool = True) -> np.ndarray:
+    """`count` points on a smooth curve through the given ones: a cubic per axis over chord length, monotone or not."""
+    from scipy.interpolate import CubicSpline, PchipInterpolator
 
     given = np.asarray(points, float)
     chord = np.r_[0, np.cumsum(np.linalg.norm(np.diff(given, axis=0), axis=1))]
-    return PchipInterpolator(chord, given)(np.linspace(0, chord[-1], count))
+    return (PchipInterpolator if monotone else CubicSpline)(chord, given)(np.linspace(0, chord[-1], count))
 
 
 def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -251,7 +240,7 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
     """Pack the charts of all parts into one square atlas, paint it, and merge the parts into one mesh.
 
     `materials` are name -> (roughness, metallic), `atlas_px` the side of the texture.
-    Charts keep one common scale, so that a texel has the same size everywhere, and a gutter of painted margin keeps
+    Charts share a scale, so that a texel has the same size everywhere, and a gutter of painted margin keeps
     filtered look-ups from bleeding.
     """
     parts = [part for part in parts if len(part.faces)]
@@ -261,7 +250,10 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
     vertices, faces, corner_uv, face_material, start = [], [], [], [], 0
     for part, (left, top) in zip(parts, places, strict=True):
         width, height = (max(1, round(side * px_per_mm)) for side in part.chart_mm)
-        _paste_with_gutter(atlas, _render_paint(part.paint, width, height, px_per_mm), left, top)
+        # a chart's rim is repeated around it: blurred look-ups at its edge mix in nothing foreign
+        chart = np.asarray(_render_paint(part.paint, width, height, px_per_mm))
+        padded = np.pad(chart, ((GUTTER_PX, GUTTER_PX), (GUTTER_PX, GUTTER_PX), (0, 0)), mode="edge")
+        atlas.paste(Image.fromarray(padded), (left - GUTTER_PX, top - GUTTER_PX))
         scaled = part.corner_uv / np.array(part.chart_mm) * [width, height]
         corner_uv.append(np.stack([left + scaled[..., 0], atlas_px - (top + height - scaled[..., 1])], -1) / atlas_px)
         vertices.append(part.vertices)
@@ -324,12 +316,6 @@ def _render_paint(paint: Paint, width: int, height: int, px_per_mm: float) -> Im
     return image if image.size == (width, height) else image.resize((width, height), Image.Resampling.LANCZOS)
 
 
-def _paste_with_gutter(atlas: Image.Image, chart: Image.Image, left: int, top: int) -> None:
-    # a chart's rim is repeated around it: blurred look-ups at its edge mix in nothing foreign
-    padded = np.pad(np.asarray(chart), ((GUTTER_PX, GUTTER_PX), (GUTTER_PX, GUTTER_PX), (0, 0)), mode="edge")
-    atlas.paste(Image.fromarray(padded), (left - GUTTER_PX, top - GUTTER_PX))
-
-
 def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, list[tuple[int, int]]]:
     """The largest common scale at which shelves of charts, tallest first, fill the atlas; and each chart's left top."""
 
@@ -366,7 +352,7 @@ def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, l
 def finish(parts: Iterable[Part], atlas_px: int = 256) -> Mesh:
     """A mesh from parts, `LENGTH_MM` long, on the table, centred.
 
-    Parts of one plain colour share a speck of the atlas, which leaves it to those that are painted.
+    Parts of the same plain colour share a speck of the atlas, which leaves it to those that are painted.
     """
     painted: list[Part] = []
     plain: dict[tuple[Paint, str], list[Part]] = {}
@@ -375,25 +361,20 @@ def finish(parts: Iterable[Part], atlas_px: int = 256) -> Mesh:
             painted.append(part)
         elif len(part.faces):
             plain.setdefault((part.paint, part.material), []).append(part)
-    merged = [_merge_foot_colour(group) for group in plain.values()]
-    used = {part.material for part in painted + merged}
+    used = {part.material for part in painted} | {material for _, material in plain}
     materials = {name: MATERIALS[name] for name in MATERIALS if name in used}
-    return place_on_table(assemble(painted + _scaled_charts(merged, painted), materials, atlas_px), LENGTH_MM)
+    # a plain colour's chart is a speck beside the painted ones
+    side = 0.02 * max([sum(part.chart_mm) for part in painted], default=1.0)
+    merged = [_merge_plain(group, side) for group in plain.values()]
+    return place_on_table(assemble(painted + merged, materials, atlas_px), LENGTH_MM)
 
 
-def _merge_foot_colour(parts: list[Part]) -> Part:
+def _merge_plain(parts: list[Part], side: float) -> Part:
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     uv = np.concatenate([part.corner_uv / np.array(part.chart_mm) for part in parts])
-    return Part(
-        np.concatenate([part.vertices for part in parts]),
-        faces, uv * PLAIN_MM, (PLAIN_MM, PLAIN_MM), parts[0].paint, parts[0].material,
-    )  # fmt: skip
-
-
-def _scaled_charts(plain: list[Part], painted: list[Part]) -> list[Part]:
-    side = 0.02 * max([sum(part.chart_mm) for part in painted], default=1.0)
-    return [replace(part, corner_uv=part.corner_uv * side, chart_mm=(side, side)) for part in plain]
+    vertices = np.concatenate([part.vertices for part in parts])
+    return Part(vertices, faces, uv * side, (side, side), parts[0].paint, parts[0].material)
 
 
 def lathe(
@@ -410,8 +391,8 @@ def vessel(
 ) -> list[Part]:  # fmt: skip
     """A hollow vessel: its outline (n, 2) of (radius, z) from the foot to the rim, a round rim and the inside.
 
-    `floor` is the height of the inner bottom, else it lies the wall's thickness above the foot; `content` is (height
-    as a share of the inside, paint, material) of what it is filled with.
+    `floor` is the height of the inner bottom, by default the wall's thickness. `content` is its filling: (height as a
+    share of the inside, paint, material).
     """
     bottom = outline[0, 1] + wall if floor is None else floor
     level = bottom if content is None else bottom + content[0] * (outline[-1, 1] - bottom)

@@ -62,7 +62,7 @@ class Looks:
         return self._skins.get(name)
 
     def add(self, material: Material, tile_m: tuple[float, float] = (1.0, 1.0)) -> Skin:
-        """A material with a texture of its own."""
+        """A material with its own texture."""
         self._materials.append(material)
         self._skins[material.name] = Skin(len(self._materials) - 1, tile_m)
         return self._skins[material.name]
@@ -238,7 +238,7 @@ def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], 
 
 
 def solid(parts: Sequence[Part], skin: Skin, label: int, crease_deg: float = 40.0) -> Piece:
-    """Modelled parts in one look, smooth across edges flatter than `crease_deg`."""
+    """Modelled parts in a single look, smooth across edges flatter than `crease_deg`."""
     parts = [part for part in parts if len(part.faces)]
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = np.concatenate([part.vertices for part in parts])
@@ -253,7 +253,7 @@ def revolved(
     profile: Sequence[tuple[float, float]], segments: int, skin: Skin, label: int, crease_deg: float = 40.0,
     start_deg: float = 180.0,
 ) -> Piece:  # fmt: skip
-    """`revolve` in one look, see `solid`."""
+    """`revolve` in a single look, see `solid`."""
     return solid([revolve(profile, segments, start_deg=start_deg)], skin, label, crease_deg)
 
 

@@ -29,11 +29,9 @@ MATERIALS = {
     "paint": (0.25, 0.0), "rubber": (0.85, 0.0), "metal": (0.35, 0.6), "glass": (0.08, 0.0), "carbon": (0.45, 0.0),
 }  # fmt: skip
 METAL, RIM, GLASS, INSIDE = (190, 192, 196), (204, 205, 210), (24, 27, 34), (20, 20, 22)
-FRONT_AXLE, REAR_AXLE = 78.0, -97.0
-FRONT_RADIUS, REAR_RADIUS = 22.5, 27.0
-FRONT_TYRE, REAR_TYRE = 20.0, 28.0
-FRONT_Y, REAR_Y = 56.0, 52.0
-"""Wheels, millimetres: axles' x, tyres' radii and widths, and the y of their middles."""
+REAR_AXLE = -97.0
+WHEELS = ((78.0, 56.0, 22.5, 20.0), (REAR_AXLE, 52.0, 27.0, 28.0))
+"""Front and rear wheels, millimetres: x of the axle, y of the middle, radius and width of the tyre."""
 
 TUB = curve([  # x, width, lowest z, highest z, superellipse power
     (135, 7, 9.5, 13.5, 2.2), (132, 15, 8.2, 16, 2.3), (122, 23, 7.5, 20, 2.6), (105, 31, 7, 25, 3.0),
@@ -66,30 +64,23 @@ def _closed(sections: list[np.ndarray] | tuple[np.ndarray, ...]) -> np.ndarray:
     return np.stack([np.concatenate([section, section[:1]]) for section in sections])
 
 
-def _opening(x: float) -> float:
-    """Half the width of the cockpit's opening at x."""
-    along = abs(x - COCKPIT_X) / (COCKPIT_LENGTH / 2)
-    return COCKPIT_HALF_WIDTH * float(np.sqrt(max(0.0, 1 - along**2.6)))
-
-
 def _tub_section(x: float, count: int = 65) -> np.ndarray:
     """From the opening's right rim round below to its left rim; without an opening both meet on the centre line."""
     width, low, high, power = TUB(x)
-    rim = np.arccos(min(1.0, (2 * _opening(x) / width) ** (power / 2)))
+    # half the width of the cockpit's opening at x
+    along = abs(x - COCKPIT_X) / (COCKPIT_LENGTH / 2)
+    opening = COCKPIT_HALF_WIDTH * float(np.sqrt(max(0.0, 1 - along**2.6)))
+    rim = np.arccos(min(1.0, (2 * opening / width) ** (power / 2)))
     angle = np.linspace(np.pi - rim, 2 * np.pi + rim, count)
     across, up = bend_circle(angle, power)
     y, z = across * width / 2, (low + high) / 2 + up * (high - low) / 2
     return np.stack([np.full(count, x), y, z], axis=1)
 
 
-def _rim(count: int = 40) -> np.ndarray:
-    """The left rim of the opening from back to front."""
-    stations = COCKPIT_X - COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, count))
-    return np.array([_tub_section(x)[-1] for x in stations])
-
-
 def _cockpit() -> list[Part]:
-    left = _rim()
+    # the left rim of the opening from back to front
+    stations = COCKPIT_X - COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 40))
+    left = np.array([_tub_section(x)[-1] for x in stations])
     right = left * [1, -1, 1]
     across = np.linspace(-1, 1, 17)
     depth = 20 * left[:, 1:2] / COCKPIT_HALF_WIDTH * (1 - across**4)
@@ -265,9 +256,7 @@ def _suspension() -> list[Part]:
 
 def _wheels() -> list[Part]:
     parts = []
-    front = FRONT_AXLE, FRONT_Y, FRONT_RADIUS, FRONT_TYRE
-    rear = REAR_AXLE, REAR_Y, REAR_RADIUS, REAR_TYRE
-    for x, y, radius, width in (front, rear):
+    for x, y, radius, width in WHEELS:
         wheel = [part.rotated("x", -90) for part in _wheel(radius, width)]  # its outer face, +z, to +y
         parts += [part.moved(x, y, radius) for part in wheel]
         parts += [part.rotated("z", 180).moved(x, -y, radius) for part in wheel]

@@ -249,17 +249,13 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
     ]
     for k, (x, y) in enumerate(((x0, y0), (x1, y0), (x1, y1), (x0, y1))):
         span = (x1 - x0, y1 - y0)[k % 2] - 2 * r
-        edge = merge(_straight_kerb(span, stone).moved(r, 0, 0), _round_corner(slabs, stone, junction(looks)))
+        # a kerb's face and top along x, the road towards -y
+        face = [(0, 0, 0), (span, 0, 0), (span, 0, z), (0, 0, z)]
+        top = [(0, 0, z), (span, 0, z), (span, w, z), (0, w, z)]
+        straight = quads(np.array([face, top]), stone, PAVED)
+        edge = merge(straight.moved(r, 0, 0), _round_corner(slabs, stone, junction(looks)))
         pieces.append(place(edge, (x, y, 0.0), 90.0 * k))
     return merge(*pieces)
-
-
-def _straight_kerb(length: float, stone: Skin) -> Piece:
-    """Along x from 0, the road towards -y."""
-    w, z = KERB_WIDTH_M, KERB_M
-    face = [(0, 0, 0), (length, 0, 0), (length, 0, z), (0, 0, z)]
-    top = [(0, 0, z), (length, 0, z), (length, w, z), (0, w, z)]
-    return quads(np.array([face, top]), stone, PAVED)
 
 
 def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:

@@ -32,17 +32,17 @@ STREET_M, AVENUE_M = 13.0, 20.0
 CROSSING_M = 4.5
 JUNCTION_TILE_M = 14.0
 MARK_M = 0.004
-"""Height of marks that are laid on the ground as faces of their own."""
+"""Height of marks that are laid on the ground as separate faces."""
 WHITE_PAINT, YELLOW_PAINT = (214, 214, 208), (214, 164, 44)
 PARKING_M = 2.3
 TRACKS_M = (-2.4, -0.96, 0.96, 2.4)
-"""Where the tram's rails lie, from the middle of an avenue."""
+"""Places of the tram's rails, from the middle of an avenue."""
 
 
 def _masonry(
     rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
 ) -> np.ndarray:
-    """(n, n, 3) courses of blocks, every second course set off by half, each block of its own shade."""
+    """(n, n, 3) courses of blocks, every second course set off by half, each block of another shade."""
     n = SIDE_PX
     y, x = np.mgrid[0:n, 0:n].astype(np.float32) + 0.5
     row = (y * rows / n).astype(int)
@@ -146,14 +146,14 @@ def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
 
 @dataclass(frozen=True)
 class PaneStyle:
-    """How one kind of window is made."""
+    """How a kind of window is made."""
 
     frame: Colour  # colour of its frame
     glass: Colour = (150, 170, 188)  # colour of what it mirrors, at its upper edge
     bars: tuple[int, int] = (1, 1)  # glazing bars across and up
     frame_m: float = 0.07  # frame_m, bar_m: their widths
     bar_m: float = 0.035
-    size_m: tuple[float, float] = (1.1, 1.7)  # of one pane
+    size_m: tuple[float, float] = (1.1, 1.7)  # of a pane
     curtains: float = 0.7  # share of the panes with curtains or blinds
     arched: bool = False  # whether its head is round
 
@@ -231,7 +231,7 @@ def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray,
 
 
 def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.ndarray:
-    """What the pane mirrors: sky above, the other side of the street below; and a dark room behind."""
+    """The pane's reflection: sky above, the other side of the street below, and a dark room behind."""
     up = np.linspace(1, 0, h, dtype=np.float32)[:, None, None]
     dark = np.array((38, 42, 46), np.float32) * rng.uniform(0.7, 1.3)
     sky = np.array(style.glass, np.float32) * rng.uniform(0.75, 1.15)
@@ -261,6 +261,7 @@ def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.
         cover = np.zeros((h, w, 1), np.float32)
         cover[: int(h * rng.uniform(0.4, 1.0))] = 0.85
         folds = 1 + 0.25 * np.sign(np.sin(np.linspace(0, h * 0.9, h)))[:, None, None]
+    # cloth over the pane by day; by night it dims the lit room
     opacity = cover * rng.uniform(0.75, 0.95)
     day *= 1 - opacity
     day += opacity * cloth * folds * 0.72

@@ -10,21 +10,9 @@ from functools import lru_cache
 import numpy as np
 
 from toolkit.objects.mesh import Material, mesh_from_corners
-from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, hex_name
-from toolkit.rooms.worlds.content.pieces import (
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    fan_faces,
-    from_mesh,
-    merge,
-    place,
-    revolved,
-    wall_quads,
-)
+from toolkit.rooms.worlds.content import pieces as kit
+from toolkit.rooms.worlds.content.drawing import Canvas, Colour, Point, hex_name, shade
+from toolkit.rooms.worlds.content.pieces import Looks, Piece, Skin
 from toolkit.rooms.worlds.world import SceneClass
 
 VEHICLE = SceneClass.VEHICLE
@@ -35,32 +23,22 @@ GUTTER_PX = 2
 
 @dataclass(frozen=True)
 class Body:
-    """The shape of a vehicle.
+    """The shape of a vehicle."""
 
-    Attributes:
-        length, width: metres.
-        roof: knots (x, z) of its upper outline from the rear to the front.
-        belt: height where the side windows begin.
-        glass: x of the rear window's foot and head, and of the windscreen's head and foot.
-        axles: x of each.
-        wheel_m: radius of the wheels.
-        sill: height of its lower edge.
-        roof_share: half width of the roof over half width of the body.
-        taper: half width of the ends over that of the middle.
-        px_per_m: of its paint.
-    """
-
-    length: float
+    length: float  # length, width: metres
     width: float
-    roof: tuple[Point, ...]
-    belt: float
+    roof: tuple[Point, ...]  # knots (x, z) of its upper outline from the rear to the front
+    belt: float  # height where the side windows begin
+    # x of the rear window's foot and head, and of the windscreen's head and foot
     glass: tuple[float, float, float, float]
-    axles: tuple[float, ...]
-    wheel_m: float = 0.33
-    sill: float = 0.2
-    roof_share: float = 0.74
-    taper: float = 0.84
-    px_per_m: float = 72
+    axles: tuple[float, ...]  # x of each
+    wheel_m: float = 0.33  # radius of the wheels
+    sill: float = 0.2  # height of its lower edge
+    roof_share: float = 0.74  # half width of the roof over half width of the body
+    taper: float = 0.84  # half width of the ends over that of the middle
+    px_per_m: float = 72  # of its paint
+    name: str = ""  # begins the name of its skin
+    seams: tuple[float, ...] = ()  # x of the joints of its doors
 
     @property
     def height(self) -> float:
@@ -79,7 +57,7 @@ def _outline(knots: tuple[Point, ...]) -> Callable[[np.ndarray | float], np.ndar
     return PchipInterpolator(*np.array(knots).T)
 
 
-class Livery:
+class VehiclePaint:
     """The paint of a vehicle: a drawing of each view, and of the light it gives off."""
 
     def __init__(self, body: Body, colour: Colour) -> None:
@@ -97,7 +75,7 @@ class Livery:
         self.glow = {view: Canvas(*sides[view], body.px_per_m / GLOW_SHARE, (0, 0, 0), low[view]) for view in VIEWS}
 
     def right_of(self, view: str, x: float) -> float:
-        """Where x (of a side or the top) or y (of an end) lies to the right on a view."""
+        """Position to the right on a view, of x (side or top) or y (end)."""
         return -x if view in ("left", "front") else x
 
     def fill(self, views: str, points: list[Point], colour: Colour, glow: Colour | None = None) -> None:
@@ -142,7 +120,11 @@ class Livery:
         sheet = np.full((height, width, 3), 90, np.uint8)
         glow = np.zeros((height // GLOW_SHARE, width // GLOW_SHARE, 3), np.uint8)
         for view, (x, y) in places.items():
-            _paste(sheet, self.day[view].texture(0.035, rng), x, y)
+            # each view's rim is repeated around it, as far as there is room
+            g = GUTTER_PX
+            wide = np.pad(self.day[view].texture(0.035, rng), ((g, g), (g, g), (0, 0)), mode="edge")
+            part = sheet[y - g : y - g + wide.shape[0], x - g : x - g + wide.shape[1]]
+            part[:] = wide[: part.shape[0], : part.shape[1]]
             light = self.glow[view].texture()
             gx, gy = round(x / GLOW_SHARE), round(y / GLOW_SHARE)
             h, w = min(light.shape[0], glow.shape[0] - gy), min(light.shape[1], glow.shape[1] - gx)
@@ -152,16 +134,9 @@ class Livery:
         return PaintMap(skin, boxes, (width, height), {view: self.day[view].low for view in VIEWS}, self.body)
 
 
-def _paste(sheet: np.ndarray, picture: np.ndarray, x: int, y: int) -> None:
-    g = GUTTER_PX
-    wide = np.pad(picture, ((g, g), (g, g), (0, 0)), mode="edge")
-    part = sheet[y - g : y - g + wide.shape[0], x - g : x - g + wide.shape[1]]
-    part[:] = wide[: part.shape[0], : part.shape[1]]
-
-
 @dataclass(frozen=True)
 class PaintMap:
-    """A vehicle's paint on a texture, and where each view lies on it (x, y, width, height in texels)."""
+    """A vehicle's paint on a texture, and the place of each view on it (x, y, width, height in texels)."""
 
     skin: Skin
     views: dict[str, tuple[int, int, int, int]]
@@ -227,7 +202,7 @@ def bodywork(body: Body, sheet: PaintMap, looks: Looks, stations: int = 12) -> P
     uv = sheet.uv(corners, normal)
     uv[below] = dark.at
     mesh = mesh_from_corners(vertices, faces, uv, below.astype(int), (), 38.0)
-    skin = from_mesh(mesh, sheet.skin.material, VEHICLE)
+    skin = kit.from_mesh(mesh, sheet.skin.material, VEHICLE)
     return Piece(
         skin.vertices, skin.normals, skin.uv, skin.faces,
         np.where(mesh.face_material == 1, dark.material, sheet.skin.material).astype(np.int32),
@@ -267,19 +242,19 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
     profile = [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)]
-    tyre = revolved(profile, 10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50)
+    tyre = kit.revolved(profile, 10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50)
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
     face = Piece(
         disc.astype(np.float32),
         np.tile(np.array([0, 0, 1], np.float32), (10, 1)),
-        (0.5 + 0.5 * ring).astype(np.float32), fan_faces(10), np.full(8, rim.material, np.int32),
+        (0.5 + 0.5 * ring).astype(np.float32), kit.fan_faces(10), np.full(8, rim.material, np.int32),
         np.full(8, VEHICLE, np.uint8),
     )  # fmt: skip
     y = body.width / 2 - wide / 2 - 0.02
     at = [(axle, side * y, r) for axle in body.axles for side in (1, -1)]
-    return place(merge(tyre, face).tipped(1, 1, -1), np.array(at), np.array([0.0, 180.0] * len(body.axles)))
+    return kit.place(kit.merge(tyre, face).tipped(1, 1, -1), np.array(at), np.array([0.0, 180.0] * len(body.axles)))
 
 
 def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
@@ -303,48 +278,44 @@ GLASS, RUBBER = (38, 46, 54), (24, 24, 26)
 HEAD, TAIL, HEAD_GLOW, TAIL_GLOW = (238, 240, 236), (176, 18, 20), (255, 244, 214), (190, 16, 12)
 
 SEDAN = Body(
-    4.75, 1.84,
-    (
+    4.75, 1.84, (
         (-2.375, 0.62), (-2.33, 0.96), (-1.75, 1.05), (-0.95, 1.4), (-0.1, 1.45), (0.4, 1.41), (1.2, 1.0), (2.05, 0.84),
         (2.32, 0.68), (2.375, 0.5),
     ),
-    0.93, (-1.72, -0.95, 0.42, 1.2), (-1.38, 1.42),
+    0.93, (-1.72, -0.95, 0.42, 1.2), (-1.38, 1.42), name="sedan", seams=(-0.95, 0.06, 1.12),
 )  # fmt: skip
 HATCH = Body(
-    4.0, 1.74,
-    (
+    4.0, 1.74, (
         (-2.0, 0.62), (-1.96, 0.98), (-1.82, 1.12), (-1.3, 1.46), (-0.3, 1.5), (0.3, 1.45), (1.0, 1.02), (1.7, 0.86),
         (1.95, 0.68), (2.0, 0.5),
     ),
-    0.95, (-1.86, -1.3, 0.3, 1.0), (-1.22, 1.26), wheel_m=0.31,
+    0.95, (-1.86, -1.3, 0.3, 1.0), (-1.22, 1.26), wheel_m=0.31, name="hatch", seams=(-0.55, 0.95),
 )  # fmt: skip
 WAGON = Body(
-    4.8, 1.82,
-    (
+    4.8, 1.82, (
         (-2.4, 0.62), (-2.36, 1.0), (-2.2, 1.18), (-1.8, 1.46), (-0.2, 1.5), (0.4, 1.46), (1.2, 1.02), (2.05, 0.86),
         (2.35, 0.68), (2.4, 0.5),
     ),
-    0.95, (-2.26, -1.8, 0.42, 1.2), (-1.4, 1.44),
+    0.95, (-2.26, -1.8, 0.42, 1.2), (-1.4, 1.44), name="wagon", seams=(-1.0, 0.06, 1.12),
 )  # fmt: skip
 SUV = Body(
-    4.7, 1.92,
-    (
+    4.7, 1.92, (
         (-2.35, 0.7), (-2.31, 1.1), (-2.18, 1.3), (-1.8, 1.7), (-0.2, 1.76), (0.5, 1.71), (1.15, 1.24), (2.0, 1.12),
         (2.28, 0.95), (2.35, 0.66),
     ),
-    1.12, (-2.24, -1.8, 0.5, 1.15), (-1.4, 1.42), wheel_m=0.38, sill=0.28, roof_share=0.8,
+    1.12, (-2.24, -1.8, 0.5, 1.15), (-1.4, 1.42), wheel_m=0.38, sill=0.28, roof_share=0.8, name="suv",
+    seams=(-1.0, 0.08, 1.08),
 )  # fmt: skip
 MINIVAN = Body(
-    4.9, 1.95,
-    (
+    4.9, 1.95, (
         (-2.45, 0.66), (-2.42, 1.1), (-2.34, 1.3), (-2.1, 1.7), (-0.4, 1.76), (0.6, 1.7), (1.55, 1.12), (2.1, 0.96),
         (2.4, 0.76), (2.45, 0.55),
     ),
-    1.02, (-2.36, -2.1, 0.62, 1.55), (-1.5, 1.52), wheel_m=0.34, roof_share=0.82,
+    1.02, (-2.36, -2.1, 0.62, 1.55), (-1.5, 1.52), wheel_m=0.34, roof_share=0.82, name="minivan",
+    seams=(-1.0, 0.25, 1.35),
 )  # fmt: skip
 VAN = Body(
-    5.6, 2.02,
-    (
+    5.6, 2.02, (
         (-2.8, 0.6), (-2.79, 2.2), (-2.7, 2.42), (0.6, 2.46), (1.2, 2.3), (1.95, 1.34), (2.55, 1.12), (2.76, 0.86),
         (2.8, 0.55),
     ),
@@ -356,8 +327,7 @@ BUS = Body(
     1.1, (-5.9, -5.88, 5.8, 5.88), (-2.9, 3.1), wheel_m=0.48, sill=0.3, roof_share=0.94, taper=0.96, px_per_m=56,
 )  # fmt: skip
 TRAM = Body(
-    15.0, 2.5,
-    (
+    15.0, 2.5, (
         (-7.5, 0.5), (-7.44, 1.3), (-7.1, 2.9), (-6.7, 3.2), (-6.0, 3.26), (6.0, 3.26), (6.7, 3.2), (7.1, 2.9),
         (7.44, 1.3), (7.5, 0.5),
     ),
@@ -385,13 +355,7 @@ class Vehicle:
     width: float
 
 
-def shade(colour: Colour, factor: float) -> Colour:
-    """A darker or lighter colour."""
-    r, g, b = (int(min(255, c * factor)) for c in colour)
-    return r, g, b
-
-
-def ground_coat(paint: Livery) -> None:
+def ground_coat(paint: VehiclePaint) -> None:
     """Flanks lighter above and darker below, as they mirror sky and street; dark arches and sills."""
     body, half = paint.body, paint.body.length / 2
     bands = ((0.0, 0.3, 0.45), (0.3, 0.52, 0.72), (0.52, 0.7, 0.88), (0.86, 1.0, 1.12))
@@ -406,7 +370,7 @@ def ground_coat(paint: Livery) -> None:
         paint.fill("left right", [(axle + r * np.cos(a), body.wheel_m + r * np.sin(a)) for a in angle], RUBBER)
 
 
-def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
+def _car_glass(paint: VehiclePaint, pillars: tuple[float, ...]) -> None:
     body = paint.body
     foot, head, head_front, foot_front = body.glass
     # the flank's glass follows the roof; its rubber seal is a little larger
@@ -448,7 +412,7 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
         )
 
 
-def car_ends(paint: Livery, rng: np.random.Generator) -> None:
+def car_ends(paint: VehiclePaint, rng: np.random.Generator) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
     # grille with bars, and the air intake below it
@@ -484,8 +448,8 @@ def car_ends(paint: Livery, rng: np.random.Generator) -> None:
     paint.rect("rear", (-w * 0.9, 0.36), (w * 0.9, 0.4), (28, 28, 30))
 
 
-def _doors(paint: Livery, seams: tuple[float, ...]) -> None:
-    body, low = paint.body, paint.body.sill + 0.06
+def _doors(paint: VehiclePaint) -> None:
+    body, low, seams = paint.body, paint.body.sill + 0.06, paint.body.seams
     for seam in seams:
         paint.line("left right", [(seam, low), (seam, body.belt)], 0.018, shade(paint.colour, 0.42))
     for handle in seams[:-1]:
@@ -494,29 +458,21 @@ def _doors(paint: Livery, seams: tuple[float, ...]) -> None:
             shade(paint.colour, 0.35),
         )  # fmt: skip
         paint.rect("left right", (handle + 0.09, body.belt - 0.13), (handle + 0.25, body.belt - 0.115), (206, 208, 208))
-    if seams:
-        paint.line("left right", [(seams[0], low), (seams[-1], low)], 0.018, shade(paint.colour, 0.42))
+    paint.line("left right", [(seams[0], low), (seams[-1], low)], 0.018, shade(paint.colour, 0.42))
 
 
 def mirrors(body: Body, colour: Colour, looks: Looks) -> Piece:
     """Both door mirrors."""
     x, w = body.glass[3] - 0.32, body.width / 2
     low = np.array([(x - 0.06, w - 0.04, body.belt + 0.02), (x - 0.06, -w - 0.17, body.belt + 0.02)])
-    return boxes(low, low + [0.14, 0.21, 0.15], looks.plain(colour, "gloss"), VEHICLE, without=())
-
-
-SEAMS = {
-    id(SEDAN): (-0.95, 0.06, 1.12), id(HATCH): (-0.55, 0.55, 0.95)[::2], id(WAGON): (-1.0, 0.06, 1.12),
-    id(SUV): (-1.0, 0.08, 1.08), id(MINIVAN): (-1.0, 0.25, 1.35),
-}  # fmt: skip
+    return kit.boxes(low, low + [0.14, 0.21, 0.15], looks.plain(colour, "gloss"), VEHICLE, without=())
 
 
 def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") -> Vehicle:
     """A private car, a cab, or a police car."""
     rng = looks.rng(name)
-    paint = Livery(body, colour)
+    paint = VehiclePaint(body, colour)
     ground_coat(paint)
-    seams = SEAMS[id(body)]
     # a cab has a checkered band and lettering
     if kind == "cab":
         for k in range(2 * int(body.length / 0.24)):
@@ -529,9 +485,10 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         paint.rect("left right", (-0.98, 0.25), (1.1, body.belt), (238, 238, 236))
         paint.text("left right", (0.06, body.belt - 0.3), "POLICE", 0.34, (20, 36, 96))
     # glass, lamps and doors are the same for all kinds
-    _car_glass(paint, tuple(seams[:-1]) + ((seams[0] - 0.75,) if body is not SEDAN and body is not HATCH else ()))
+    rear_pillar = () if body in (SEDAN, HATCH) else (body.seams[0] - 0.75,)
+    _car_glass(paint, body.seams[:-1] + rear_pillar)
     car_ends(paint, rng)
-    _doors(paint, seams)
+    _doors(paint)
     # seams between roof and bonnet, roof and boot
     for x in (body.glass[3] + 0.05, body.glass[0]):
         w = body.width * 0.43
@@ -547,17 +504,19 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     roof = float(body.top(-0.2))
     if kind == "cab":
         lit = looks.plain((255, 236, 170), "lamp")
-        pieces.append(box((-0.36, -0.12), (-0.42, 0.42), (roof + 0.02, roof + 0.24), lit, VEHICLE))
+        pieces.append(kit.box((-0.36, -0.12), (-0.42, 0.42), (roof + 0.02, roof + 0.24), lit, VEHICLE))
         words = word_skin("TAXI", (255, 226, 120), (24, 24, 24), looks)
         for x, yaw in ((-0.1, 90.0), (-0.38, 270.0)):
-            board = wall_quads((-0.4, 0.03, 0.4, 0.22), 0.0, words, VEHICLE, fit=True)
-            pieces.append(place(board, [x, 0, roof], yaw))
+            board = kit.wall_quads((-0.4, 0.03, 0.4, 0.22), 0.0, words, VEHICLE, fit=True)
+            pieces.append(kit.place(board, [x, 0, roof], yaw))
     if kind == "police":
         for y, tone in ((0.28, (220, 20, 24)), (-0.28, (24, 60, 220))):
             pieces.append(
-                box((-0.4, -0.1), (y - 0.27, y + 0.27), (roof + 0.02, roof + 0.16), looks.plain(tone, "lamp"), VEHICLE)
+                kit.box(
+                    (-0.4, -0.1), (y - 0.27, y + 0.27), (roof + 0.02, roof + 0.16), looks.plain(tone, "lamp"), VEHICLE
+                )
             )
-    return Vehicle(merge(*pieces), body.length, body.width)
+    return Vehicle(kit.merge(*pieces), body.length, body.width)
 
 
 def word_skin(words: str, ground: Colour, ink: Colour, looks: Looks) -> Skin:
@@ -573,7 +532,7 @@ def word_skin(words: str, ground: Colour, ink: Colour, looks: Looks) -> Skin:
 
 def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     """A delivery van with a firm's name on its flanks."""
-    body, paint = VAN, Livery(VAN, colour)
+    body, paint = VAN, VehiclePaint(VAN, colour)
     ground_coat(paint)
     car_ends(paint, looks.rng(name))
     w = body.width / 2
@@ -593,13 +552,13 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     paint.text("rear", (0, 1.1), words, 0.22, ink, fit_m=1.7)
     sheet = paint.sheet(name, looks)
     return Vehicle(
-        merge(bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), mirrors(body, RUBBER, looks)),
+        kit.merge(bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), mirrors(body, RUBBER, looks)),
         body.length, body.width,
     )  # fmt: skip
 
 
 def _rows_of_windows(
-    paint: Livery, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
+    paint: VehiclePaint, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
 ) -> None:
     edges = np.linspace(x0, x1, count + 1)
     lit = (250, 226, 176)
@@ -619,7 +578,7 @@ def _rows_of_windows(
 
 def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = False) -> Vehicle:
     """A city bus with a lit destination; a trolleybus carries poles on its roof."""
-    body, paint = BUS, Livery(BUS, colour)
+    body, paint = BUS, VehiclePaint(BUS, colour)
     half, w = body.length / 2, body.width / 2
     white = (236, 236, 232)
     # skirt, roof band, waist line and roof
@@ -662,23 +621,23 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
     low = np.array([(-4.6, -0.9, 3.08), (1.6, -0.8, 3.08)])
     pieces = [
         bodywork(body, sheet, looks, 10), wheels(body, looks, (150, 152, 154), 8),
-        boxes(low, low + [2.2, 1.7, 0.22], units, VEHICLE),
-        box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
-        box((half - 0.1, half + 0.3), (-w - 0.22, -w), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
+        kit.boxes(low, low + [2.2, 1.7, 0.22], units, VEHICLE),
+        kit.box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
+        kit.box((half - 0.1, half + 0.3), (-w - 0.22, -w), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
     ]  # fmt: skip
     # a trolleybus has poles on its roof
     if trolley:
         foot = np.array([(-1.0, 0.3, 3.25), (-1.0, -0.3, 3.25)])
         pieces += [
-            boxes([-1.6, -0.5, 3.08], [-0.4, 0.5, 3.3], looks.plain((60, 62, 64)), VEHICLE),
-            bars(foot, foot + [-5.4, 0.0, 2.2], 0.07, looks.plain((40, 42, 44)), VEHICLE),
+            kit.boxes([-1.6, -0.5, 3.08], [-0.4, 0.5, 3.3], looks.plain((60, 62, 64)), VEHICLE),
+            kit.bars(foot, foot + [-5.4, 0.0, 2.2], 0.07, looks.plain((40, 42, 44)), VEHICLE),
         ]
-    return Vehicle(merge(*pieces), body.length, body.width)
+    return Vehicle(kit.merge(*pieces), body.length, body.width)
 
 
 def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     """A tramcar in two colours with its pantograph up."""
-    body, paint = TRAM, Livery(TRAM, colour)
+    body, paint = TRAM, VehiclePaint(TRAM, colour)
     half, w = body.length / 2, body.width / 2
     cream = (236, 226, 200)
     # bands of the body, and its roof
@@ -706,10 +665,11 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     tip = np.array([(1.5, -0.5, 4.3), (1.5, 0.5, 4.3), (0.6, -0.3, 5.45), (0.6, 0.3, 5.45)])
     low = np.array([(-5.0, -0.8, 3.25), (2.6, -0.8, 3.25)])
     return Vehicle(
-        merge(
-            bodywork(body, sheet, looks, 12), wheels(body, looks, (90, 92, 94), 8), bars(arm, tip, 0.07, iron, VEHICLE),
-            bars([0.6, -0.8, 5.48], [0.6, 0.8, 5.48], 0.08, iron, VEHICLE),
-            boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
+        kit.merge(
+            bodywork(body, sheet, looks, 12), wheels(body, looks, (90, 92, 94), 8),
+            kit.bars(arm, tip, 0.07, iron, VEHICLE),
+            kit.bars([0.6, -0.8, 5.48], [0.6, 0.8, 5.48], 0.08, iron, VEHICLE),
+            kit.boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
         ),
         body.length, body.width,
     )  # fmt: skip
@@ -717,7 +677,7 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
 
 def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: str) -> Vehicle:
     """A lorry with a box body and lettering."""
-    paint = Livery(LORRY_CAB, colour)
+    paint = VehiclePaint(LORRY_CAB, colour)
     w = LORRY_CAB.width / 2
     # cab: bumper, glass, door seam, grille and lamps
     paint.rect("front left right", (-1.2, 0.0), (1.2, 0.75), (36, 37, 39))
@@ -730,7 +690,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     for side in (1, -1):
         paint.rect("front", (side * w * 0.66, 0.55), (side * w * 0.95, 0.78), HEAD, HEAD_GLOW)
     sheet = paint.sheet(name, looks)
-    cab = merge(bodywork(LORRY_CAB, sheet, looks, 8)).moved(2.9)
+    cab = kit.merge(bodywork(LORRY_CAB, sheet, looks, 8)).moved(2.9)
     # lettered box on the flanks
     canvas = Canvas(5.6, 2.5, 56, box_colour)
     canvas.rect(0, 0, 5.6, 0.35, shade(colour, 0.9))
@@ -739,14 +699,14 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     canvas.text(2.8, 0.75, "REMOVALS · STORAGE · 24 HOURS", 0.24, ink, fit_m=4.8)
     boards = looks.add(Material(f"{name}-box", canvas.texture(0.05, looks.rng(name)), 0.5), (5.6, 2.5))
     plain, dark = looks.plain(box_colour), looks.plain((34, 35, 37), "matte")
-    flanks = wall_quads((-2.8, 1.0, 2.8, 3.5), 0.0, boards, VEHICLE, fit=True)
+    flanks = kit.wall_quads((-2.8, 1.0, 2.8, 3.5), 0.0, boards, VEHICLE, fit=True)
     # box, its boards, underride guard and rear lamps
     pieces = [
         cab,
-        box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
-        place(flanks, [(-1.1, -1.225, 0), (-1.1, 1.225, 0)], [0.0, 180.0]),
-        box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
-        boxes(
+        kit.box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
+        kit.place(flanks, [(-1.1, -1.225, 0), (-1.1, 1.225, 0)], [0.0, 180.0]),
+        kit.box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
+        kit.boxes(
             [(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)], [(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)], looks.plain(TAIL, "lamp"),
             VEHICLE, (),
         ),
@@ -754,7 +714,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     # the wheels belong to the whole lorry, which is longer than its cab
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))
-    return Vehicle(merge(*pieces), 7.9, 2.45)
+    return Vehicle(kit.merge(*pieces), 7.9, 2.45)
 
 
 @dataclass(frozen=True)
@@ -769,11 +729,11 @@ class Fleet:
     lorries: tuple[Vehicle, ...]
 
     def parked(self) -> list[tuple[tuple[Vehicle, ...], float]]:
-        """What stands along a kerb, with its share."""
+        """Vehicles along a kerb, with their shares."""
         return [(self.private, 0.72), (self.cabs, 0.16), (self.vans, 0.08), (self.lorries, 0.04)]
 
     def moving(self) -> list[tuple[tuple[Vehicle, ...], float]]:
-        """What drives, with its share."""
+        """Vehicles that drive, with their shares."""
         return [(self.private, 0.4), (self.cabs, 0.38), (self.vans, 0.07), (self.buses, 0.11), (self.lorries, 0.04)]
 
 
@@ -782,9 +742,8 @@ def build_fleet(looks: Looks) -> Fleet:
     makes = [
         (SEDAN, (0, 1, 3, 4, 5)), (HATCH, (4, 9, 11, 2)), (WAGON, (5, 7, 8)), (SUV, (1, 0, 6, 10)), (MINIVAN, (3, 5)),
     ]  # fmt: skip
-    names = {id(SEDAN): "sedan", id(HATCH): "hatch", id(WAGON): "wagon", id(SUV): "suv", id(MINIVAN): "minivan"}
     # private cars in several bodies and colours
-    private = [car(body, CAR_COLOURS[k], looks, f"{names[id(body)]}-{k}") for body, colours in makes for k in colours]
+    private = [car(body, CAR_COLOURS[k], looks, f"{body.name}-{k}") for body, colours in makes for k in colours]
     private.append(car(SEDAN, (28, 29, 32), looks, "police", "police"))
     # cabs, vans, buses, trams and lorries
     cabs = (car(SEDAN, CAB_YELLOW, looks, "cab", "cab"), car(MINIVAN, CAB_YELLOW, looks, "cab-van", "cab"))

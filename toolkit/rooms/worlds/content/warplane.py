@@ -300,7 +300,7 @@ FIN_CANT_DEG = 12.0
 
 
 def build() -> Mesh:
-    """The aeroplane: nose to +x, millimetres, its wheels' lowest points at one height."""
+    """The aeroplane: nose to +x, millimetres, its wheels' lowest points at the same height."""
     sides = draw_sides()
     around = [sides[name] for name in ("top", "bottom", "left", "right")]
     parts = [*build_fuselage(around), *build_canopy(sides), *build_tail_end()]
@@ -311,7 +311,7 @@ def build() -> Mesh:
 
 
 def build_boom(side: int, around: list[Side]) -> list[Part]:
-    """The beam outside an engine that carries the fin and the stabilator."""
+    """The beam outside an engine with the fin and the stabilator."""
     shape = curve([  # x, middle y, half width, half height, power
         (-44, 28.0, 3.0, 2.0, 3.0), (-58, 29.2, 4.4, 3.8, 3.2), (-72, 29.8, 5.0, 4.6, 3.4), (-112, 29.8, 4.4, 4.2, 3.2),
         (-124, 29.8, 3.0, 2.8, 2.6), (-128, 29.8, 0.8, 0.8, 2.0),

@@ -56,7 +56,7 @@ def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
     """Variants that can stand in a world, each once.
 
     Raises:
-        ToolkitError: there is no such variant, or it lies on a table without the object.
+        ToolkitError: there is no such variant, or it shows a patch without the object.
     """
     from toolkit.rig.variants import VARIANTS
 
@@ -64,7 +64,9 @@ def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
         if variant not in (*VARIANTS, ABSENT):
             raise one_of("variant", variant, [*VARIANTS, ABSENT])
         if variant == ON_THE_TABLE:
-            raise ToolkitError(f"variant '{variant}' lies on a table without its object: leave it out in a world")
+            raise ToolkitError(
+                f"variant '{variant}' shows a patch on a table without its object: leave it out in a world"
+            )
     return tuple(dict.fromkeys(variants))
 
 
@@ -78,9 +80,9 @@ Weathers = Annotated[conditions.Weathers, AfterValidator(put_clear_first)]
 
 
 class WorldEvalConfig(Config):
-    """One evaluation in a world; see `evaluate_world`."""
+    """An evaluation in a world; see `evaluate_world`."""
 
-    object: Annotated[str, Flag(metavar="NAME")] = Field("warplane", description="What stands in the world.")
+    object: Annotated[str, Flag(metavar="NAME")] = Field("warplane", description="Object in the world.")
     variants: Annotated[tuple[str, ...], AfterValidator(check_variants), Flag("--variant", metavar="NAME")] = Field(
         ("unpatched", "textured"),
         min_length=1,
@@ -93,11 +95,11 @@ class WorldEvalConfig(Config):
         "is always among them.",
     )
     world: Annotated[str, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
-        "city", description="city, grass, apron, harbour, a world of your own by name, or its file."
+        "city", description="city, grass, apron, harbour, your own world by name, or its file."
     )
     world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Seed of the world.")
     scale: Annotated[float, Field(gt=0), Flag("--world-scale", group=WORLD)] = Field(
-        1.0, description="Metres in one unit of your own mesh."
+        1.0, description="Metres in a unit of your mesh."
     )
     time: Annotated[Time, Flag(metavar="NAME", group=WORLD)] = Field(
         "noon", description="Time of day: noon, afternoon, golden, dusk, overcast."
@@ -127,7 +129,7 @@ class WorldEvalConfig(Config):
     )
     renderer: Annotated[
         str, AfterValidator(check_renderer), Later(), Flag(metavar="|".join((*IN_WORLDS, "airsim://HOST")), group=VIEW)
-    ] = Field(RAYCAST, description="What makes the pictures: a renderer, or AirSim, Colosseum or Cosys-AirSim.")
+    ] = Field(RAYCAST, description="Renderer of the pictures, or AirSim, Colosseum or Cosys-AirSim.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(
         None,

@@ -33,25 +33,15 @@ HIDDEN = 0.01
 
 @dataclass(frozen=True)
 class GridCamera:
-    """One camera of the grid.
+    """A camera of the grid."""
 
-    Attributes:
-        number: of its point in the grid, from 1; up changes first, then across.
-        T_world_camera: (4, 4) pose, metres; it looks at the middle of the object.
-        azimuth_deg: around the object, 0 at its front, counter-clockwise from above, [0, 360).
-        elevation_deg: above the object's middle.
-        distance_m: from the object's middle.
-        visible_share: of the object's outline that nothing hides, in [0, 1].
-        picture_share: of the picture that the object would cover if nothing hid it, in [0, 1].
-    """
-
-    number: int
-    T_world_camera: np.ndarray
-    azimuth_deg: float
-    elevation_deg: float
-    distance_m: float
-    visible_share: float
-    picture_share: float
+    number: int  # of its point in the grid, from 1; up changes first, then across
+    T_world_camera: np.ndarray  # (4, 4) pose, metres; it looks at the middle of the object
+    azimuth_deg: float  # around the object, 0 at its front, counter-clockwise from above, [0, 360)
+    elevation_deg: float  # above the object's middle
+    distance_m: float  # from the object's middle
+    visible_share: float  # of the object's outline that nothing hides, in [0, 1]
+    picture_share: float  # of the picture that the object would cover if nothing hid it, in [0, 1]
 
     @property
     def is_hidden(self) -> bool:
@@ -61,19 +51,12 @@ class GridCamera:
 
 @dataclass(frozen=True)
 class PlaceCameras:
-    """The cameras at a place.
-
-    Attributes:
-        placed: the object there.
-        cameras: those that are shot, by number.
-        points: (n, 3) positions of the whole grid, metres.
-        reasons: of each point, why no camera stands there; empty if a camera can.
-    """
+    """The cameras at a place."""
 
     placed: Placed
-    cameras: tuple[GridCamera, ...]
-    points: np.ndarray
-    reasons: tuple[str, ...]
+    cameras: tuple[GridCamera, ...]  # those that are shot, by number
+    points: np.ndarray  # (n, 3) positions of the whole grid, metres
+    reasons: tuple[str, ...]  # of each point, why no camera stands there; empty if a camera can
 
     def without(self, failed: Collection[int]) -> "PlaceCameras":
         """Without the cameras of these numbers, whose pictures failed."""
@@ -117,12 +100,9 @@ def plan_cameras(
     """Every camera of the grid that can stand, or a sample of them.
 
     Args:
-        world: in which.
-        placed: what they look at.
         camera: its pixels and field of view.
         shape, extent: of the grid; `extent` in object lengths.
         sample: how many are drawn from those that can stand; a larger sample contains the smaller. None takes all.
-        rng: draws them.
 
     Raises:
         ToolkitError: none can stand; the message counts why.

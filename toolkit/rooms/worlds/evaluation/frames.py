@@ -38,7 +38,7 @@ class FrameAnswers(BaseModel):
     """Line of `answers.jsonl`: the answers to a frame in some weathers.
 
     Attributes:
-        frame: hash of what the frame in clear air, its grain and the network are made of.
+        frame: hash of the frame in clear conditions, its grain and the network.
         answers: by what `name_weather` calls the weather.
     """
 
@@ -53,18 +53,12 @@ class FrameAnswers(BaseModel):
 
 @dataclass(frozen=True)
 class ViewAnswers:
-    """Answers to every camera's picture of a variant in a weather, in the order of the cameras.
+    """Answers to every camera's picture of a variant in a weather, in the order of the cameras."""
 
-    Attributes:
-        top1_index: (n,) int, first guess.
-        top1_prob, true_prob: (n,) its probability and the truth's.
-        true_rank: (n,) int, place of the truth among the guesses, from 1.
-    """
-
-    top1_index: np.ndarray
-    top1_prob: np.ndarray
+    top1_index: np.ndarray  # (n,) int, first guess
+    top1_prob: np.ndarray  # top1_prob, true_prob: (n,) its probability and the truth's
     true_prob: np.ndarray
-    true_rank: np.ndarray
+    true_rank: np.ndarray  # (n,) int, place of the truth among the guesses, from 1
 
     @classmethod
     def of(cls, rows: Iterable[RankedAnswer]) -> "ViewAnswers":
@@ -95,59 +89,38 @@ AnswerKey = tuple[str, str]
 
 
 class PictureTask(NamedTuple):
-    """A frame to render.
+    """A frame to render."""
 
-    Attributes:
-        frame: hash of its inputs.
-        place, variant: number of the place, name of the variant.
-        item: number of the camera in the whole run, of which its random draws depend.
-        camera: from where.
-        weathers: that it is wanted in.
-        is_kept: whether depth and classes are wanted too.
-    """
-
-    frame: str
-    place: int
+    frame: str  # hash of its inputs
+    place: int  # place, variant: number of the place, name of the variant
     variant: str
-    item: int
-    camera: GridCamera
-    weathers: tuple[WeatherKey, ...]
-    is_kept: bool
+    item: int  # number of the camera in the whole run, of which its random draws depend
+    camera: GridCamera  # from where
+    weathers: tuple[WeatherKey, ...]  # that it is wanted in
+    is_kept: bool  # whether depth and classes are wanted too
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A finished frame.
+    """A finished frame."""
 
-    Attributes:
-        task: what was asked for.
-        pictures: (h, w, 3) uint8 sRGB for each of the task's weathers.
-        depth_m: (h, w) float32 along each ray, inf for the sky; None unless kept.
-        classes: (h, w) uint8 `SceneClass`, or a number from above; None unless kept.
-    """
-
-    task: PictureTask
-    pictures: tuple[np.ndarray, ...]
-    depth_m: np.ndarray | None = None
-    classes: np.ndarray | None = None
+    task: PictureTask  # what was asked for
+    pictures: tuple[np.ndarray, ...]  # (h, w, 3) uint8 sRGB for each of the task's weathers
+    depth_m: np.ndarray | None = None  # (h, w) float32 along each ray, inf for the sky; None unless kept
+    classes: np.ndarray | None = None  # (h, w) uint8 `SceneClass`, or a number from above; None unless kept
 
 
 @dataclass(frozen=True)
 class WorldVariant:
-    """The object in a variant, at its real size.
+    """The object in a variant, at its real size."""
 
-    Attributes:
-        mesh: metres, in the object's frame.
-        boosted: (m,) bool, faces that a patch, a texture or a control covers.
-    """
-
-    mesh: Mesh
-    boosted: np.ndarray
+    mesh: Mesh  # metres, in the object's frame
+    boosted: np.ndarray  # (m,) bool, faces that a patch, a texture or a control covers
 
     @classmethod
     def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
-        """A variant of a bare mesh: faces with a picture that the bare mesh lacks are boosted."""
-        # by identity: a variant has the bare mesh's own textures, and new textures beside them
+        """A variant of an unmodified mesh: faces with a new picture are boosted."""
+        # by identity: a variant has the unmodified mesh's textures, and new textures beside them
         own = {id(material.texture) for material in bare.materials}
         new = np.array([id(material.texture) not in own for material in mesh.materials])
         return cls(mesh, new[mesh.face_material])
@@ -155,24 +128,15 @@ class WorldVariant:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What all frames of a run share; equal only to itself.
+    """Inputs of all frames of a run; equal only to itself."""
 
-    Attributes:
-        world, sky: around the object.
-        camera: of all pictures.
-        seed: of grain and weather.
-        places: the bare object in its places.
-        variants: by name.
-        renderer: what draws the pictures.
-    """
-
-    world: World
+    world: World  # world, sky: around the object
     sky: Sky
-    camera: Camera
-    seed: int
-    places: tuple[Placed, ...]
-    variants: dict[str, WorldVariant]
-    renderer: str = RAYCAST
+    camera: Camera  # of all pictures
+    seed: int  # of grain and weather
+    places: tuple[Placed, ...]  # the unmodified object in its places
+    variants: dict[str, WorldVariant]  # by name
+    renderer: str = RAYCAST  # what draws the pictures
 
 
 class FrameSource(Protocol):
@@ -186,7 +150,7 @@ class FrameSource(Protocol):
 def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
     """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
 
-    Tasks of one place and variant should follow each other: their light is worked out once.
+    Tasks of a place and variant should follow each other: their light is worked out once.
     """
 
     def prepare() -> Iterator[tuple[PictureTask, Renderer]]:
@@ -198,7 +162,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask]) -> Iterator[Frame]
 
 @lru_cache(maxsize=1)
 def open_renderer(stage: Stage, place: int, variant: str) -> Renderer:
-    """The renderer of a variant in its place; the last one is kept."""
+    """The renderer of a variant in its place; the last is kept."""
     return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh), stage.renderer)
 
 

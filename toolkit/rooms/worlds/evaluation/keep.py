@@ -25,7 +25,7 @@ MOST_PICTURE_BYTES = 64 << 20
 
 
 class KeptFrame(BaseModel):
-    """One line of `frames/manifest.jsonl`.
+    """A line of `frames/manifest.jsonl`.
 
     Attributes:
         path: folder of the frame below `frames/`: `PLACE/VARIANT/CAMERA`.
@@ -85,9 +85,6 @@ class KeptFrames:
         """Read what is there.
 
         Args:
-            folder: it need not exist.
-            stage, places: of the run.
-            spec: of the object.
             everything: keep all frames; otherwise a camera of each place.
         """
         self.renderer: str | None = None
@@ -138,16 +135,12 @@ class KeptFrames:
     def write(self, task: PictureTask, files: Mapping[str, bytes]) -> None:
         """Put a frame's files into the folder, then its line into the manifest.
 
-        Args:
-            task: what was rendered.
-            files: see `encode_frame`.
-
         Raises:
             ToolkitError: the disk is full or may not be written.
         """
         path = self.path_of(self._name(task), task.variant, task.camera)
         names = [name_picture(weather) for weather in task.weathers]
-        # files first, the line last: a line says that all is there
+        # files first, the line last: a frame with a line is whole
         for name, content in files.items():
             write_bytes(self.folder / path / name, content)
         before = self._known.get(path)
@@ -226,17 +219,11 @@ def _encode(pixels: np.ndarray) -> bytes:
 
 
 class ShotFrames(NamedTuple):
-    """Frames that lie in a folder.
+    """Frames that lie in a folder."""
 
-    Attributes:
-        folder: `frames/` of a run.
-        places: names by the tasks' numbers.
-        renderer: who made them.
-    """
-
-    folder: Path
-    places: tuple[str, ...]
-    renderer: str
+    folder: Path  # `frames/` of a run
+    places: tuple[str, ...]  # names by the tasks' numbers
+    renderer: str  # who made them
 
     def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """The pictures of tasks, without depth and classes, which lie there already.
@@ -248,7 +235,7 @@ class ShotFrames(NamedTuple):
             yield Frame(task._replace(is_kept=False), tuple(self._decode(task, weather) for weather in task.weathers))
 
     def hash_pictures(self, task: PictureTask) -> list[object]:
-        """What tells a task's pictures from all others: who made them, and their bytes."""
+        """Identity of a task's pictures: who made them, and their bytes."""
         files = [self._file(task, weather) for weather in task.weathers]
         return [self.renderer, [[file.stem, sha256_bytes(read_bytes(file, MOST_PICTURE_BYTES))] for file in files]]
 

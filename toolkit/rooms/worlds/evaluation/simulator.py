@@ -33,7 +33,7 @@ Colour = tuple[int, int, int]
 
 
 def name_actor(name: str, variant: str) -> str:
-    """What an object in a variant is called in the simulator: `warplane_grey_texture`."""
+    """Name of an object in a variant in the simulator: `warplane_grey_texture`."""
     return f"{name}_{variant}".replace("-", "_")
 
 
@@ -56,14 +56,8 @@ def shoot_missing(
 
     The objects are written as GLBs to the folder `objects` beside the frames: for the simulator's project.
 
-    Args:
-        address: of the simulator.
-        stage, places: what is shot.
-        tasks: in all of their weathers.
-        kept: where the frames go.
-
     Raises:
-        ToolkitError: as `AirSim` and `shoot_frames`, or the disk is full. What was shot before stays.
+        ToolkitError: as `AirSim` and `shoot_frames`, or the disk is full. Earlier pictures stay.
     """
     name = kept.object_name
     write_objects(kept.folder.parent / "objects", stage, name)
@@ -99,8 +93,6 @@ def shoot_frames(
     Args:
         simulator: is moved, and left with the last object in its place.
         stage: the objects; of its camera, field of view and size.
-        places: by the tasks' number.
-        name: of the object.
         tasks: those of the same place and variant follow each other.
 
     Raises:
@@ -120,7 +112,7 @@ def shoot_frames(
         standing, colour = actor, None
         if actor:
             simulator.place(actor, pose_of(stage.places[place].stand))
-            # found in clear air, where depth and colours are as they are
+            # found in clear conditions, which leave depth and colours as they are
             simulator.set_weather({})
             colour = find_object(simulator, stage, places[place], variant, actor)
         # weather outside, cameras inside: a change of weather costs seconds, a camera does not
@@ -133,7 +125,7 @@ def shoot_frames(
 
 
 def make_frame(task: PictureTask, shot: SimulatorShot, colour: Colour | None) -> Frame:
-    """A shot as a frame; depth and classes, which weather leaves as they are, with the picture in clear air."""
+    """A shot as a frame; depth and classes come with the picture in clear conditions."""
     if not task.is_kept or task.weathers != (CLEAR,):
         return Frame(task, (shot.picture,))
     classes = np.full(shot.depth_m.shape, SceneClass.OTHER, np.uint8)

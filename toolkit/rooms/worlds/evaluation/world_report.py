@@ -93,7 +93,7 @@ def choose_weathers(weathers: Sequence[WeatherKey]) -> list[WeatherKey]:
 
 @with_default_style
 def draw_curves(results: WorldResults, summary: Summary) -> bytes:
-    """PNG: top-5 by where the camera stood; solid in clear air, dashed in the middle severity of the first weather."""
+    """PNG: top-5 by the camera's place; solid in clear conditions, dashed in the first weather's middle severity."""
     figure = make_figure(11, 2 * PANEL_IN)
     panels = figure.subplots(2, 3).ravel()
     shown = choose_weathers(results.weathers)[:2]
@@ -230,9 +230,6 @@ def write_results(folder: Path, results: WorldResults, kept: KeptFrames, about: 
     """Write predictions, cameras, figures, the report and last `summary.json`, each whole or not at all.
 
     Args:
-        folder: of the run.
-        results: what was found.
-        kept: the pictures that stay.
         about: further fields of the summary; its `notes` follow those of the results.
 
     Raises:

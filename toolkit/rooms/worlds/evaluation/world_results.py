@@ -36,7 +36,7 @@ from toolkit.rooms.worlds.evaluation.keep import name_picture
 
 SOURCE = "sim"
 SEEN = ("azimuth_deg", "elevation_deg", "distance_m", "visible_share", "picture_share")
-"""What is known of every camera."""
+"""The values of every camera."""
 COLUMNS = (*NEEDED, "world", "place", "weather", "severity", "visibility_m", *SEEN)
 CAMERA_COLUMNS = ("place", "pose_id", "x_m", "y_m", "z_m", "left_out", *SEEN)
 Summary = dict[str, Any]
@@ -45,27 +45,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class WorldResults:
-    """What the network said, and of what.
-
-    Attributes:
-        config: of the run.
-        classifier: who was asked.
-        item: the object.
-        true_index: its class.
-        stage: world, sky, camera, places and variants.
-        places: cameras at each place.
-        answers: by variant and weather, of all cameras of all places, in order.
-        renderer: the simulator that made the pictures; None of our own.
-    """
+    """Frames of an evaluation, and the guesses of its network."""
 
     config: WorldEvalConfig
-    classifier: Classifier
+    classifier: Classifier  # who was asked
     item: TableObject
-    true_index: int
-    stage: Stage
-    places: tuple[PlaceCameras, ...]
-    answers: dict[tuple[str, WeatherKey], ViewAnswers]
-    renderer: str | None = None
+    true_index: int  # its class
+    stage: Stage  # world, sky, camera, places and variants
+    places: tuple[PlaceCameras, ...]  # cameras at each place
+    answers: dict[tuple[str, WeatherKey], ViewAnswers]  # by variant and weather, of all cameras of all places, in order
+    renderer: str | None = None  # the simulator that made the pictures; None for our renderers
 
     @cached_property
     def variants(self) -> list[str]:
@@ -108,7 +97,7 @@ class WorldResults:
 
 
 def find_visibility_m(weather: WeatherKey) -> float | None:
-    """At 5 % contrast, metres; None in clear air."""
+    """At 5 % contrast, metres; None in clear conditions."""
     visibility = make_weather(*weather).visibility_m
     return None if np.isinf(visibility) else round(visibility, 3)
 
@@ -157,7 +146,7 @@ def pooled(summary: Summary, rows: str = "groups") -> dict[tuple[str, str, int],
 
 
 def judge_world(summary: Summary) -> list[Verdict]:
-    """A sentence on every variant in clear air, then on what each sees through each kind of weather.
+    """A sentence on every variant in clear conditions, then on each in each kind of weather.
 
     `good` and `bad` where both the interval over places and the paired test say so, else `open`.
     """
@@ -176,7 +165,7 @@ def judge_world(summary: Summary) -> list[Verdict]:
 def _name(variant: str) -> str:
     if variant == ABSENT:
         return "of the places without it"
-    return "bare" if variant == UNPATCHED else f"with {name_booster(variant)}"
+    return "without a booster" if variant == UNPATCHED else f"with {name_booster(variant)}"
 
 
 def _share(row: Row) -> str:
@@ -192,16 +181,14 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
     limits = f" ({format_points(interval[0])} to {format_points(interval[1])})" if interval else ""
     tone = find_tone(interval) if p < SIGNIFICANT else "open"
     tests = f"{pair['gained_top5']} gained, {pair['lost_top5']} lost, {format_test(pair['mcnemar_p_top5'])}"
-    return (
-        tone,
-        f" That is {points} points{limits} against bare: {tests}; over places p {format_p(pair['places_p_top5'])}.",
-    )
+    places = f"over places p {format_p(pair['places_p_top5'])}"
+    return tone, f" That is {points} points{limits} against the baseline: {tests}; {places}."
 
 
 def _judge_half(row: Row) -> Verdict:
     what = f"In {row['weather']}, {_name(row['variant'])}: "
     if not row["clear_top5"]:
-        return Verdict("open", f"{what}nothing was recognised in clear air, so nothing can be lost.")
+        return Verdict("open", f"{what}nothing was recognised in clear conditions, so nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
     if row["visibility_m"] is None:
         half = f"even at {row['densest_m']:.3g} m, the thickest {row['weather']} tested, more than half remain"
@@ -209,8 +196,8 @@ def _judge_half(row: Row) -> Verdict:
         return Verdict("open", f"{what}{half}.")
     times, same_times = format_times(row, "times"), format_times(row, "same_times")
     sentence = (
-        f"{what}{half}; that is {times} the {row['weather']} that halves the bare object. As many as the bare object "
-        f"then keeps are still recognised in {same_times} that {row['weather']}."
+        f"{what}{half}; that is {times} the {row['weather']} that halves the baseline. As many as the "
+        f"baseline then keeps are still recognised in {same_times} that {row['weather']}."
     )
     # a ratio of 1 is no effect
     return Verdict(find_tone(row["same_times_ci95"], none=1), sentence)

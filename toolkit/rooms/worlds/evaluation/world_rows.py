@@ -36,35 +36,24 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
 
 @dataclass(frozen=True)
 class HalfLost:
-    """Visibility at which a variant loses half of its accuracy, in a kind of weather.
+    """Visibility at which a variant loses half of its accuracy, in a kind of weather."""
 
-    Attributes:
-        variant, weather: names of the variant and of the kind of weather.
-        clear_top5: share with the truth among five guesses in clear air.
-        visibility_m: at which half of that is left; None where more is left in the densest that was run, or nothing
-            was recognised.
-        visibility_ci95: None at its lower end: not reached.
-        densest_m: least visibility that was run.
-        times: how many times the extinction of `unpatched` at its own half this variant stands before its half is
-            lost; a lower bound where `visibility_m` is None. None for `unpatched`, and where that has none.
-        times_ci95: infinite ends are None.
-        same_times: the same, up to where this variant is recognised as often as `unpatched` is at its half.
-        same_times_ci95: likewise.
-        same_is_bound, times_is_bound: whether the number is a lower bound.
-    """
-
-    variant: str
+    variant: str  # variant, weather: names of the variant and of the kind of weather
     weather: str
-    clear_top5: float
+    clear_top5: float  # share with the truth among five guesses in clear conditions
+    # at which half of that is left; None where more is left in the densest that was run, or nothing was recognised
     visibility_m: float | None
-    visibility_ci95: tuple[float | None, float | None] | None
-    densest_m: float
+    visibility_ci95: tuple[float | None, float | None] | None  # None at its lower end: not reached
+    densest_m: float  # least visibility that was run
+    # how many times the extinction of `unpatched` at its own half this variant stands before its half is lost; a lower
+    # bound where `visibility_m` is None. None for `unpatched`, and where that has none.
     times: float | None = None
-    times_ci95: tuple[float | None, float | None] | None = None
+    times_ci95: tuple[float | None, float | None] | None = None  # infinite ends are None
     times_is_bound: bool = False
+    # the same, up to where this variant is recognised as often as `unpatched` is at its half
     same_times: float | None = None
-    same_times_ci95: tuple[float | None, float | None] | None = None
-    same_is_bound: bool = False
+    same_times_ci95: tuple[float | None, float | None] | None = None  # likewise
+    same_is_bound: bool = False  # same_is_bound, times_is_bound: whether the number is a lower bound
 
     def as_json(self) -> dict[str, Any]:
         """An entry of `half_lost` of `summary.json`."""
@@ -91,7 +80,7 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
     # how far between the last step above the level and the first below
     step = np.where(high > low, (high - levels) / np.where(high > low, high - low, 1), 0.0)
     at = extinctions[before] + step * (extinctions[first] - extinctions[before])
-    # below it in clear air already; or not even in the densest
+    # below it in clear conditions already; or not even in the densest
     at = np.where(first == 0, 0.0, at)
     at = np.where(first < 0, NOT_REACHED, at)
     return np.where(shares[:, 0] > 0, at, np.nan)
@@ -104,7 +93,7 @@ def find_ladder(weathers: tuple[tuple[str, int], ...]) -> dict[str, list[tuple[s
 
 
 def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
-    """(m,) 1/m of each step of a ladder; 0 in clear air."""
+    """(m,) 1/m of each step of a ladder; 0 in clear conditions."""
     visible = [make_weather(*weather).visibility_m for weather in ladder]
     return np.array([0.0 if np.isinf(visibility_m) else find_extinction(visibility_m) for visibility_m in visible])
 
@@ -112,25 +101,26 @@ def list_extinctions(ladder: list[tuple[str, int]]) -> np.ndarray:
 def measure_half(
     variant: str, kind: str, extinctions: np.ndarray, shares: np.ndarray, bare: np.ndarray | None
 ) -> HalfLost:
-    """The half of a variant, alone and against the bare object.
+    """The half of a variant, alone and against the unmodified object.
 
     Args:
-        variant, kind: names.
         extinctions: (m,) 1/m, clear air first.
         shares: (1 + b, m) of what was seen, then of bootstrap samples.
-        bare: the same of `unpatched`; None for itself, or without it.
+        bare: the shares of `unpatched`; None for `unpatched` itself, or if it was not evaluated.
     """
     own = find_level(extinctions, shares, HALF * shares[:, 0])
     # 0 where a level is not reached, infinite where nothing needs to be lost
     visible = np.array([0.0 if np.isinf(extinction) else find_visibility(float(extinction)) for extinction in own])
+    interval = percentile_interval(visible[1:]) if len(visible) > 1 else None
     half = HalfLost(
-        variant, kind, float(shares[0, 0]), _finite(visible[0]), _visible_interval(visible[1:]),
+        variant, kind, float(shares[0, 0]), _finite(visible[0]),
+        None if interval is None else (_finite(interval[0]), _finite(interval[1])),
         find_visibility(float(extinctions.max())),
     )  # fmt: skip
     if bare is None:
         return half
     reference = find_level(extinctions, bare, HALF * bare[:, 0])
-    # the bare object loses its half nowhere, or at once: there is nothing to compare with
+    # the unmodified object loses its half nowhere, or at once: there is nothing to compare with
     if not np.isfinite(reference[0]) or reference[0] == 0:
         return half
     same = find_level(extinctions, shares, HALF * bare[:, 0])
@@ -154,11 +144,6 @@ def _compare(name: str, own: np.ndarray, reference: np.ndarray, densest: float) 
         f"{key}_ci95": None if interval is None else (_finite(interval[0]), _finite(interval[1])),
         f"{name}_is_bound": is_bound,
     }
-
-
-def _visible_interval(visible: np.ndarray) -> tuple[float | None, float | None] | None:
-    interval: Interval | None = percentile_interval(visible) if len(visible) else None
-    return None if interval is None else (_finite(interval[0]), _finite(interval[1]))
 
 
 def _finite(value: float) -> float | None:
@@ -213,11 +198,11 @@ def describe_cameras(results: WorldResults) -> list[dict[str, Any]]:
 
 
 def list_notes(results: WorldResults) -> list[str]:
-    """What a reader of the tables must know, a sentence each."""
+    """Notes for readers of the tables, a sentence each."""
     count = len(results.places)
     notes = [
         *results.classifier.notes,
-        "The tests of pairs count cameras as independent. Cameras of one place share light and background, so these p "
+        "The tests of pairs count cameras as independent. Cameras at a place share light and background, so these p "
         "values are too small; the p over places and the intervals count each place once.",
     ]
     if count == 1:
@@ -259,7 +244,7 @@ def _each_cell(results: WorldResults, variants: Sequence[str]) -> Iterator[tuple
 
 
 def _answers(results: WorldResults, head: dict[str, Any], variant: str | None = None) -> ViewAnswers:
-    """To the pictures of a row; `variant`: instead of its own."""
+    """Answers to the pictures of a row, or of another variant."""
     return results.answers[variant or head["variant"], (head["weather"], head["severity"])]
 
 

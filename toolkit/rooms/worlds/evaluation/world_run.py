@@ -64,27 +64,16 @@ UNIT_PICTURES = 256
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of whom.
-
-    Attributes:
-        item: the object.
-        stage: world, sky, camera, places and variants.
-        places: the cameras at each place.
-        classifier: who is asked.
-        true_index: class of the object.
-        weathers: that every frame is seen in.
-        batch_size: pictures that are gathered for a pass.
-        shots: pictures that a simulator made, if a simulator was used.
-    """
+    """An evaluation's object, places and network."""
 
     item: TableObject
-    stage: Stage
-    places: tuple[PlaceCameras, ...]
-    classifier: Classifier
-    true_index: int
-    weathers: tuple[WeatherKey, ...]
-    batch_size: int | None
-    shots: ShotFrames | None = None
+    stage: Stage  # world, sky, camera, places and variants
+    places: tuple[PlaceCameras, ...]  # the cameras at each place
+    classifier: Classifier  # who is asked
+    true_index: int  # class of the object
+    weathers: tuple[WeatherKey, ...]  # that every frame is seen in
+    batch_size: int | None  # pictures that are gathered for a pass
+    shots: ShotFrames | None = None  # pictures that a simulator made, if a simulator was used
 
     def tasks(self) -> list[PictureTask]:
         """Every frame in every weather; those of a place and variant follow each other."""
@@ -129,13 +118,10 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     """All answers, those that are not in the log computed and added to it.
 
     Memory holds the units that wait, and in one process a batch of pictures and a few frames, whatever the size of the
-    grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
+    grid. A killed run resumes with the next frames. If a unit fails, its cameras are left out.
 
     Args:
-        asked: what, of whom.
-        log: of answers.
         kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
-        engine: does the units.
 
     Raises:
         ToolkitError: no camera is left, or the disk is full.
@@ -147,7 +133,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     cache = WorkLog(log, FrameAnswers, FrameAnswers.entries, keys)
 
     def find_rest(task: PictureTask) -> PictureTask:
-        """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
+        """Missing weathers of a frame: all of them if it must be kept on disk and is not."""
         weathers = [weather for weather in task.weathers if (task.frame, names[weather]) not in cache.known]
         if kept is None:
             return task._replace(weathers=tuple(weathers))
@@ -193,15 +179,10 @@ def _gather(asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey
 
 
 class Rendered(NamedTuple):
-    """Frames of our own renderer.
+    """Frames of our renderers."""
 
-    Attributes:
-        stage: what is rendered.
-        light: on what stands around, worked out once by the driver.
-    """
-
-    stage: Stage
-    light: BakedLight
+    stage: Stage  # what is rendered
+    light: BakedLight  # on what stands around, worked out once by the driver
 
     def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """See `render_frames`."""
@@ -210,19 +191,14 @@ class Rendered(NamedTuple):
 
 
 AnsweredFrame = tuple[dict[str, RankedAnswer], dict[str, bytes]]
-"""What was said of a frame, by what `name_weather` calls the weather; of a kept frame its files, see `encode_frame`."""
+"""Guesses for a frame, by the weather's name (`name_weather`); files of a kept frame, see `encode_frame`."""
 
 
 class Setup(NamedTuple):
-    """What all units of a run need.
+    """Inputs of all units of a run."""
 
-    Attributes:
-        source: of the pictures.
-        classifier, true_index, batch_size: see `Asked`.
-    """
-
-    source: FrameSource
-    classifier: Classifier
+    source: FrameSource  # of the pictures
+    classifier: Classifier  # classifier, true_index, batch_size: see `Asked`
     true_index: int
     batch_size: int | None
 
@@ -264,19 +240,13 @@ LONGEST_NAME = 90
 
 @dataclass(frozen=True)
 class WorldRun:
-    """What a run found, and where it is.
+    """Results of a run, and their files."""
 
-    Attributes:
-        results: the answers and what they were given to.
-        files: what was written.
-        computed, kept: answers that were computed now, and taken from before.
-        failed: (what, reason) of pictures that could not be made or answered; the next run tries them again.
-    """
-
-    results: WorldResults
-    files: WorldFiles
-    computed: int
+    results: WorldResults  # the answers and what they were given to
+    files: WorldFiles  # what was written
+    computed: int  # computed, kept: answers that were computed now, and taken from before
     kept: int
+    # (what, reason) of pictures that could not be made or answered; the next run tries them again
     failed: tuple[tuple[str, str], ...] = ()
 
 
@@ -290,8 +260,6 @@ def evaluate_world(
 
     Args:
         workspace: whose objects, patches and textures are meant, and whose `eval/` is written to.
-        classifier: who is asked.
-        config: object, variants, world, cameras and weathers.
         engine: where frames are rendered and answered; by default in this process.
 
     Raises:
@@ -337,7 +305,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     sky = make_sky(config.time, config.seed)
     if config.is_simulated:
         if config.time != WorldEvalConfig.model_fields["time"].default:
-            raise FieldError("goes with {renderer} raycast: a simulator has a sky of its own", {"time": config.time})
+            raise FieldError("goes with {renderer} raycast: a simulator draws its own sky", {"time": config.time})
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     # all variants stand in the same places, so the widest decides

@@ -17,7 +17,7 @@ from toolkit.rooms.worlds.content.modelling import LENGTH_MM
 ATLAS_PX = 512
 """Side that the shipped atlas is reduced to."""
 HUE_TURN_DEG = {"racer": (30, 180), "warplane": (30, 180), "coffeepot": (30, 180), "eggnog": (12, 50)}
-"""By how much the hues of a shipped object turn; a drink stays one that a person would drink."""
+"""By how much the hues of a shipped object turn; a drink keeps a colour that a person would drink."""
 Maker = Callable[[np.random.Generator], Mesh]
 SHIPPED_SHARE = 0.35
 """Share of stretched and repainted shipped objects among the instances of a kind that the package ships."""

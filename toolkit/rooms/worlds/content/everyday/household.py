@@ -1,4 +1,4 @@
-"""What stands about a house: furniture, lamps, candles, umbrellas; tools and weights; and toys."""
+"""Household things: furniture, lamps, candles, umbrellas, tools, weights and toys."""
 
 from itertools import pairwise
 
@@ -102,7 +102,7 @@ def make_chair(rng: np.random.Generator) -> Mesh:
 
 
 def make_dining_table(rng: np.random.Generator) -> Mesh:
-    """A rectangular, round or oval top on four legs, trestles or a pedestal; bare, or with a cloth or plates."""
+    """A rectangular, round or oval top on four legs, trestles or a pedestal; some with plates."""
     long, wide, high = draw(rng, 110, 135), draw(rng, 66, 95), draw(rng, 100, 130)
     colour = _frame_colour(rng)
     top: Paint = wood_grain(rng, colour) if chance(rng, 0.5) else colour
@@ -335,7 +335,7 @@ def _one_mushroom(rng: np.random.Generator, cap: Colour, spotted: bool) -> list[
 
 
 def make_umbrella(rng: np.random.Generator) -> Mesh:
-    """An open umbrella, gored in one or more colours, with ribs, a shaft and a crook; upright or tipped over."""
+    """An open umbrella, gored in a colour or more, with ribs, a shaft and a crook; upright or tipped over."""
     # cloth: plain, gored or ringed
     radius, rise, gores = draw(rng, 120, 140), draw(rng, 48, 80), pick(rng, (6, 8, 8, 10))
     colour, other = pick_colour(rng, "bright", "dark", "ceramic"), pick_colour(rng, "pale", "bright")

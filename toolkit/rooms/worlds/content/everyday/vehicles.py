@@ -1,4 +1,4 @@
-"""What drives and flies: racing cars, minivans, go-karts, tractors; warplanes, airliners, space shuttles."""
+"""Vehicles: racing cars, minivans, go-karts, tractors, warplanes, airliners, space shuttles."""
 
 from collections.abc import Sequence
 
@@ -346,7 +346,7 @@ def _prototype(rng: np.random.Generator) -> list[Part]:
 
 
 def make_warplane(rng: np.random.Generator) -> Mesh:
-    """A delta, a swept-wing twin-finned jet, or a propeller fighter, in camouflage or bare metal."""
+    """A delta, a swept-wing twin-finned jet, or a propeller fighter, in camouflage or metal."""
     return finish(pick(rng, (_delta_jet, _swept_jet, _swept_jet, _propeller_fighter))(rng), 512)
 
 

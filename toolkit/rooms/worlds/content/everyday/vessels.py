@@ -1,4 +1,4 @@
-"""What holds something: pots, jugs, mugs, vases, buckets, pans, bottles, cans, cartons, glasses; a roll of tissue."""
+"""Vessels: pots, jugs, mugs, vases, buckets, pans, bottles, cans, cartons, glasses; and a roll of tissue."""
 
 import numpy as np
 
