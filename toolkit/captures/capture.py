@@ -1,7 +1,7 @@
 """One image of a capture folder: what is known of it, and in what two images differ besides the booster."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,10 @@ SAME_CAMERA = (3.0, 0.05)
 SAME_PHOTOGRAPH = (15.0, 0.5)
 """Likewise where one camera is held by hand, of a photograph or a rehearsal: degrees and share of distance alone."""
 OTHER_CAMERA = "other cameras"
+RENDERER_VERSION = "renderer_version"
 SETTINGS: Mapping[str, str] = {
     "renderer": "another renderer",
+    RENDERER_VERSION: "another version of the renderer",
     "look": "another version of the rig",
     "backdrop": "another backdrop",
     "light": "other light",
@@ -29,12 +31,16 @@ SETTINGS: Mapping[str, str] = {
 """What two images of a pair must share besides the camera, each with the words for a pair that does not."""
 
 
-def find_difference(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
+OF_RENDERER = ("renderer", RENDERER_VERSION, "scene_sha256")
+"""The settings in which images of two renderers differ in any case."""
+
+
+def find_difference(first: Mapping[str, Any], second: Mapping[str, Any], but: Collection[str] = ()) -> str | None:
     """Return the words for the first of `SETTINGS` in which two images differ; None if they differ in none.
 
-    A setting that either image does not state does not count.
+    A setting that either image does not state, or that is in `but`, does not count.
     """
-    shared = (name for name in SETTINGS if name in first and name in second)
+    shared = (name for name in SETTINGS if name in first and name in second and name not in but)
     return next((SETTINGS[name] for name in shared if first[name] != second[name]), None)
 
 

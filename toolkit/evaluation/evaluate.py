@@ -9,6 +9,15 @@ from typing import Any
 
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.agreement import (
+    ANSWER_HEADS,
+    GAIN_HEADS,
+    add_colours,
+    list_answers,
+    list_colours,
+    list_flips,
+    list_gains,
+)
 from toolkit.evaluation.contact_sheet import (
     MANY_SHEETS,
     Card,
@@ -117,7 +126,8 @@ def judge_captures(
     origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
     labels = {one: classifier.labels[index] for one, index in classes.items()}
     notes = (*folder.notes, *describe_other_classes(training, labels))
-    return replace(findings, training=training, origin=origin), notes
+    renderers = tuple(add_colours(agreement, workspace) for agreement in findings.renderers)
+    return replace(findings, training=training, origin=origin, renderers=renderers), notes
 
 
 ASKED = ("trust_files", "sources", "objects", "variants", "corruptions")
@@ -267,6 +277,11 @@ def write_report(
         "tables": _build_tables(findings), "comparisons": _build_comparisons(findings.comparisons),
         "compared": {row.second for row in findings.comparisons},
         "controlled": _name_controlled(findings.comparisons), "charts": chart_poses(predictions),
+        "agreements": [
+            (found, list_gains(found), list_answers(found), list_colours(found), list_flips(found))
+            for found in findings.renderers
+        ],
+        "gain_heads": GAIN_HEADS, "answer_heads": ANSWER_HEADS,
         "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({prediction.capture.source for prediction in predictions}),
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,

@@ -14,6 +14,7 @@ from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.agreement import RendererAgreement, compare_renderers, write_agreement
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
     WRONG,
@@ -182,6 +183,7 @@ class Findings:
         unpaired: (path, reason) of images without a partner.
         no_pairs: why pairs were not formed, and how many of each.
         sim_real: rendered sources against photographs of the same poses.
+        renderers: plans that several renderers shot.
         passed: the same without the photographs that failed a gate; None where none did.
         training: of the boosters, where their records are known.
         origin: what the result rests on; None for what was not read from captures.
@@ -198,6 +200,7 @@ class Findings:
     no_pairs: tuple[tuple[str, int], ...]
     sim_real: tuple[SimReal, ...]
     passed: "Findings | None"
+    renderers: tuple[RendererAgreement, ...] = field(default=(), kw_only=True)
     training: tuple[Training, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
 
@@ -222,7 +225,9 @@ def compare_predictions(
     groups = group_predictions(predictions)
     pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
+    renderers = compare_renderers(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
+    headlines += [verdict for agreement in renderers for verdict in write_agreement(network, agreement)]
     good = [prediction for prediction in predictions if not prediction.capture.failed_gates]
     unread = [(prediction.capture.path, prediction.status) for prediction in predictions if not prediction.is_read]
     return Findings(
@@ -236,6 +241,7 @@ def compare_predictions(
         unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
         no_pairs=tuple(count_no_pairs(poses)),
         sim_real=tuple(sim_real),
+        renderers=tuple(renderers),
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )
 
@@ -260,6 +266,10 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
     `sim_real` has an entry for each rendered source and source of photographs of the same poses: `rows` by object and
     variant (the gap, its interval and test, the rank correlation), `gains` (which poses a booster gains), `wrong` (the
     poses that the rig predicted wrongly) and what was not compared. It is empty without both kinds of sources.
+
+    `renderers` has an entry for each plan that several renderers shot: `gains` (each renderer's own pairs), `pairs` (of
+    every two renderers how many answers agree, Cohen's kappa and the difference of colours) and `flips` (the images
+    that only some renderers' networks get right).
     """
     return {
         **begin_summary(kind, classifier),
@@ -273,6 +283,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
         "boosters": [booster.as_json() for booster in findings.training],
         "corrupted": list_corrupted(prediction.capture for prediction in findings.predictions),
         "sim_real": [comparison.as_json() for comparison in findings.sim_real],
+        "renderers": [agreement.as_json() for agreement in findings.renderers],
         "gates": {
             "failed": [
                 {"path": photo.capture.path, "gates": list(photo.capture.failed_gates)} for photo in findings.gated
