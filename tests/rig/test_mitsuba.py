@@ -211,6 +211,21 @@ def test_a_variant_that_was_named_is_used_or_refused(fresh, probes, monkeypatch,
     assert "scalar_rgb" not in probes["tried"] and describe_mitsuba()[1] == ""
 
 
+def test_an_unknown_variant_is_refused_with_those_that_are_known(fresh, probes, monkeypatch):
+    monkeypatch.setenv(mitsuba.VARIABLE, "scalar_spectral")
+    assert mitsuba_trouble() == ("TOOLKIT_MITSUBA is 'scalar_spectral': expected llvm_ad_rgb, scalar_rgb, cuda_ad_rgb")
+    assert probes["tried"] == []
+
+
+@pytest.mark.slow
+def test_without_a_good_llvm_it_starts_all_the_same(needs_mitsuba, fresh, monkeypatch, tmp_path):
+    """The true processes: a folder is no library, so that LLVM's variant cannot start."""
+    monkeypatch.delenv(mitsuba.VARIABLE, raising=False)
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path))
+    assert mitsuba.probe_variant("llvm_ad_rgb") is not None
+    assert (choose_variant(), mitsuba_trouble()) == ("scalar_rgb", None)
+
+
 def test_threads_of_llvm_share_no_pixel():
     """A task of its holds 2^14 rays: whole pixels only for a power of two; and the sampler's grid needs a square."""
     assert 2**14 % SAMPLES == 0 and round(SAMPLES**0.5) ** 2 == SAMPLES

@@ -306,7 +306,7 @@ def _join(names: Sequence[str]) -> str:
 
 
 GAIN_HEADS = ("variant", "renderer", "n", "without", "with", "gained", "lost", "points", "p")
-ANSWER_HEADS = ("variant", "renderers", "n", "same answer", "right in the first alone", "in the second alone", "kappa")
+ANSWER_HEADS = ("variant", "renderers", "n", "same answer", "first alone right", "second alone right", "kappa")
 
 
 def list_gains(found: RendererAgreement) -> list[list[str]]:

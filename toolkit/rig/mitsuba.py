@@ -27,11 +27,18 @@ if TYPE_CHECKING:
 
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 """The first that starts is used. LLVM's takes a sixth of the time; `scalar_rgb` needs nothing beside the wheel."""
+CUDA = "cuda_ad_rgb"
 VARIABLE = "TOOLKIT_MITSUBA"
-"""Names another variant, such as `cuda_ad_rgb`."""
+"""Names the variant, of `VARIANTS` or `CUDA`, which wants an NVIDIA GPU."""
 LLVM_FIX = "sudo apt-get install libllvm19 && export DRJIT_LIBLLVM_PATH=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1"
-# with LLVM 15 and AVX-512, a minimum alone ends the process
-PROBE = "import mitsuba, drjit; mitsuba.set_variant({!r}); drjit.eval(drjit.minimum(mitsuba.Float(1), 2))"
+# a picture of a few pixels: with LLVM 15 and AVX-512, compiling its kernel ends the process
+PROBE = """
+import mitsuba
+mitsuba.set_variant({!r})
+box = mitsuba.cornell_box()
+box["sensor"]["film"] |= dict(width=4, height=4)
+print(mitsuba.render(mitsuba.load_dict(box), spp=1).array[0])
+"""
 SAMPLES = 16
 """Rays of a pixel. A square, as the sampler stratifies them in a grid, and a power of two: LLVM's threads then share no
 pixel, so that sums have one order. Denoised, answers are those of many more samples: see `docs/how/renderers.md`."""
@@ -52,7 +59,10 @@ def mitsuba_trouble() -> str | None:
     missing = [name for name in ("mitsuba", "pyoidn") if find_spec(name) is None]
     if missing:
         return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not installed"
-    return probe_variant(choose_variant()) or _probe("import pyoidn; pyoidn.Device().commit()")
+    chosen, known = choose_variant(), (*VARIANTS, CUDA)
+    if chosen not in known:
+        return f"{VARIABLE} is {chosen!r}: expected {', '.join(known)}"
+    return probe_variant(chosen) or _probe("import pyoidn; pyoidn.Device().commit()")
 
 
 @lru_cache
