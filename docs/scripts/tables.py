@@ -46,10 +46,35 @@ def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
         for one in each["controls"]["answers"]
     ]
     write_table(folder / "answers.csv", answers)
+    write_renderer_tables(summaries, folder)
     sweeps = list(list_sweeps(space))
     write_table(folder / "sweeps.csv", sweeps + read_others(folder / "sweeps.csv", sweeps, "run", "axis"))
     if crossed := list(list_crossed(space)):
         write_table(folder / "tags.csv", crossed)
+
+
+def write_renderer_tables(summaries: dict[str, dict[str, Any]], folder: Path = TABLES) -> None:
+    """`renderers` and `renderer-answers`: the gain in each renderer, and how far every two agree; other runs stay."""
+    agreements = [(run, one) for run, each in summaries.items() for one in each.get("renderers", [])]
+    gains = [
+        {
+            "run": run, "renderer": one["renderers"][one["sources"].index(row["source"])],
+            **{key: row[key] for key in ("source", "variant", "n_pairs", "n_first", "n_second", "gained", "lost")},
+            "mcnemar_p": row["mcnemar_p"],
+        }
+        for run, one in agreements for row in one["gains"]
+    ]  # fmt: skip
+    answers = [
+        {
+            "run": run, "first": pair["first"], "second": pair["second"],
+            **{key: row[key] for key in ("variant", "n", "same_answer", "kappa")},
+            **{f"delta_e_{key}": value for key, value in (pair["colour"] or {}).items()},
+        }
+        for run, one in agreements for pair in one["pairs"] for row in pair["rows"]
+    ]  # fmt: skip
+    for name, rows in (("renderers", gains), ("renderer-answers", answers)):
+        if rows:
+            write_table(folder / f"{name}.csv", rows + read_others(folder / f"{name}.csv", rows, "run"))
 
 
 def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:

@@ -11,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import Renderer
-from toolkit.rig.renderers import make_renderer
+from toolkit.rig.renderers import RENDERERS, RendererKind, describe_cost, make_renderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.studio import make_studio
 
@@ -87,3 +87,16 @@ def test_what_a_renderer_cannot_do_is_one_line(make_box):
         make_renderer("filament", make_box(), replace(studio, table=None))
     with pytest.raises(ToolkitError, match="Dark has no views to train a texture on: use the renderer raycast"):
         Dark(make_box(), studio).render_linear(CAMERA, POSE, np.zeros((4, 4, 3), np.uint8))
+
+
+def test_the_cost_is_said_before_a_slow_renderer_starts(monkeypatch):
+    monkeypatch.setitem(
+        RENDERERS, "slow", RendererKind(None, describe=lambda: ("slow 1.2", ""), cpu_s_per_megapixel=30)
+    )
+    assert describe_cost("slow", [640 * 480] * 100) == "100 images by slow 1.2: about 15 minutes of one core"
+    assert describe_cost("slow", []) == describe_cost("raycast", [640 * 480]) == ""
+    faster = replace(RENDERERS["slow"], describe=lambda: ("slow 1.2", "apt-get install fast"))
+    monkeypatch.setitem(RENDERERS, "slow", faster)
+    assert describe_cost("slow", [1]).endswith(
+        "1 minute of one core, and six times that before you run 'apt-get install fast'"
+    )

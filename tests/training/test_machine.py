@@ -139,3 +139,16 @@ def test_a_numba_that_cannot_be_loaded_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "toolkit.rig.kernel.compiled", None)
     check = machine._renderer()
     assert check.state == "missing" and "numba" in check.fix
+
+
+def test_a_slow_variant_comes_with_the_line_that_makes_it_faster(monkeypatch):
+    kind = replace(RENDERERS["mitsuba"], find_trouble=lambda: None, describe=lambda: ("mitsuba 3.9.1 llvm_ad_rgb", ""))
+    monkeypatch.setitem(RENDERERS, "mitsuba", kind)
+    assert machine._other_renderer("mitsuba") == machine.Check("Mitsuba", "ok", "mitsuba 3.9.1 llvm_ad_rgb")
+    slow = replace(kind, describe=lambda: ("mitsuba 3.9.1 scalar_rgb", "apt-get install llvm"))
+    monkeypatch.setitem(RENDERERS, "mitsuba", slow)
+    check = machine._other_renderer("mitsuba")
+    assert (check.state, check.fix) == (
+        "ok",
+        "apt-get install llvm",
+    ) and "another variant would be faster" in check.found

@@ -1,7 +1,7 @@
 """An image of a capture folder, and the differences of two images besides the booster."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,10 @@ SAME_CAMERA = (3.0, 0.05)
 SAME_PHOTOGRAPH = (15.0, 0.5)
 """Likewise for a camera held by hand, in photographs and rehearsals: degrees and share of distance."""
 OTHER_CAMERA = "other cameras"
+RENDERER_VERSION = "renderer_version"
 SETTINGS: Mapping[str, str] = {
     "renderer": "another renderer",
+    RENDERER_VERSION: "another version of the renderer",
     "look": "another version of the rig",
     "backdrop": "another backdrop",
     "light": "other light",
@@ -29,9 +31,16 @@ SETTINGS: Mapping[str, str] = {
 """Setting that two images of a pair must share -> words for a pair that does not share it."""
 
 
-def find_difference(first: Mapping[str, Any], second: Mapping[str, Any]) -> str | None:
-    """Return the words for the first of `SETTINGS` that both images state and in which they differ, else None."""
-    shared = (name for name in SETTINGS if name in first and name in second)
+OF_RENDERER = ("renderer", RENDERER_VERSION, "scene_sha256")
+"""The settings in which images of two renderers differ in any case."""
+
+
+def find_difference(first: Mapping[str, Any], second: Mapping[str, Any], but: Collection[str] = ()) -> str | None:
+    """Return the words for the first of `SETTINGS` in which two images differ, else None.
+
+    A setting that either image does not state, or that is in `but`, does not count.
+    """
+    shared = (name for name in SETTINGS if name in first and name in second and name not in but)
     return next((SETTINGS[name] for name in shared if first[name] != second[name]), None)
 
 

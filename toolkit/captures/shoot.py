@@ -11,6 +11,7 @@ import numpy as np
 from toolkit import __version__
 from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.captures.capture import RENDERER_VERSION
 from toolkit.captures.manifest import (
     LEFT_OUT,
     CaptureRecord,
@@ -20,7 +21,7 @@ from toolkit.captures.manifest import (
     write_transforms,
 )
 from toolkit.core.config import Config
-from toolkit.core.console import Ticker
+from toolkit.core.console import Ticker, errors
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, sha256_json, write_bytes
@@ -39,7 +40,7 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
-from toolkit.rig.renderers import RENDERERS, check_renderer, make_renderer
+from toolkit.rig.renderers import RENDERERS, check_renderer, describe_cost, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
@@ -368,6 +369,9 @@ def take_shots(
         for path in wanted.keys() - missing.keys():
             if path in known and LEFT_OUT in known[path].made:
                 append_record(source_dir, without_mark(known[path]))
+        sizes = [shot.camera.width * shot.camera.height for shot in missing.values()]
+        if cost := describe_cost(settings.renderer, sizes):
+            errors.print(f"note: {cost}", markup=False, soft_wrap=True)
         units = _list_units(workspace, missing, settings, planned)
         ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess(), source_dir, bar=bar)
         records = read_manifest(source_dir)
@@ -475,6 +479,8 @@ def describe_made(item: TableObject, booster: AppliedBooster | None, settings: S
         "class": str(item.spec.class_name), **note_booster(booster),
         **({} if settings.rehearsal is None else {"rehearsed": True}),
     }  # fmt: skip
+    if library := RENDERERS[settings.renderer].describe()[0]:
+        made[RENDERER_VERSION] = library
     if booster is not None and (place := booster.describe_place(item)):
         made["sheet_sha256"] = sha256_json(place)
     return made

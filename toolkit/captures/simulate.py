@@ -12,11 +12,12 @@ from toolkit.core.errors import FieldError
 from toolkit.core.text import count_of, kept_before, quote
 from toolkit.core.workspace import Workspace
 from toolkit.engine import EngineConfig
-from toolkit.rig.renderers import RAYCAST, RENDERERS
+from toolkit.rig.renderers import RAYCAST, RENDERERS, check_starts
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupted_copy import CorruptedSource, Corruption
     from toolkit.captures.shoot import ShootResult, ShootSettings
+    from toolkit.rig.plan import CapturePlan
 
 
 class SimulateConfig(Config):
@@ -29,6 +30,11 @@ class SimulateConfig(Config):
         None, description="Of the rig. Default: studio, with {rehearse} side."
     )
     renderer: Annotated[str, Flag(metavar="|".join(RENDERERS))] = Field(RAYCAST, description="What draws the images.")
+    also_renderers: Annotated[tuple[str, ...], Flag("--also-renderer", metavar="NAME|all")] = Field(
+        (),
+        description="Shoot the same images again with this renderer, into SOURCE-RENDERER, for 'toolkit eval' to "
+        "compare; may be repeated. all: with every other one that starts here.",
+    )
     board: Annotated[str | None, Flag(metavar="NAME")] = Field(
         None,
         description="Board under the object: printed (the one that was printed last), none, one of rig/boards, or a "
@@ -74,19 +80,22 @@ class Simulated:
         shot: the images.
         left_out: (path, reason) of photographs that could not be shot again; None where the plan was shot.
         corrupted: copies of the images.
+        others: the same images by other renderers.
         remarks: on variants that were shot again or left out, as they no longer went with the others.
     """
 
     shot: "ShootResult"
     left_out: tuple[tuple[str, str], ...] | None
     corrupted: "tuple[CorruptedSource, ...]" = ()
+    others: "tuple[ShootResult, ...]" = ()
     remarks: tuple[str, ...] = ()
 
     @property
     def skipped(self) -> list[tuple[str, str]]:
         """(what, reason) of all that could not be made."""
         corrupted = [(f"{copy.source_dir.name}/{path}", why) for copy in self.corrupted for path, why in copy.failed]
-        return [*(self.left_out or ()), *self.shot.failed, *corrupted]
+        failed = [reason for shot in (self.shot, *self.others) for reason in shot.failed]
+        return [*(self.left_out or ()), *failed, *corrupted]
 
     @property
     def all_remarks(self) -> list[str]:
@@ -106,6 +115,8 @@ class Simulated:
         content: dict[str, Any] = {"folder": str(shot.source_dir), "shot": shot.shot, "kept": shot.kept}
         copies = [{"folder": str(copy.source_dir), "made": copy.made, "kept": copy.kept} for copy in self.corrupted]
         content |= {"corrupted": copies} if copies else {}
+        others = [{"folder": str(one.source_dir), "shot": one.shot, "kept": one.kept} for one in self.others]
+        content |= {"others": others} if others else {}
         return content if self.left_out is None else content | {"skipped": len(self.left_out)}
 
     def lines(self) -> Iterator[str]:
@@ -113,6 +124,8 @@ class Simulated:
         count, shot = len(self.left_out or ()), self.shot
         left_out = f", {count_of(count, 'photograph')} left out" if count else ""
         yield f"shot {count_of(shot.shot, 'image')}{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
+        for other in self.others:
+            yield f"shot {count_of(other.shot, 'image')}{kept_before(other.kept)}: {other.source_dir}"
         for copy in self.corrupted:
             yield f"corrupted {copy.made} of them{kept_before(copy.kept)}: {copy.source_dir}"
         yield f"next: toolkit eval {quote(shot.source_dir.parent)}"
@@ -164,26 +177,43 @@ def simulate_captures(
     if board not in (None, "none"):
         chosen = with_board(space, board)
         settings = replace(settings, board=read_board(chosen))
+    others: list[ShootResult] = []
+    if folder and config.also_renderers:
+        raise FieldError("goes with the plan: leave {like} out", {"also_renderers": config.also_renderers[0]})
     if folder:
         found = shoot_like(
             space, folder, settings, config.source, objects, variants, max_px=config.max_px or MAX_PX, engine=engine
         )
         shot, left_out = found.shoot, found.skipped
     else:
-        shot, remarks = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
+        (shot, *others), remarks = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
     if not corruptions:
-        return Simulated(shot, left_out, remarks=remarks)
+        return Simulated(shot, left_out, others=tuple(others), remarks=remarks)
     from toolkit.captures.corrupted_copy import corrupt_source
 
-    return Simulated(shot, left_out, tuple(corrupt_source(shot.source_dir, corruptions)), remarks)
+    copies = [copy for one in (shot, *others) for copy in corrupt_source(one.source_dir, corruptions)]
+    return Simulated(shot, left_out, tuple(copies), tuple(others), remarks)
+
+
+def _choose_others(config: SimulateConfig) -> tuple[list[str], list[str]]:
+    """The other renderers that shoot the same images, and a line for each that cannot start here.
+
+    Raises:
+        ToolkitError: an unknown renderer, or one that was named and cannot start.
+    """
+    wanted = [check_starts(name) for name in config.also_renderers if name != "all"]
+    troubles: dict[str, str | None] = {}
+    if "all" in config.also_renderers:
+        troubles = {name: RENDERERS[name].find_trouble() for name in RENDERERS if name != config.renderer}
+        wanted += [name for name, trouble in troubles.items() if trouble is None]
+    lines = [f"not shot by {name}: {why}; '{RENDERERS[name].fix}' brings it" for name, why in troubles.items() if why]
+    return [name for name in dict.fromkeys(wanted) if name != config.renderer], lines
 
 
 def _shoot_plan(
     space: Workspace, config: SimulateConfig, settings: "ShootSettings", objects: Sequence[str],
     variants: Sequence[str], engine: EngineConfig,
-) -> "tuple[ShootResult, tuple[str, ...]]":  # fmt: skip
-    from toolkit.captures.shoot import leave_out, shoot_plan
-    from toolkit.captures.stale import find_stale
+) -> "tuple[list[ShootResult], tuple[str, ...]]":  # fmt: skip
     from toolkit.rig.plan import list_misfits, open_plan
     from toolkit.rig.variants import ON_PAPER
 
@@ -208,16 +238,37 @@ def _shoot_plan(
         space.patch_set,
         "board" if config.board not in (None, "none") else None,
         "rehearsed" if config.rehearse else None,
-        config.renderer if config.renderer != RAYCAST else None,
     ]
-    source = config.source or "-".join(filter(None, words))
+    others, remarks = _choose_others(config)
+    found = []
+    for renderer in (config.renderer, *others):
+        if config.source:
+            parts = [config.source, renderer if renderer != config.renderer else None]
+        else:
+            parts = [*words, renderer if renderer != RAYCAST else None]
+        source = "-".join(filter(None, parts))
+        shot, more = _shoot_source(
+            space, plan, names, variants, replace(settings, renderer=renderer), source, config.keep, engine
+        )
+        found.append(shot)
+        remarks += more
+    return found, tuple(remarks)
+
+
+def _shoot_source(
+    space: Workspace, plan: "CapturePlan", names: Sequence[str], variants: Sequence[str], settings: "ShootSettings",
+    source: str, keep: bool, engine: EngineConfig,
+) -> "tuple[ShootResult, list[str]]":  # fmt: skip
+    from toolkit.captures.shoot import leave_out, shoot_plan
+    from toolkit.captures.stale import find_stale
+
     source_dir = space.source_dir(source)
     stale = find_stale(space, plan, names, variants, settings, source_dir)
     remarks = []
     with engine.open() as workers:
         shot = shoot_plan(space, plan, names, variants, settings, source, engine=workers)
         for outdated in stale:
-            is_shot = outdated.can_shoot and not config.keep
+            is_shot = outdated.can_shoot and not keep
             if is_shot:
                 more = shoot_plan(space, plan, [outdated.object], [outdated.variant], settings, source, engine=workers)
                 shot = shot.joined(more)
@@ -230,4 +281,4 @@ def _shoot_plan(
                 remarks.append(
                     f"{outdated.object}/{outdated.variant}: {done}, {outdated.reason} when it was shot before"
                 )
-    return shot, tuple(remarks)
+    return shot, remarks

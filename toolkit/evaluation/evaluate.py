@@ -9,6 +9,15 @@ from typing import Any
 
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation import EvalConfig
+from toolkit.evaluation.agreement import (
+    ANSWER_HEADS,
+    GAIN_HEADS,
+    add_colours,
+    list_answers,
+    list_colours,
+    list_flips,
+    list_gains,
+)
 from toolkit.evaluation.contact_sheet import (
     MANY_SHEETS,
     Card,
@@ -110,7 +119,8 @@ def judge_captures(
     origin = find_origin(folder, findings.no_pairs, classifier, find_other_classes(folder, classes, classifier))
     labels = {name: classifier.labels[index] for name, index in classes.items()}
     notes = (*folder.notes, *describe_other_classes(training, labels))
-    return replace(findings, training=training, origin=origin), notes
+    renderers = tuple(add_colours(agreement, workspace) for agreement in findings.renderers)
+    return replace(findings, training=training, origin=origin, renderers=renderers), notes
 
 
 ASKED = ("trust_files", "sources", "objects", "variants", "corruptions")
@@ -246,6 +256,11 @@ def write_report(
         "compared": {row.second for row in found},
         "controlled": [noun for booster, noun in NOUNS.items() if booster in owners],
         "charts": chart_poses(predictions),
+        "agreements": [
+            (agreement, list_gains(agreement), list_answers(agreement), list_colours(agreement), list_flips(agreement))
+            for agreement in findings.renderers
+        ],
+        "gain_heads": GAIN_HEADS, "answer_heads": ANSWER_HEADS,
         "sim_real": views, "side": SIDE, "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({prediction.capture.source for prediction in predictions}),
         "sheets": sheets, "n_hidden": n_hidden, "open_sheets": MANY_SHEETS,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from toolkit.captures.capture import Capture
+from toolkit.captures.capture import RENDERER_VERSION, Capture
 from toolkit.captures.read import CaptureFolder
 from toolkit.captures.reconcile import SHORT, SetAside
 from toolkit.core.files import load_json, sha256_bytes
@@ -160,7 +160,7 @@ def _describe_source(source: str, folder: CaptureFolder) -> SourceOrigin:
     variants = {capture.variant for capture in own}
     return SourceOrigin(
         source, len(own), has_manifest=source not in folder.without_manifest,
-        renderers=_collect(own, "renderer"), lights=_collect(own, "light"),
+        renderers=_collect(own, RENDERER_VERSION) or _collect(own, "renderer"), lights=_collect(own, "light"),
         plan=sha256_bytes("\n".join(sorted(map(str, poses))).encode())[:SHORT] if poses else "",
         shapes=tuple(sorted(shapes)), boosters=tuple(sorted(boosters)),
         controls=tuple(name for name in CONTROLS if name in variants),

@@ -14,6 +14,7 @@ from toolkit.core.child import without_collector
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.agreement import RendererAgreement, compare_renderers, write_agreement
 from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
     WRONG,
@@ -163,6 +164,7 @@ class Findings:
         failed: (path, reason) of images and folders that could not be read.
         no_pairs: reasons why pairs were not formed, with counts.
         sim_real: rendered sources against photographs of the same poses.
+        renderers: plans that several renderers shot.
         passed: findings without the photographs that failed a gate; None if none failed.
         training: training of the boosters with a record.
         origin: origin of the result; None if it was not read from captures.
@@ -179,6 +181,7 @@ class Findings:
     no_pairs: tuple[tuple[str, int], ...]
     sim_real: tuple[SimReal, ...]
     passed: "Findings | None"
+    renderers: tuple[RendererAgreement, ...] = field(default=(), kw_only=True)
     training: tuple[Training, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
 
@@ -203,14 +206,16 @@ def compare_predictions(
     groups = group_predictions(predictions)
     pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
+    renderers = compare_renderers(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
+    headlines += [verdict for agreement in renderers for verdict in write_agreement(network, agreement)]
     good = [prediction for prediction in predictions if not prediction.capture.failed_gates]
     unread = [(prediction.capture.path, prediction.status) for prediction in predictions if not prediction.is_read]
     return Findings(
         tuple(predictions), groups=tuple(groups), pairs=tuple(pairs), comparisons=tuple(comparisons),
         headlines=tuple(headlines), flips=list_flips(poses), failed=(*unread, *refused_folders),
         unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
-        no_pairs=tuple(count_no_pairs(poses)), sim_real=tuple(sim_real),
+        no_pairs=tuple(count_no_pairs(poses)), sim_real=tuple(sim_real), renderers=tuple(renderers),
         # once more without the photographs that failed a gate
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )  # fmt: skip
@@ -227,6 +232,9 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
     - `sim_real`: for each pair of rendered source and photographs of the same poses, `rows` by object and variant (gap,
       interval, test, rank correlation), `gains` (poses that a booster gains), `wrong` (poses that the rig predicted
       wrongly) and images without a match.
+    - `renderers`: for each plan that several renderers shot, `gains` (pairs of each renderer), `pairs` (of every two
+      renderers: equal answers, Cohen's kappa, difference of colours) and `flips` (images that are correct in some
+      renderers only).
     - `gates`: photographs that failed a gate, and groups and pairs without them.
     """
     passed = findings.passed
@@ -243,6 +251,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
         "boosters": [booster.as_json() for booster in findings.training],
         "corrupted": list_corrupted(prediction.capture for prediction in findings.predictions),
         "sim_real": [comparison.as_json() for comparison in findings.sim_real],
+        "renderers": [agreement.as_json() for agreement in findings.renderers],
         "gates": {
             "failed": failed_gates,
             "groups_without": [group.as_json() for group in passed.groups] if passed else [],

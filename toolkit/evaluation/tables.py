@@ -21,6 +21,15 @@ from toolkit.core.tables import (
     format_rank,
 )
 from toolkit.core.text import count_of
+from toolkit.evaluation.agreement import (
+    ANSWER_HEADS,
+    GAIN_HEADS,
+    RendererAgreement,
+    list_answers,
+    list_colours,
+    list_flips,
+    list_gains,
+)
 from toolkit.evaluation.metrics import NO_PAIR, Comparison, Group
 from toolkit.evaluation.origin import TITLE
 from toolkit.evaluation.results import Findings, Training, describe_unseen, mark_seen
@@ -52,6 +61,7 @@ def print_tables(console: Console, findings: Findings, network: str = "the netwo
         console.print(table)
         console.print()
     print_sim_real(console, findings.sim_real)
+    print_agreement(console, findings.renderers)
     for headline in findings.headlines:
         asked = f"{headline.question} " if headline.question else ""
         words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
@@ -152,6 +162,23 @@ def print_sim_real(console: Console, comparisons: Sequence[SimReal]) -> None:
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
         for line in _list_rest(comparison):
+            console.print(line, markup=False, soft_wrap=True)
+        console.print()
+
+
+def print_agreement(console: Console, found: Sequence[RendererAgreement]) -> None:
+    """Print, for each plan that several renderers shot, the gain in each, and where answers and colours differ."""
+    for agreement in found:
+        title = f"{', '.join(agreement.sources)}: {count_of(len(agreement.images[0]), 'image')} by each renderer"
+        console.print(build_table(title, GAIN_HEADS[:2], GAIN_HEADS[2:], list_gains(agreement)))
+        console.print(build_table("answers agree", ANSWER_HEADS[:2], ANSWER_HEADS[2:], list_answers(agreement)))
+        flips = list_flips(agreement)
+        share = f"{len(agreement.flips)} of {len(agreement.images[0])}"
+        lines = [f"correct in some renderers only, {share}:"] if flips else []
+        lines += [f"  {line}" for line in flips[:MAX_WRONG]]
+        if len(flips) > MAX_WRONG:
+            lines.append(f"  and {len(flips) - MAX_WRONG} more lines, all in summary.json")
+        for line in (*lines, *list_colours(agreement)):
             console.print(line, markup=False, soft_wrap=True)
         console.print()
 

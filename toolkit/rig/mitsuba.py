@@ -5,7 +5,9 @@ to train in. The noise of few samples alone makes networks err. So every picture
 by colour and normals of what is seen (https://www.openimagedenoise.org).
 """
 
+import os
 from functools import cached_property, lru_cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -23,10 +25,23 @@ from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
 if TYPE_CHECKING:
     import mitsuba
 
-VARIANT = "scalar_rgb"
-"""Needs nothing beside the wheel. The faster `llvm_ad_rgb` wants a libLLVM, and ends the process with some of them."""
-SAMPLES = 36
-"""Rays of a pixel; a square number, as the sampler stratifies them in a grid."""
+VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
+"""The first that starts is used. LLVM's takes a sixth of the time; `scalar_rgb` needs nothing beside the wheel."""
+CUDA = "cuda_ad_rgb"
+VARIABLE = "TOOLKIT_MITSUBA"
+"""Names the variant, of `VARIANTS` or `CUDA`, which wants an NVIDIA GPU."""
+LLVM_FIX = "sudo apt-get install libllvm19 && export DRJIT_LIBLLVM_PATH=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1"
+# a picture of a few pixels: with LLVM 15 and AVX-512, compiling its kernel ends the process
+PROBE = """
+import mitsuba
+mitsuba.set_variant({!r})
+box = mitsuba.cornell_box()
+box["sensor"]["film"] |= dict(width=4, height=4)
+print(mitsuba.render(mitsuba.load_dict(box), spp=1).array[0])
+"""
+SAMPLES = 16
+"""Rays of a pixel. A square, as the sampler stratifies them in a grid, and a power of two: LLVM's threads then share no
+pixel, so that sums have one order. Denoised, answers are those of many more samples: see `docs/how/renderers.md`."""
 BOUNCES = 8
 KEY_AWAY = 60.0
 """Distance of the key light's disc in sizes of the scene: its rays then are parallel to a degree."""
@@ -40,16 +55,44 @@ _ONE_AT_A_TIME = Lock()
 
 @lru_cache(maxsize=1)
 def mitsuba_trouble() -> str | None:
-    """None if Mitsuba and the denoiser start in another process, else the reason in a few words."""
+    """None if Mitsuba and the denoiser start in other processes, else the reason in a few words."""
     missing = [name for name in ("mitsuba", "pyoidn") if find_spec(name) is None]
     if missing:
         return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not installed"
+    chosen, known = choose_variant(), (*VARIANTS, CUDA)
+    if chosen not in known:
+        return f"{VARIABLE} is {chosen!r}: expected {', '.join(known)}"
+    return probe_variant(chosen) or _probe("import pyoidn; pyoidn.Device().commit()")
+
+
+@lru_cache
+def choose_variant() -> str:
+    """The variant that `VARIABLE` names, else the first of `VARIANTS` that starts here."""
+    asked = os.environ.get(VARIABLE)
+    return asked or next((name for name in VARIANTS if probe_variant(name) is None), VARIANTS[-1])
+
+
+@lru_cache
+def probe_variant(name: str) -> str | None:
+    """None where a variant of Mitsuba starts and computes, else the reason in a few words."""
+    return _probe(PROBE.format(name))
+
+
+def _probe(code: str) -> str | None:
     # a shared library that crashes takes only that process down
-    done = run_python(f"import mitsuba, pyoidn; mitsuba.set_variant({VARIANT!r}); pyoidn.Device().commit()")
+    done = run_python(code)
     if done.returncode == 0:
         return None
-    lines = done.stderr.decode("utf-8", "replace").strip().splitlines()
+    # what LLVM prints before it aborts is its own code
+    lines = done.stderr.decode("utf-8", "replace").strip().splitlines() if done.returncode > 0 else []
     return lines[-1][:120] if lines else f"it ended with code {done.returncode}"
+
+
+def describe_mitsuba() -> tuple[str, str]:
+    """Version and variant, as manifests have them, and the line that brings a faster variant; empty if none is."""
+    chosen = choose_variant()
+    fix = LLVM_FIX if chosen == VARIANTS[-1] and not os.environ.get(VARIABLE) else ""
+    return f"mitsuba {version('mitsuba')} {chosen}", fix
 
 
 class MitsubaRenderer(Renderer):
@@ -140,8 +183,9 @@ def _load() -> Any:
     import drjit
     import mitsuba as mi
 
-    if mi.variant() != VARIANT:
-        mi.set_variant(VARIANT)
+    variant = choose_variant()
+    if mi.variant() != variant:
+        mi.set_variant(variant)
         drjit.set_thread_count(count_cores())
     return mi
 

@@ -1,10 +1,12 @@
 """The table of renderers. Commands know the renderers in it alone; nothing heavy is loaded for it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.text import count_of
 from toolkit.rig.graphics import APT, find_graphics, graphics_trouble
 
 if TYPE_CHECKING:
@@ -27,7 +29,10 @@ class RendererKind:
     # raised when its pictures change, so that captures are shot again; None: that of the rig says it all
     version: int | None = None
     need: str | None = None  # what it needs of the machine, a word or two; None: nothing but the package
-    working: str = ""  # what `toolkit doctor` says if it can start here
+    working: str = ""  # what `toolkit doctor` says if it can start here; by default the library
+    # returns its library with the version, and the line that makes it faster here; either may be empty
+    describe: Callable[[], tuple[str, str]] = lambda: ("", "")
+    cpu_s_per_megapixel: float | None = None  # CPU seconds of a picture; None: hardly any
     # returns why it cannot start here in a few words; None if it can
     find_trouble: Callable[[], str | None] = lambda: None
     fix: str = ""  # the command that brings it what it needs
@@ -59,15 +64,22 @@ def _find_mitsuba_trouble() -> str | None:
     return mitsuba_trouble()
 
 
+def _describe_mitsuba() -> tuple[str, str]:
+    from toolkit.rig.mitsuba import describe_mitsuba
+
+    return describe_mitsuba()
+
+
 RENDERERS: dict[str, RendererKind] = {
     "raycast": RendererKind(_make_raycast, draws_worlds=True),
     "filament": RendererKind(
-        _make_filament, version=2, need=GRAPHICS.name, working=GRAPHICS.found, find_trouble=graphics_trouble,
-        fix=f"{APT} {GRAPHICS.packages}",
+        _make_filament, version=2, describe=lambda: (f"filament (open3d {version('open3d')})", ""), need=GRAPHICS.name,
+        working=GRAPHICS.found, find_trouble=graphics_trouble, fix=f"{APT} {GRAPHICS.packages}",
     ),
     "mitsuba": RendererKind(
-        _make_mitsuba, draws_worlds=True, version=1, need="Mitsuba", working="scalar_rgb, denoised by OIDN",
-        find_trouble=_find_mitsuba_trouble, fix='pip install ".[mitsuba]"',
+        _make_mitsuba, draws_worlds=True, version=2, describe=_describe_mitsuba, cpu_s_per_megapixel=20.0,
+        need="Mitsuba", find_trouble=_find_mitsuba_trouble,
+        fix='pip install ".[mitsuba]"',
     ),
 }  # fmt: skip
 RAYCAST = "raycast"
@@ -80,6 +92,31 @@ def check_renderer(name: str) -> str:
     if name not in RENDERERS:
         raise one_of("renderer", name, list(RENDERERS))
     return name
+
+
+def check_starts(name: str) -> str:
+    """Return the name of a renderer that starts on this machine.
+
+    Raises:
+        ToolkitError: there is none of that name, or it cannot start.
+    """
+    kind = RENDERERS[check_renderer(name)]
+    if (trouble := kind.find_trouble()) is not None:
+        raise ToolkitError(
+            f"the renderer {name} cannot start: {trouble}: run '{kind.fix}', or use the renderer {RAYCAST}"
+        )
+    return name
+
+
+def describe_cost(name: str, pixels: Sequence[int]) -> str:
+    """What pictures of so many pixels each cost, in words; empty if a renderer takes hardly any time."""
+    each = RENDERERS[check_renderer(name)].cpu_s_per_megapixel
+    if each is None or not pixels:
+        return ""
+    library, faster = RENDERERS[name].describe()
+    minutes = max(1, round(each * sum(pixels) / 6e7))
+    slow = f", and six times that before you run '{faster}'" if faster else ""
+    return f"{count_of(len(pixels), 'image')} by {library}: about {count_of(minutes, 'minute')} of one core{slow}"
 
 
 def check_world_renderer(name: str) -> str:
@@ -109,9 +146,5 @@ def make_renderer(
     from toolkit.rig.lighting import FULL_DETAIL
     from toolkit.rig.scene import AT_ORIGIN
 
-    kind = RENDERERS[check_renderer(name) if scene.table is not None else check_world_renderer(name)]
-    if (trouble := kind.find_trouble()) is not None:
-        raise ToolkitError(
-            f"the renderer {name} cannot start: {trouble}: run '{kind.fix}', or use the renderer {RAYCAST}"
-        )
+    kind = RENDERERS[check_starts(name if scene.table is not None else check_world_renderer(name))]
     return kind.make(mesh, scene, detail or FULL_DETAIL, stand or AT_ORIGIN)

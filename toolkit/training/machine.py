@@ -113,7 +113,9 @@ def _other_renderer(name: str) -> Check | None:
         return None
     if trouble := kind.find_trouble():
         return Check(kind.need, "note", f"{trouble}; only --renderer {name} needs it", kind.fix)
-    return Check(kind.need, "ok", kind.working)
+    library, faster = kind.describe()
+    slow = "; another variant would be faster" if faster else ""
+    return Check(kind.need, "ok", (kind.working or library) + slow, faster)
 
 
 def _disk(folder: Path) -> Check:
