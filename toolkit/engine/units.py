@@ -36,12 +36,14 @@ class Unit(Generic[Result]):
         work: function of a module; from `inputs` an iterable of a result for each key.
         inputs: all that it needs; values of `Shared` stand for what other units need as well.
         name: what it is called where it fails.
+        begins_early: it may work on its first result beside the unit before it, in the same process.
     """
 
     keys: tuple[Any, ...]
     work: Callable[..., Iterable[Result]]
     inputs: tuple[object, ...]
     name: str
+    begins_early: bool = False
 
 
 @dataclass(frozen=True)
