@@ -99,6 +99,7 @@ setup: .venv/.installed
 .venv/.installed: pyproject.toml scripts/make-venv
 	scripts/make-venv "$(PYTHON)" .venv
 	$(call install,.venv) -e .
+	$(BIN)/python -c "from toolkit.rig.raycast import compile_ahead; compile_ahead()"
 	touch $@
 
 .venv-3.%/.test: pyproject.toml scripts/make-venv

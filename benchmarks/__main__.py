@@ -10,11 +10,12 @@ MARKS = {
     "city: ratio to filament": 8.0, "ratio to the evaluation": 0.77,
     "ratio to bare frames": 0.8, "ratio to one at a time": 4.0, "ratio to RotorPy's loop": 20.0,
     "ratio to ONNX Runtime": 0.9, "ratio to its forward": 0.9,
+    "ratio to models": 1.0, "ratio to capture-sim": 0.4, "ratio to demo": 0.2,
 }  # fmt: skip
 MODULES = (
     "bench_rig", "bench_eval", "bench_train_patch", "bench_train_texture", "bench_corruptions", "bench_corrupt_eval",
     "bench_weather", "bench_world", "bench_world_eval", "bench_networks", "bench_engine",
-    "bench_landing",
+    "bench_landing", "bench_start",
 )  # fmt: skip
 
 

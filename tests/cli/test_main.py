@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from toolkit.cli import WAITING, main
 from toolkit.core.errors import ToolkitError
 
 TOOLKIT = [sys.executable, "-m", "toolkit"]
@@ -127,3 +128,16 @@ entry.main()
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 130 and done.stderr == ""
+
+
+@pytest.mark.parametrize("own", [{}, {"OMP_WAIT_POLICY": "ACTIVE"}, {"GOMP_SPINCOUNT": "9"}, {"KMP_BLOCKTIME": "9"}])
+def test_threads_that_wait_do_not_spin_unless_the_user_said_so(monkeypatch, own):
+    for name in WAITING:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in own.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "argv", ["toolkit", "--version"])
+    with pytest.raises(SystemExit):
+        main()
+    found = {name: os.environ.pop(name) for name in WAITING if name in os.environ}
+    assert found == (own or {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"})

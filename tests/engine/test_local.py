@@ -1,6 +1,7 @@
 """Units in this process and in a pool: the same results in the same order, and what a bad unit does to the others."""
 
 import os
+import threading
 
 import engine_work
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import torch
 
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.engine import EngineConfig
+from toolkit.engine import EngineConfig, local
 from toolkit.engine.local import InProcess, LocalPool
 from toolkit.engine.units import Unit, explain_failure
 
@@ -33,6 +34,27 @@ def test_results_come_in_the_order_of_the_units(engine):
     with engine:
         found = [(one.key, one.result, one.reason) for one in engine.run(units)]
     assert found == [((at, k), k, "") for at, count in enumerate(counts) for k in range(count)]
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_a_unit_may_begin_beside_the_one_before_it(monkeypatch, early):
+    monkeypatch.setattr(local, "count_cores", lambda: 2)
+    begun = [threading.Event() for _ in range(4)]
+
+    def work(at):
+        begun[at].set()
+        if at == 2:
+            raise KeyError("x")
+        yield at
+        # its own first result is there: by now the next unit has begun, if it may
+        yield at < 3 and begun[at + 1].wait(60 if early else 0.1)
+
+    units = [Unit((0, 1), work, (at,), str(at), begins_early=early) for at in range(4)]
+    with InProcess() as engine:
+        found = [(one.unit.name, one.result) for one in engine.run(units)]
+    assert found == [
+        ("0", 0), ("0", early), ("1", 1), ("1", early), ("2", None), ("3", 3), ("3", False)
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])

@@ -212,13 +212,16 @@ def test_preprocess_gives_what_logits_takes(classifier):
 
 @pytest.mark.slow
 @pytest.mark.skipif(torch.__version__.startswith("2.9."), reason="torch 2.9 loads it by itself")
-def test_torchs_compiler_is_loaded_where_it_is_asked_for(files):
+def test_torchs_compiler_is_loaded_where_it_is_asked_for(files, tmp_path):
     """It takes 160 MB, and no evaluation needs it, nor whatever else of the kit needs torchvision."""
+    drawn = tmp_path / "drawn.pth"  # a network that draws its first weights as torch.nn.init does
+    torch.save(torchvision.models.mobilenet_v2().state_dict(), drawn)
     code = (
         "import sys; from pathlib import Path; from toolkit.models.load import load_classifier; "
         "import toolkit.rooms.landing.fly, toolkit.models.load_detector, "
         "toolkit.models.programs, toolkit.training.refine; "
-        f"load_classifier('resnet18', Path({str(files / 'imagenet.pth')!r}), 'cpu'); before = 'sympy' in sys.modules; "
+        f"load_classifier('resnet18', Path({str(files / 'imagenet.pth')!r}), 'cpu'); "
+        f"load_classifier('mobilenet_v2', Path({str(drawn)!r}), 'cpu'); before = 'sympy' in sys.modules; "
         "import torchvision.ops.roi_align; roi = sys.modules['torchvision.ops.roi_align']; "
         "print(before, getattr(roi, 'is_compile_supported', lambda _: True)('cpu'))"
     )

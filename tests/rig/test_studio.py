@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from toolkit.core.cache import PLACE
 from toolkit.core.errors import ToolkitError
-from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio
+from toolkit.rig import studio
+from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio, name_studio
 
 
 def test_equal_seeds_make_equal_studios_and_others_do_not():
@@ -14,6 +16,23 @@ def test_equal_seeds_make_equal_studios_and_others_do_not():
     np.testing.assert_array_equal(first.environment, again.environment)
     assert first.environment.shape == other.environment.shape
     assert (first.environment != other.environment).any()
+
+
+def test_a_studio_that_is_kept_on_disk_is_painted_once(monkeypatch, tmp_path):
+    monkeypatch.setenv(PLACE, str(tmp_path))
+    plain = make_studio((5, 6), 40, light="warm")
+    make_studio((5, 6), 40, light="warm", keep=True)
+    make_studio.cache_clear()
+    monkeypatch.setattr(studio, "paint_room", lambda *_: pytest.fail("it is on disk"))
+    kept = make_studio((5, 6), 40, light="warm", keep=True)
+    assert (kept.name, kept.key, kept.exposure) == (plain.name, plain.key, plain.exposure)
+    np.testing.assert_array_equal(kept.environment, plain.environment)
+    np.testing.assert_array_equal(kept.table.picture, plain.table.picture)
+
+
+@pytest.mark.parametrize("backdrop", [None, "oak"])
+def test_a_studios_name_is_known_before_it_is_painted(backdrop):
+    assert name_studio((5, 6), backdrop, "dim") == make_studio((5, 6), 40, backdrop, "dim").name
 
 
 @pytest.mark.slow
@@ -28,14 +47,14 @@ def test_every_backdrop_in_every_light_is_well_exposed(backdrop, light):
     """The table's brightness: neither sunk into black nor washed out, with dark tables darker than bright ones."""
     from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 
-    studio = make_studio(4, 60, backdrop, light)
-    assert studio.name == f"{backdrop}/{light}/4"
-    albedo = srgb_to_linear(studio.table.picture / 255).reshape(-1, 3).mean(axis=0)
+    made = make_studio(4, 60, backdrop, light)
+    assert made.name == f"{backdrop}/{light}/4"
+    albedo = srgb_to_linear(made.table.picture / 255).reshape(-1, 3).mean(axis=0)
     elevation = np.pi / 2 - (np.arange(128) + 0.5) * np.pi / 256
-    ring = studio.environment[:128].mean(axis=1) * (np.sin(elevation) * np.cos(elevation))[:, None]
+    ring = made.environment[:128].mean(axis=1) * (np.sin(elevation) * np.cos(elevation))[:, None]
     room = 2 * np.pi * ring.sum(axis=0) * np.pi / 256  # the integral of L cos over the upper half
-    irradiance = room + np.sin(np.radians(studio.key.elevation_deg)) * np.array(studio.key.irradiance)
-    code = 255 * linear_to_srgb((albedo * irradiance / np.pi * studio.exposure).mean())
+    irradiance = room + np.sin(np.radians(made.key.elevation_deg)) * np.array(made.key.irradiance)
+    code = 255 * linear_to_srgb((albedo * irradiance / np.pi * made.exposure).mean())
     assert 45 < code < 225
 
 

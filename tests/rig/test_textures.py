@@ -87,6 +87,17 @@ def test_textures_of_one_pack_are_told_apart():
         np.testing.assert_allclose(found[0], srgb_to_linear(picture[0, w - 1] / 255), atol=1e-4)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (4, 4), (5, 90), (64, 48), (33, 7)])
+def test_a_pack_holds_the_pyramids_of_its_pictures(shape):
+    turned = random_texture(*shape)[::-1, ::-1]  # not as it lies in memory
+    packed = pack_textures([turned, random_texture(8, 8)])
+    for number, level in enumerate(texture_pyramid(turned)):
+        begin, size = packed.start[number], level.shape[0] * level.shape[1]
+        assert (packed.height[number], packed.width[number]) == level.shape[:2]
+        np.testing.assert_array_equal(packed.values[begin : begin + size], level.reshape(-1, 3))
+    assert packed.first.tolist() == [0, packed.levels[0]] and len(packed.values) == packed.start[-1] + 16 + 1
+
+
 @pytest.mark.parametrize(
     ("direction", "u", "v"),
     [

@@ -40,6 +40,8 @@ def find_difference(first: Mapping[str, Any], second: Mapping[str, Any], but: Co
 
     A setting that either image does not state, or that is in `but`, does not count.
     """
+    if not (first and second):  # without a manifest, as in a table of very many rows, nothing is stated
+        return None
     shared = (name for name in SETTINGS if name in first and name in second and name not in but)
     return next((SETTINGS[name] for name in shared if first[name] != second[name]), None)
 

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, sha256_json, write_bytes
 from toolkit.core.records import hold_folder
+from toolkit.core.threads import map_ahead
 from toolkit.core.work import Work
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
@@ -40,10 +42,10 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
-from toolkit.rig.renderers import RENDERERS, check_renderer, describe_cost, make_renderer
+from toolkit.rig.renderers import RAYCAST, RENDERERS, check_renderer, describe_cost, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import add_board, make_studio
+from toolkit.rig.studio import LIGHTS, add_board, make_studio, name_studio, name_with_board
 from toolkit.rig.variants import apply_booster, find_booster, note_booster
 
 NETWORK_PX = 224
@@ -55,6 +57,7 @@ UNIT_SHOTS = 64
 """Largest number of shots in a unit."""
 NOT_WANTED = "of another plan or file format than the images that were shot last"
 SHOTS = Work("shot", 3, old_at="look")
+_painting = Lock()
 
 
 @dataclass(frozen=True)
@@ -396,11 +399,23 @@ def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path
 
 def studio_for(item: TableObject, settings: ShootSettings) -> Scene:
     """The studio of an object: its backdrop and details follow from (seed, name) alone, and the board lies in it."""
-    # by name and not by place in the list: an object keeps its table whatever else is shot
-    name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
     size = float(item.mesh.size_mm.max())
-    studio = make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
+    with _painting:  # once, where two threads set up scenes of one object
+        studio = make_studio(_seed_of(item, settings), size, settings.backdrop, settings.light, keep=True)
     return studio if settings.board is None else add_board(studio, settings.board)
+
+
+def _seed_of(item: TableObject, settings: ShootSettings) -> tuple[int, int]:
+    # by name and not by place in the list: an object keeps its table whatever else is shot
+    return settings.seed, int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
+
+
+def _describe_studio(item: TableObject, settings: ShootSettings) -> dict[str, Any]:
+    """Name and light of `studio_for`, which is not painted for it."""
+    name = name_studio(_seed_of(item, settings), settings.backdrop, settings.light)
+    return {
+        "studio": name if settings.board is None else name_with_board(name), "light": asdict(LIGHTS[settings.light])
+    }  # fmt: skip
 
 
 def plan_scene(
@@ -436,7 +451,6 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     Raises:
         ToolkitError: a variant, backdrop or light is unknown, or the patch is missing.
     """
-    studio = studio_for(item, settings)
     how = asdict(settings)
     del how["perfect"], how["coverage"]  # said with the booster that they act on
     for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
@@ -445,9 +459,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         how[settings.renderer] = version
     if settings.rehearsal is not None:
         how["rehearsal"] = settings.rehearsal.describe()
-    look = {
-        "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key), "variant": variant, **how,
-    }  # fmt: skip
+    look = {"mesh": item.mesh_sha256, **_describe_studio(item, settings), "variant": variant, **how}
     booster = settings.find_booster(workspace, item, variant)
     if booster is not None:
         look |= booster.describe(item)
@@ -464,18 +476,21 @@ def _list_units(
         made = describe_made(item, booster, settings)
         planned.update((shot.path, _describe_shot(shot, booster, made)) for shot in shots)
         places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
-        yield Unit(paths, shoot_unit, (item, variant, booster, settings, places), f"{item.name} {variant}")
+        inputs = (item, variant, booster, settings, places)
+        # a ray scene is built on one core: the next one is, while this one is shot
+        yield Unit(paths, shoot_unit, inputs, f"{item.name} {variant}", begins_early=settings.renderer == RAYCAST)
 
 
 def describe_made(item: TableObject, booster: AppliedBooster | None, settings: ShootSettings) -> dict[str, Any]:
     """What a manifest says of how an image was made: what two images of a pair must share, and what is put on."""
-    studio = studio_for(item, settings)
+    studio = _describe_studio(item, settings)
     how = {name: value for name, value in asdict(settings).items() if name in ("board", "renderer")}
     rehearsal = settings.rehearsal and settings.rehearsal.describe()
-    scene = how | {"studio": studio.name, "light": asdict(studio.key), "rehearsal": rehearsal}
+    scene = how | studio | {"rehearsal": rehearsal}
     made = {
-        "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": SHOTS.version, "studio": studio.name,
-        "scene_sha256": sha256_json(scene), "seed": settings.seed, "mesh_sha256": item.mesh_sha256,
+        "with": f"toolkit {__version__}", "renderer": settings.renderer, "look": SHOTS.version,
+        "studio": studio["studio"], "scene_sha256": sha256_json(scene), "seed": settings.seed,
+        "mesh_sha256": item.mesh_sha256,
         "class": str(item.spec.class_name), **note_booster(booster),
         **({} if settings.rehearsal is None else {"rehearsed": True}),
     }  # fmt: skip
@@ -514,15 +529,21 @@ def shoot_unit(
         mesh = rehearsal.tape(apply_booster(item, rehearsal.print_booster(booster, settings.seed, item.name)))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
-    for (_, _, number), picture in zip(places, pictures, strict=True):
-        if rehearsal is None:
-            yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
-            continue
+    taken = zip((number for _, _, number in places), pictures, strict=True)
+    if rehearsal is None:
+        # developed beside the frames that are rendered next
+        yield from map_ahead(lambda shot: _develop(*shot, settings), taken)
+        return
+    for number, picture in taken:
         # by variant, as two boosters may have one name; drawn before the light, so that each step has its own numbers
         rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {variant}")
         grain = int(rng.integers(1 << 62))
         developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number, grain), rehearsal.noise)
         yield rehearsal.encode(developed)
+
+
+def _develop(number: int, picture: np.ndarray, settings: ShootSettings) -> bytes:
+    return _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

@@ -7,13 +7,13 @@ import tempfile
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Generic
 
-from toolkit.core.child import open_pool
+from toolkit.core.child import count_cores, open_pool
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
@@ -50,20 +50,43 @@ class InProcess:
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
         """See `Engine.run`; a result is yielded before the next result of the unit is begun."""
-        for unit in units:
-            try:
-                for key, result in zip(unit.keys, unit.work(*unit.inputs), strict=True):
-                    yield Outcome(unit, key, result)
-            except Exception as error:
-                if self.raises:
-                    raise
-                yield Outcome(unit, None, None, explain_failure(error))
+        with ThreadPoolExecutor(1, "begin") as pool:
+            for unit, begin in _look_ahead(units, pool):
+                try:
+                    for key, result in zip(unit.keys, begin(), strict=True):
+                        yield Outcome(unit, key, result)
+                except Exception as error:
+                    if self.raises:
+                        raise
+                    yield Outcome(unit, None, None, explain_failure(error))
 
     def __enter__(self) -> "InProcess":
         return self
 
     def __exit__(self, *error: object) -> None:
         pass
+
+
+def _look_ahead(
+    units: Iterable[Unit[Result]], pool: Executor
+) -> Iterator[tuple[Unit[Result], Callable[[], Iterable[Result]]]]:
+    """Yield each unit and what returns its results; the next one has begun by then, where both may."""
+    rest = iter(units)
+    unit, begin = next(rest, None), None
+    while unit is not None:
+        following, begin_following = None, None
+        if unit.begins_early and count_cores() > 1:
+            following = next(rest, None)
+            if following is not None and following.begins_early:
+                begin_following = pool.submit(_begin, following).result
+        yield unit, begin or partial(_begin, unit)
+        unit, begin = following or next(rest, None), begin_following
+
+
+def _begin(unit: Unit[Result]) -> Iterable[Result]:
+    """The results of a unit, of which the first is made here."""
+    results = iter(unit.work(*unit.inputs))
+    return itertools.chain(list(itertools.islice(results, 1)), results)
 
 
 class Stored(Generic[Value]):

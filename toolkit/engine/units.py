@@ -36,12 +36,14 @@ class Unit(Generic[Result]):
         work: function of a module that returns an iterable of a result for each key.
         inputs: arguments of `work`; a `Shared` stands for a value of many units.
         name: name in messages.
+        begins_early: its first result may be made beside the unit before it, in the same process.
     """
 
     keys: tuple[Any, ...]
     work: Callable[..., Iterable[Result]]
     inputs: tuple[object, ...]
     name: str
+    begins_early: bool = False
 
 
 @dataclass(frozen=True)

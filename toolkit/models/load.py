@@ -143,8 +143,13 @@ def _count_classes(
         """Draws no random numbers: for tensors that hold none, torch would load its compiler."""
 
         def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-            drawn = func in (torch.Tensor.uniform_, torch.Tensor.normal_)
-            return args[0] if drawn else func(*args, **(kwargs or {}))
+            kwargs = kwargs or {}
+            if func not in drawing:
+                return func(*args, **kwargs)
+            return args[0] if args else kwargs["tensor"]
+
+    # what a network calls, and what that calls: within an answer of ours no further call is seen
+    drawing = (torch.Tensor.uniform_, torch.Tensor.normal_, torch.nn.init.uniform_, torch.nn.init.normal_)
 
     # on the meta device a network has shapes and no numbers: nothing is allocated
     with torch.device("meta"), Undrawn():

@@ -84,13 +84,18 @@ def find_local(arch: str, url: str | None = None) -> Path | None:
 
 def find_in_folder(arch: str, preferred: str = "") -> Path | None:
     """Return a network's file in the folder TOOLKIT_WEIGHTS: `preferred`, else `arch-*`, else `arch`."""
-    folder = weights_folder()
-    if folder is None:
-        return None
-    names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
-    found = [path for name in names for path in sorted(folder.glob(name)) if path.is_file()]
+    found = list_in_folder(arch)
     # the published file first: the others may be of other classes
     return next((path for path in found if path.name == preferred), found[0] if found else None)
+
+
+def list_in_folder(arch: str) -> list[Path]:
+    """List a network's files in the folder TOOLKIT_WEIGHTS: those called `arch-*` first."""
+    folder = weights_folder()
+    if folder is None:
+        return []
+    names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
+    return [path for name in names for path in sorted(folder.glob(name)) if path.is_file()]
 
 
 def weights_folder() -> Path | None:

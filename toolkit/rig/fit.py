@@ -36,7 +36,7 @@ MOST_BEND_DEG = 100.0
 NEW_PATCH_MM = printed_size_mm(100)
 """Side of a patch of 100 px in mm, which training makes by default."""
 ACROSS = 41
-MOST_PLACES = 4_000_000
+MOST_PLACES = 1_000_000
 """Places of the grid that are looked at together."""
 MANY_FACES = 200_000
 """From here on rays find heights sooner than a look at every face does, once their tree is built."""
@@ -112,6 +112,10 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     low = np.ceil(grid.min(axis=1) - 1e-6).clip(0, SAMPLES).astype(int)
     high = np.floor(grid.max(axis=1) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
     size = (high - low + 1).clip(0)
+    # corners b and c from a, once for each triangle
+    (left, top), (b_right, b_down) = grid[:, 0].T.copy(), (grid[:, 1] - grid[:, 0]).T.copy()
+    c_right, c_down = (grid[:, 2] - grid[:, 0]).T.copy()
+    area = b_right * c_down - b_down * c_right
     heights = np.full(SAMPLES * SAMPLES, -np.inf)
     counts = size.prod(axis=1)
     for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
@@ -120,12 +124,11 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
         # counts 0, 1, 2, … within each triangle
         inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
         x, y = low[which, 0] + inside % size[which, 0], low[which, 1] + inside // size[which, 0]
-        a, b, c = (grid[which, k] for k in range(3))
-        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        u, v = x - left[which], y - top[which]
         # barycentric weights; a triangle on edge has no area and covers nothing
         with np.errstate(divide="ignore", invalid="ignore"):
-            second = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
-            third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
+            second = (u * c_down[which] - v * c_right[which]) / area[which]
+            third = (b_right[which] * v - b_down[which] * u) / area[which]
             covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
         z, second, third = corners[which[covered], :, 2], second[covered], third[covered]
         # linear over the triangle

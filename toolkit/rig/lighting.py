@@ -29,18 +29,39 @@ SHEET_MM = 0.1
 
 
 @dataclass(frozen=True)
-class SampleGrid:
-    """The samples of a mesh."""
+class SampleIndex:
+    """Places of the stored samples of a mesh."""
 
     steps: np.ndarray  # (m,) R of each triangle
     first: np.ndarray  # (m,) index of its first sample
+
+
+@dataclass(frozen=True)
+class SampleGrid(SampleIndex):
+    """The samples of a mesh."""
+
     positions: np.ndarray  # (n, 3) world points of the distinct samples, mm
     normals: np.ndarray  # (n, 3) unit
-    # (k,) the distinct sample behind each of the k stored ones; neighbours share those on common edges
+    # (k,) the distinct sample behind each of the k stored samples; neighbours share those on common edges
     slot: np.ndarray
 
 
 SHARED = 0.2
+
+
+def index_samples(corners: np.ndarray, spacing_mm: float) -> SampleIndex:
+    """How many samples about `spacing_mm` apart each of the triangles (m, 3, 3) has."""
+    # a triangle is cut into R² smaller ones, R by its longest edge: long thin ones get more than they need
+    edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
+    counts = _count_samples(steps)
+    return SampleIndex(steps, np.cumsum(counts) - counts)
+
+
+def _count_samples(steps: np.ndarray) -> np.ndarray:
+    """Corners of R² small triangles: a triangular number."""
+    counts: np.ndarray = (steps + 1) * (steps + 2) // 2
+    return counts
 
 
 def place_samples(
@@ -50,21 +71,17 @@ def place_samples(
 
     Those closer than `shared` of that, on surfaces that face alike, share a value.
     """
-    # a triangle is cut into R² smaller ones, R by its longest edge: long thin ones get more than they need
-    edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
-    steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
-    # corners of R^2 small triangles: a triangular number
-    counts = (steps + 1) * (steps + 2) // 2
-    first = np.cumsum(counts) - counts
-    total = int(counts.sum())
+    index = index_samples(corners, spacing_mm)
+    steps, first = index.steps, index.first
+    total = int(_count_samples(steps).sum())
     positions, normals = np.empty((total, 3), np.float32), np.empty((total, 3), np.float32)
     # triangles of one R share their weights, so that few large sums are made of many small ones
     for r in np.unique(steps):
         faces = np.flatnonzero(steps == r)
         weights = _barycentric_grid(int(r))
-        index = (first[faces][:, None] + np.arange(len(weights))).reshape(-1)
-        positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
-        normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
+        places = (first[faces][:, None] + np.arange(len(weights))).reshape(-1)
+        positions[places] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
+        normals[places] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     # samples with the same cell, direction and plane share a value: seams show no step, and rays are saved
     cell = shared * spacing_mm
@@ -84,7 +101,7 @@ def place_samples(
 _MIX = np.random.default_rng(0).integers(1, 2**63, 7, dtype=np.uint64) | np.uint64(1)
 
 
-def read_samples(grid: SampleGrid, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def read_samples(grid: SampleIndex, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Interpolate stored values (k, c) at points: triangle (n,), barycentric weights (n, 2) of corners 1 and 2."""
     found = np.empty((len(triangle), stored.shape[1]), np.float32)
     read_stored(grid.steps, grid.first, stored, triangle, uv, found)
@@ -155,12 +172,12 @@ class Shape:
     @cached_property
     def outline(self) -> np.ndarray:
         """(k, 3) vertices that bound every picture of it: its convex hull's, or all where it is flat."""
-        from scipy.spatial import ConvexHull, QhullError
-
+        o3d = load_open3d()
+        points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.mesh.vertices.astype(np.float64)))
         try:
             # a pinhole picture keeps straight lines: the picture of the hull bounds that of the mesh
-            return self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
-        except QhullError:
+            return self.mesh.vertices[points.compute_convex_hull()[1]]
+        except RuntimeError:
             return self.mesh.vertices
 
     def grid(self, spacing: float, shared: float = SHARED) -> SampleGrid:
@@ -214,7 +231,7 @@ def find_free(
 class Lighting:
     """Baked light."""
 
-    grid: SampleGrid  # where the object's samples lie
+    grid: SampleIndex
     stored: np.ndarray  # (k, 5) irradiance RGB, share of the key light seen, share of the room seen
     # (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors the share
     # of the sky's light that the object leaves the ground
@@ -249,7 +266,8 @@ def bake_studio_light(shape: Shape, albedo: np.ndarray, scene: Scene, detail: Ba
     ground = _mean_colour(scene.table)
     inputs = [hash_triangles(shape.mesh), albedo, scene.key, scene.environment, ground, detail]
     kept = keep_arrays("light", inputs, bake)
-    grid = shape.grid(detail.surface_spacing * shape.size)
+    # the samples need not be placed again: their light is known
+    grid = index_samples(shape.mesh.vertices[shape.mesh.faces], detail.surface_spacing * shape.size)
     return Lighting(grid, kept["stored"], kept["table"], float(kept["side"]), kept["open"])
 
 

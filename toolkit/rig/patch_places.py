@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.threads import map_ahead
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.objects.records import TAPE_MARGIN_MM
@@ -149,8 +151,8 @@ def _judge_all(
     found: list[Place] = []
     sides = " and ".join(f"{size:g}" for size in sizes_mm)
     with progress(f"trying places of {sides} mm on {item.name}", len(tried)) as bar:
-        for mount in tried:
-            place = judge_place(item, scene, camera, poses, mount, only_lying=True)
+        judge = partial(judge_place, item, scene, camera, poses, only_lying=True)
+        for place in map_ahead(judge, tried):
             if place is not None:
                 found.append(place)
             bar.advance()

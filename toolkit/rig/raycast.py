@@ -64,7 +64,7 @@ class RaycastRenderer(Renderer):
         Args:
             keep_light: on disk for other runs, see `bake_studio_light`; for an object on its table, at the origin.
         """
-        compiled.prepare(_compile_all)
+        compile_ahead()
         super().__init__(mesh, scene, stand)
         shape, paint = Shape.of(mesh), paint_of(mesh)
         self._others, around, albedo = None, None, paint.mean_colour
@@ -185,6 +185,11 @@ class RaycastRenderer(Renderer):
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
         left, top = max(left, 0), max(top, 0)
         return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
+
+
+def compile_ahead() -> None:
+    """Compile the renderer for this machine if its machine code is not on disk; the first renderer does so otherwise."""
+    compiled.prepare(_compile_all)
 
 
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:

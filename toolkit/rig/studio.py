@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from toolkit.core.cache import keep_arrays
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb, srgb_to_linear
 from toolkit.rig.scene import KeyLight, Scene, Table, illuminate
@@ -191,39 +192,59 @@ ROOM_LIGHT = {"studio": 1.0, "side": 0.55, "warm": 0.75, "dim": 0.45}
 BACKDROPS = tuple(TABLES)
 
 
-@lru_cache(maxsize=4)
-def make_studio(
-    seed: int | tuple[int, ...] = 0, scale_mm: float = 270.0, backdrop: str | None = None, light: str = "studio"
-) -> Scene:
-    """A studio whose backdrop, unless named, and details follow from the seed.
-
-    Args:
-        scale_mm: longest side of the object; the table is sized to it.
-
-    Raises:
-        ToolkitError: an unknown backdrop or light.
-    """
+def name_studio(seed: int | tuple[int, ...] = 0, backdrop: str | None = None, light: str = "studio") -> str:
+    """The name of the studio that `make_studio` makes; nothing is painted for it. Raises as `make_studio`."""
     if light not in LIGHTS:
         raise one_of("light", light, list(LIGHTS))
     if backdrop is not None and backdrop not in TABLES:
         raise one_of("backdrop", backdrop, list(BACKDROPS))
-    seeds = (seed,) if isinstance(seed, int) else seed
+    drawn = _draw_backdrop(_begin_draws(seed))
+    return f"{backdrop or drawn}/{light}/{'-'.join(map(str, _seeds_of(seed)))}"
+
+
+def _seeds_of(seed: int | tuple[int, ...]) -> tuple[int, ...]:
+    return (seed,) if isinstance(seed, int) else seed
+
+
+def _begin_draws(seed: int | tuple[int, ...]) -> np.random.Generator:
     # a stream of the studio's own: another use of the same seed shares no draw with it
-    rng = np.random.default_rng([*seeds, 0x57D10])
-    # drawn even where a backdrop is named, so that the rest of the studio is the same either way
-    drawn = BACKDROPS[int(rng.integers(len(BACKDROPS)))]
-    table_kind = TABLES[backdrop or drawn]
-    key = LIGHTS[light]
-    table_mm = (6.4 * scale_mm, 4.8 * scale_mm)
-    table = table_kind.paint(rng, table_mm)
-    # the room takes on the key light's tint
-    warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
-    environment = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
-    name = f"{backdrop or drawn}/{light}/{'-'.join(map(str, seeds))}"
-    return Scene(
-        name=name, key=key, environment=environment, table=Table(table, table_mm, table_kind.roughness),
-        exposure=_expose(key, environment, table),
-    )  # fmt: skip
+    return np.random.default_rng([*_seeds_of(seed), 0x57D10])
+
+
+def _draw_backdrop(rng: np.random.Generator) -> str:
+    return BACKDROPS[int(rng.integers(len(BACKDROPS)))]
+
+
+@lru_cache(maxsize=4)
+def make_studio(
+    seed: int | tuple[int, ...] = 0, scale_mm: float = 270.0, backdrop: str | None = None, light: str = "studio",
+    *, keep: bool = False,
+) -> Scene:  # fmt: skip
+    """A studio whose backdrop, unless named, and details follow from the seed.
+
+    Args:
+        scale_mm: longest side of the object; the table is sized to it.
+        keep: whether its pictures are kept on disk for other runs.
+
+    Raises:
+        ToolkitError: an unknown backdrop or light.
+    """
+    name = name_studio(seed, backdrop, light)
+    kind, key, table_mm = TABLES[name.partition("/")[0]], LIGHTS[light], (6.4 * scale_mm, 4.8 * scale_mm)
+
+    def paint() -> dict[str, np.ndarray]:
+        rng = _begin_draws(seed)
+        # drawn even where a backdrop is named, so that the rest of the studio is the same either way
+        _draw_backdrop(rng)
+        table = kind.paint(rng, table_mm)
+        # the room takes on the key light's tint
+        warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
+        room = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
+        return {"table": table, "room": room}
+
+    painted = keep_arrays("studio", [name, table_mm], paint) if keep else paint()
+    table, room = painted["table"], painted["room"]
+    return Scene(name, key, room, _expose(key, room, table), Table(table, table_mm, kind.roughness))
 
 
 def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
@@ -275,4 +296,9 @@ def add_board(studio: Scene, board: "Board", px_per_mm: float | None = None) -> 
     top, left = (high - sheet.shape[0]) // 2, (wide - sheet.shape[1]) // 2
     table[top : top + sheet.shape[0], left : left + sheet.shape[1]] = shades[sheet][..., None]
     laid = Table(table, (wide / fine, high / fine), bare.roughness)
-    return replace(studio, name=f"{studio.name}/board", table=laid)
+    return replace(studio, name=name_with_board(studio.name), table=laid)
+
+
+def name_with_board(name: str) -> str:
+    """The name of a studio on whose table a board lies."""
+    return f"{name}/board"

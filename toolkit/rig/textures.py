@@ -14,31 +14,44 @@ SMALLEST = 4
 def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
     """Halve (h, w, 3) linear values, float32 or uint16, by area average until a side is 4; level 0 is the input."""
     levels: list[np.ndarray] = [np.ascontiguousarray(linear)]
-    while min(levels[-1].shape[:2]) > SMALLEST:
-        h, w = levels[-1].shape[:2]
+    for height, width in _level_sizes(*linear.shape[:2])[1:]:
         # each level is made of the level before, in linear light: averages of codes would be too dark
-        levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
+        levels.append(cv2.resize(levels[-1], (width, height), interpolation=cv2.INTER_AREA))
     return levels
+
+
+def _level_sizes(height: int, width: int) -> list[tuple[int, int]]:
+    """(h, w) of each level of a pyramid, the finest first."""
+    sizes = [(height, width)]
+    while min(sizes[-1]) > SMALLEST:
+        height, width = sizes[-1]
+        sizes.append((max(height // 2, 1), max(width // 2, 1)))
+    return sizes
 
 
 def texture_pyramid(encoded: np.ndarray) -> list[np.ndarray]:
     """`build_pyramid` of an sRGB-encoded uint8 texture, in linear light, uint16: 65535 is 1."""
-    return build_pyramid(_LINEAR[encoded])
+    return build_pyramid(cv2.LUT(encoded, _LINEAR))
 
 
 def pack_textures(textures: list[np.ndarray]) -> Texels:
     """Pyramids of sRGB-encoded uint8 textures (h, w, 3) for the kernel."""
-    pyramids = [texture_pyramid(texture) for texture in textures]
-    levels = [level for pyramid in pyramids for level in pyramid]
-    sizes = np.array([level.shape[:2] for level in levels], np.int32)
-    counts = np.array([len(pyramid) for pyramid in pyramids], np.int32)
+    shapes = [_level_sizes(*texture.shape[:2]) for texture in textures]
+    sizes = np.array([size for levels in shapes for size in levels], np.int32)
+    counts = np.array([len(levels) for levels in shapes], np.int32)
     texels = sizes.astype(np.int64).prod(axis=1)
-    return Texels(
-        # a texel more: the kernel reads four numbers at once, past the last texel's three
-        values=np.concatenate([*(level.reshape(-1, 3) for level in levels), np.zeros((1, 3), np.uint16)]),
-        start=np.cumsum(texels) - texels, width=sizes[:, 1].copy(), height=sizes[:, 0].copy(),
-        first=(np.cumsum(counts) - counts).astype(np.int32), levels=counts,
-    )  # fmt: skip
+    start, first = np.cumsum(texels) - texels, (np.cumsum(counts) - counts).astype(np.int32)
+    # one texel more: the kernel reads four numbers at once, past the last texel's three
+    values = np.zeros((int(texels.sum()) + 1, 3), np.uint16)
+    # each level is made where it belongs: pictures are large, and copies of them take longer than the work
+    places = [
+        values[begin : begin + count].reshape(*size, 3) for begin, count, size in zip(start, texels, sizes, strict=True)
+    ]
+    for texture, at, levels in zip(textures, first, shapes, strict=True):
+        cv2.LUT(texture, _LINEAR, places[at])
+        for level, (height, width) in enumerate(levels[1:], at + 1):
+            cv2.resize(places[level - 1], (width, height), places[level], interpolation=cv2.INTER_AREA)
+    return Texels(values, start, sizes[:, 1].copy(), sizes[:, 0].copy(), first, counts)
 
 
 def pad_channels(picture: np.ndarray) -> np.ndarray:

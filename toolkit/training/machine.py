@@ -83,7 +83,7 @@ def _packages() -> Check:
 
 def _open3d() -> Check:
     """In a process of its own, as a missing shared library may end it."""
-    done = run_python("import open3d; print(open3d.__version__)")
+    done = run_python("from toolkit.objects.mesh import load_open3d; print(load_open3d().__version__)")
     if done.returncode == 0:
         return Check("Open3D", "ok", done.stdout.decode().split()[-1])
     reason = (done.stderr.decode("utf-8", "replace").strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
@@ -129,10 +129,12 @@ def _disk(folder: Path) -> Check:
 
 
 def _weights() -> Check:
-    from toolkit.models.weights import FOLDER_VARIABLE, find_local
+    from toolkit.models.weights import FOLDER_VARIABLE, find_local, list_in_folder
 
+    there = list_in_folder("resnet18")
     try:
-        found = find_local("resnet18")
+        # what is published under which name only torchvision knows, which takes seconds to load
+        found = there[0] if len(there) == 1 else find_local("resnet18")
     except ToolkitError as error:
         return Check("ResNet-18 weights", "missing", str(error), "fix or unset TOOLKIT_WEIGHTS")
     if found is not None:

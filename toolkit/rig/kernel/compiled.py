@@ -18,6 +18,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 import numba.core.config as config
+from numba.core.caching import FunctionCache
 
 from toolkit.core.cache import PLACE, cache_root, explain_distrust, make_private
 from toolkit.core.child import without_collector
@@ -160,6 +161,14 @@ def exact(function: Callable[P, R]) -> Callable[P, R]:
     return _compile(function, {"_nrt": False} | _PART, None)
 
 
+class _KernelCache(FunctionCache):
+    """Machine code on disk, which is loaded without the compiler's tables: importing those takes a second."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """As numba's own, which refreshes the context before; numba does so again before it compiles."""
+        return self._load_overload(sig, target_context)
+
+
 # LLVM inlines them all; wrappers for calls from Python or C would be compiled for nothing
 _PART = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -170,6 +179,9 @@ def _compile(function: Callable[P, R], options: dict[str, Any], folder: Path | N
     compiler: Callable[..., Any] = numba.njit
     try:
         # the "numpy" error model divides without asking whether the divisor is 0, which would keep loops from vectors
-        return compiler(nogil=True, cache=folder is not None, error_model="numpy", **options)(function)
+        made = compiler(nogil=True, error_model="numpy", **options)(function)
+        if folder is not None:
+            made._cache = _KernelCache(function)
+        return made
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
