@@ -188,7 +188,7 @@ class RaycastRenderer(Renderer):
 
 
 def compile_ahead() -> None:
-    """Compile the renderer for this machine if its machine code is not on disk; the first renderer does so otherwise."""
+    """Compile the renderer for this machine, unless its machine code is on disk."""
     compiled.prepare(_compile_all)
 
 
