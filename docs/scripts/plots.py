@@ -1,0 +1,141 @@
+"""Figures that follow from the tables in docs/results and the records in docs/records: python docs/scripts/plots.py."""
+
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from types import SimpleNamespace
+
+from findings import JUDGES, Findings, Row
+from tables import DOCS, RECORDS, TABLES
+from world_boosters import draw as draw_worlds
+from world_boosters import read_table
+
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import open_workspace
+from toolkit.imaging.plots import make_figure, with_default_style
+from toolkit.imaging.style import BLUE, CORRECT, GREEN, ORANGE, UNPATCHED_COLOUR, style_panel
+from toolkit.objects.load import load_object
+from toolkit.rooms.benchmarks.corruptions.benchmark_figures import draw_overview, draw_variant
+from toolkit.rooms.benchmarks.corruptions.benchmark_summary import read_summary
+from toolkit.rooms.benchmarks.sweeps.axes import AXES
+from toolkit.rooms.benchmarks.sweeps.sweep_rows import draw_sweep
+
+FIGURES = DOCS / "figures"
+SETS = {
+    "patches-100": "trained patch", "best-image-100": "best photograph of the class",
+    "random-image-100": "random photograph of the class", "fixed-pattern-100": "fixed pattern", "qr-100": "QR code",
+    "qr-wide-100": "QR code, wide border", "apriltag-100": "AprilTag", "fixed18": "ResNet-18 trained on it",
+    "zxing-cpp": "read by ZXing", "pyzbar": "read by ZBar", "opencv": "read by OpenCV",
+    "cifar-8": "trained patch, 8 px", "cifar-10": "trained patch, 10 px", "cifar-12": "trained patch, 12 px",
+    "cifar-best-image-10": "best photograph of the class", "cifar-random-image-10": "random photograph of the class",
+    "cifar-fixed-pattern-10": "fixed pattern", "cifar8": "CIFAR network", "cifar8-fixed": "network trained on it",
+    "cifar-standard-10": "patch for the standard network", "cifar-robust-10": "patch for the robust network",
+    "cifar8-standard": "standard network", "cifar8-robust": "robust network",
+}  # fmt: skip
+"""Display names of the benchmark's sets of patches, and of who recognises them."""
+BOOSTERS = {"none": UNPATCHED_COLOUR, "patch": BLUE, "wrap": ORANGE, "texture": GREEN}
+CONDITIONS = {"clear": "clear conditions", "fog 3": "fog of severity 3"}
+
+
+def draw_benchmarks() -> None:
+    """Write an overview of each kept run of the corruption benchmark, and the trained patch by severity."""
+    for name in ("photographs", "cifar", "robust"):
+        summary = read_summary(RECORDS / "benchmark" / f"{name}.json")
+        write_bytes(FIGURES / f"benchmark-{name}.png", draw_overview(summary, SETS))
+        if name == "photographs":
+            (row,) = (one for one in summary.variants if one.variant == "patches-100")
+            picture = draw_variant(summary, row, SETS[row.variant].capitalize())
+            write_bytes(FIGURES / "benchmark-photographs-patches.png", picture)
+
+
+@with_default_style
+def draw_transfer(of: Findings) -> bytes:
+    """SVG: correct images of six networks without and with each booster of four networks, clear and in fog."""
+    figure = make_figure(9.0, 5.2)
+    panels = figure.subplots(2, 1, sharex=True)
+    for panel, (air, title) in zip(panels, CONDITIONS.items(), strict=True):
+        for k, network in enumerate(JUDGES):
+            for i, (booster, colour) in enumerate(BOOSTERS.items()):
+                row = _judged(of, network, air, "patch" if booster == "none" else booster)
+                count, n = int(row["bare" if booster == "none" else "boosted"]), int(row["n"])
+                x = k + 0.2 * (i - 1.5)
+                panel.bar(x, 100 * count / n, 0.18, color=colour, label=booster if k == 0 else None, zorder=2)
+                panel.annotate(
+                    str(count), (x, 100 * count / n), (0, 1), textcoords="offset points", ha="center", fontsize=7
+                )
+        style_panel(panel, 0, 112)
+        panel.set_axisbelow(True)
+        panel.set_title(f"{title} (n = 72 per bar)", loc="left")
+        panel.set_ylabel("correct (%)")
+        panel.axvline(3.5, color=UNPATCHED_COLOUR, lw=0.8, ls=":")
+    names = [
+        f"{name}\n{'unseen' if _judged(of, key, 'clear', 'patch')['seen'] == 'False' else 'in training'}"
+        for key, name in JUDGES.items()
+    ]
+    panels[1].set_xticks(range(len(JUDGES)), names, fontsize=9)
+    panels[1].tick_params(axis="x", length=0)
+    handles, labels = panels[0].get_legend_handles_labels()
+    title = f"{CORRECT}; numbers: correct images of 72"
+    figure.legend(handles, labels, title=title, loc="outside upper center", ncols=4, frameon=False)
+    buffer = BytesIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def _judged(of: Findings, network: str, air: str, booster: str) -> Row:
+    return of.row("transfer", set="four-networks", network=network, booster=booster, air=air, object="all")
+
+
+def draw_sweeps(of: Findings) -> None:
+    """Write a figure for each network and axis in `sweeps.csv`; axes of the main network have its name alone."""
+    for run, axis in dict.fromkeys((row["run"], row["axis"]) for row in of.rows("sweeps")):
+        name = f"sweep-{axis}.png" if run == "resnet18" else f"sweep-{axis}-{run}.png"
+        draw_sweep(FIGURES / name, read_sweep(of.rows("sweeps", run=run, axis=axis), run, axis))
+
+
+def read_sweep(rows: list[Row], run: str, axis: str) -> SimpleNamespace:
+    """Return what `draw_sweep` needs of a sweep whose images are not kept."""
+    kind = AXES[axis]
+    values = {row["value"]: kind.parse(row["value"].removeprefix(kind.prefix).removesuffix(kind.unit)) for row in rows}
+    sizes = find_shares(values, {row["object"] for row in rows}) if axis == "size" else {}
+    return SimpleNamespace(
+        axis=kind, model={"name": run}, values=values, note="", sizes=sizes, skipped=list(list_missing(rows, values)),
+        objects=dict.fromkeys(sorted({row["object"] for row in rows} - {"all"})),
+        variants=tuple(dict.fromkeys(row["variant"] for row in rows)),
+        groups=[
+            SimpleNamespace(
+                source=row["value"], object=row["object"], variant=row["variant"], n=int(row["n"]),
+                top1=float(row["top1"]), top1_ci95=(float(row["top1_low"]), float(row["top1_high"])),
+            )
+            for row in rows
+        ],
+    )  # fmt: skip
+
+
+def find_shares(values: dict, names: set[str]) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return each printed side, and its share of each object's longest side; pooled if the objects agree."""
+    space = open_workspace(DOCS.parent)
+    longest = {name: float(max(load_object(space.object_spec(name)).mesh.size_mm)) for name in names - {"all"}}
+    if len({round(side) for side in longest.values()}) == 1:
+        longest["all"] = next(iter(longest.values()))
+    return {(label, name): (mm, mm / side) for label, mm in values.items() for name, side in longest.items()}
+
+
+def list_missing(rows: list[Row], values: dict) -> Iterator[tuple[str, str, str]]:
+    """(value, object, reason) of each object that was not shot at a value."""
+    shot = {(row["value"], row["object"]) for row in rows}
+    for name in sorted({name for _, name in shot}):
+        yield from ((value, name, "") for value in values if (value, name) not in shot)
+
+
+def main() -> None:
+    """Write them all."""
+    of = Findings(TABLES)
+    draw_benchmarks()
+    draw_sweeps(of)
+    write_bytes(FIGURES / "transfer.svg", draw_transfer(of))
+    write_bytes(FIGURES / "world-weathers.png", draw_worlds(read_table(Path(TABLES / "world-city-warplane.csv"))))
+
+
+if __name__ == "__main__":
+    main()
