@@ -29,7 +29,7 @@ RIGHT, WRONG = "#00734f", "#b34700"
 """Green and orange of the style, dark enough for white letters."""
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"
-TILE, STRIP = (400, 300), 34
+TILE, STRIP, LETTER_PX = (400, 300), 46, 28
 LOOKS_PX, LOOKS_CAPTION_PX = 300, 22
 
 
@@ -49,7 +49,7 @@ def paste_tile(
     right = is_correct(row)
     text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
     draw.rectangle((left, top + height, left + width, top + height + STRIP), fill=RIGHT if right else WRONG)
-    draw.text((left + 12, top + height + 6), text, fill="white", font=font)
+    draw.text((left + 12, top + height + 5), text, fill="white", font=font)
 
 
 def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
@@ -62,7 +62,7 @@ def draw_pairs(
     space: Workspace, rows: list[dict[str, str]], names: Sequence[str] = BUILTIN, boosted: str = "patched"
 ) -> Image.Image:
     """Per object the first pose at which bare and boosted differ, else pose 1: bare above, boosted below."""
-    sheet, font = make_sheet(len(names), 2), read_font("plain", 18)
+    sheet, font = make_sheet(len(names), 2), read_font("plain", LETTER_PX)
     for column, name in enumerate(names):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
         for row in rows:
@@ -235,7 +235,7 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     draw_looks(space, read_font("plain", 16)).save(figures / "looks.jpg", quality=90)
     if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
         rows = read_predictions(space, f"{TEXTURES}{run}")
-        draw_textures(space, rows, read_font("plain", 18)).save(figures / "textures.jpg", quality=90)
+        draw_textures(space, rows, read_font("plain", LETTER_PX)).save(figures / "textures.jpg", quality=90)
     photograph_report(space, run, figures / "report.png")
     photograph_studio(space, figures / "studio.png")
 

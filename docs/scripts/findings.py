@@ -111,7 +111,17 @@ def points(share: str) -> str:
     return format_points(float(share)) if share else ""
 
 
-PAGES = {"results.md": "results.md.j2", "how/renderers.md": "renderers.md.j2"}
+PAGES = (
+    {"results.md": "results.md.j2", "how/renderers.md": "renderers.md.j2"}
+    | {
+        "compared.md": "compared.md.j2",
+        "costs.md": "costs.md.j2",
+    }
+    | {
+        f"results/{name}.md": f"{name}.md.j2"
+        for name in ("patches", "textures", "transfer", "corruptions", "networks", "tables")
+    }
+)
 """The templates of pages below docs."""
 
 

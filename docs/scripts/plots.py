@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 from findings import JUDGES, Findings, Row
 from tables import DOCS, RECORDS, TABLES
@@ -19,6 +20,10 @@ from toolkit.rooms.benchmarks.corruptions.benchmark_figures import draw_overview
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import read_summary
 from toolkit.rooms.benchmarks.sweeps.axes import AXES
 from toolkit.rooms.benchmarks.sweeps.sweep_rows import draw_sweep
+from toolkit.rooms.landing.flight_report import OUTCOME_COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FIGURES = DOCS / "figures"
 SETS = {
@@ -34,6 +39,12 @@ SETS = {
 }  # fmt: skip
 """Display names of the benchmark's sets of patches, and of who recognises them."""
 BOOSTERS = {"none": UNPATCHED_COLOUR, "patch": BLUE, "wrap": ORANGE, "texture": GREEN}
+OUTCOMES = ("success", "missed", "crashed", "lost", "timed_out")
+SNOW = (("clear", "0", "clear conditions"), ("snow", "2", "35 % of the ground white"))
+PADS = {
+    "plain pad": ("plain", "both"), "boosted pad": ("snow", "both"),
+    "boosted pad,\nregressor trained on it": ("snow", "boths"),
+}  # fmt: skip
 CONDITIONS = {"clear": "clear conditions", "fog 3": "fog of severity 3"}
 
 
@@ -77,6 +88,40 @@ def draw_transfer(of: Findings) -> bytes:
     handles, labels = panels[0].get_legend_handles_labels()
     title = f"{CORRECT}; numbers: correct images of 72"
     figure.legend(handles, labels, title=title, loc="outside upper center", ncols=4, frameon=False)
+    return encode_svg(figure)
+
+
+@with_default_style
+def draw_landings(of: Findings) -> bytes:
+    """SVG: how 100 landings ended with each pad and regressor, on roofs and a field, in clear conditions and snow."""
+    figure = make_figure(9.0, 5.6)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    for line, (world, where) in zip(panels, (("city", "roofs"), ("grass", "field")), strict=True):
+        for panel, (weather, severity, title) in zip(line, SNOW, strict=True):
+            wanted = {"world": world, "time": "noon", "weather": weather, "severity": severity, "n": "100"}
+            for y, (pad, regressor) in enumerate(PADS.values()):
+                row, left = of.row("landing", pad=pad, regressor=regressor, **wanted), 0.0
+                shares = {"success": 100 * float(row["success"]), **{one: float(row[one]) for one in OUTCOMES[1:]}}
+                for outcome in OUTCOMES:
+                    label = outcome.replace("_", " ") if y == 0 else None
+                    panel.barh(y, shares[outcome], 0.6, left, color=OUTCOME_COLOURS[outcome], label=label)
+                    left += shares[outcome]
+                panel.annotate(f"{shares['success']:.0f}", (102, y), va="center", annotation_clip=False)
+            panel.set_title(f"{where}, {title}", loc="left")
+            panel.set(xlim=(0, 100), ylim=(len(PADS) - 0.5, -0.5))
+            panel.set_yticks(range(len(PADS)), list(PADS))
+            panel.spines[["top", "right", "left"]].set_visible(False)
+            panel.tick_params(axis="y", length=0)
+    for panel in panels[1]:
+        panel.set_xlabel("landings of 100")
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    title = "How landings end, n = 100 per bar; the number counts successes, higher is better"
+    figure.legend(handles, labels, title=title, loc="outside upper center", ncols=len(OUTCOMES), frameon=False)
+    return encode_svg(figure)
+
+
+def encode_svg(figure: "Figure") -> bytes:
+    """The figure as SVG, the same bytes for the same picture."""
     buffer = BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
@@ -134,6 +179,7 @@ def main() -> None:
     draw_benchmarks()
     draw_sweeps(of)
     write_bytes(FIGURES / "transfer.svg", draw_transfer(of))
+    write_bytes(FIGURES / "landings.svg", draw_landings(of))
     write_bytes(FIGURES / "world-weathers.png", draw_worlds(read_table(Path(TABLES / "world-city-warplane.csv"))))
 
 
