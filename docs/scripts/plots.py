@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
-from findings import JUDGES, Findings, Row
+from findings import BENCHMARK_NAMES, JUDGES, Findings, Row
 from tables import DOCS, RECORDS, TABLES
 from world_boosters import draw as draw_worlds
 from world_boosters import read_table
@@ -26,18 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURES = DOCS / "figures"
-SETS = {
-    "patches-100": "trained patch", "best-image-100": "best photograph of the class",
-    "random-image-100": "random photograph of the class", "fixed-pattern-100": "fixed pattern", "qr-100": "QR code",
-    "qr-wide-100": "QR code, wide border", "apriltag-100": "AprilTag", "fixed18": "ResNet-18 trained on it",
-    "zxing-cpp": "read by ZXing", "pyzbar": "read by ZBar", "opencv": "read by OpenCV",
-    "cifar-8": "trained patch, 8 px", "cifar-10": "trained patch, 10 px", "cifar-12": "trained patch, 12 px",
-    "cifar-best-image-10": "best photograph of the class", "cifar-random-image-10": "random photograph of the class",
-    "cifar-fixed-pattern-10": "fixed pattern", "cifar8": "CIFAR network", "cifar8-fixed": "network trained on it",
-    "cifar-standard-10": "patch for the standard network", "cifar-robust-10": "patch for the robust network",
-    "cifar8-standard": "standard network", "cifar8-robust": "robust network",
-}  # fmt: skip
-"""Display names of the benchmark's sets of patches, and of who recognises them."""
 BOOSTERS = {"none": UNPATCHED_COLOUR, "patch": BLUE, "wrap": ORANGE, "texture": GREEN}
 OUTCOMES = ("success", "missed", "crashed", "lost", "timed_out")
 SNOW = (("clear", "0", "clear conditions"), ("snow", "2", "35 % of the ground white"))
@@ -52,10 +40,10 @@ def draw_benchmarks() -> None:
     """Write an overview of each kept run of the corruption benchmark, and the trained patch by severity."""
     for name in ("photographs", "cifar", "robust"):
         summary = read_summary(RECORDS / "benchmark" / f"{name}.json")
-        write_bytes(FIGURES / f"benchmark-{name}.png", draw_overview(summary, SETS))
+        write_bytes(FIGURES / f"benchmark-{name}.png", draw_overview(summary, BENCHMARK_NAMES))
         if name == "photographs":
             (row,) = (one for one in summary.variants if one.variant == "patches-100")
-            picture = draw_variant(summary, row, SETS[row.variant].capitalize())
+            picture = draw_variant(summary, row, BENCHMARK_NAMES[row.variant].capitalize())
             write_bytes(FIGURES / "benchmark-photographs-patches.png", picture)
 
 
