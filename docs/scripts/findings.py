@@ -31,7 +31,7 @@ BENCHMARK_NAMES = {
     "cifar-8": "trained patch, 8 px", "cifar-10": "trained patch, 10 px", "cifar-12": "trained patch, 12 px",
     "cifar-best-image-10": "best photograph of the class", "cifar-random-image-10": "random photograph of the class",
     "cifar-fixed-pattern-10": "fixed pattern", "cifar8": "CIFAR network", "cifar8-fixed": "network trained on it",
-    "cifar-standard-10": "patch for the standard network", "cifar-robust-10": "patch for the robust network",
+    "cifar-standard-10": "its patch", "cifar-robust-10": "its patch",
     "cifar8-standard": "standard network", "cifar8-robust": "robust network",
 }  # fmt: skip
 """Display names of the benchmark's sets of patches, and of who recognises them."""

@@ -1,6 +1,7 @@
 """Figures that follow from the tables in docs/results and the records in docs/records: python docs/scripts/plots.py."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -129,6 +130,8 @@ def draw_sweeps(of: Findings) -> None:
 def read_sweep(rows: list[Row], run: str, axis: str) -> SimpleNamespace:
     """Return what `draw_sweep` needs of a sweep whose images are not kept."""
     kind = AXES[axis]
+    if axis == "coverage":  # the table does not hold what was reached
+        kind = replace(kind, title="share (%) of the visible surface asked for; above a wrap's own, the whole wrap")
     values = {row["value"]: kind.parse(row["value"].removeprefix(kind.prefix).removesuffix(kind.unit)) for row in rows}
     sizes = find_shares(values, {row["object"] for row in rows}) if axis == "size" else {}
     return SimpleNamespace(
