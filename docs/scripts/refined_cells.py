@@ -16,6 +16,7 @@ from tables import DOCS, Row, list_sweeps, read_others, read_summaries, write_ta
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.imaging.plots import read_font
+from toolkit.imaging.style import INK
 from toolkit.objects.records import read_patch
 
 FIGURES = DOCS / "figures"
