@@ -20,7 +20,7 @@ INK: str = "#1b1f24"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
 """Frames of images: top-1 correct, top-5 correct, wrong."""
 
-RC: dict[str, Any] = {
+RC: Any = {
     "font.family": ["DejaVu Sans"], "font.size": 10, "axes.titlesize": 11, "text.color": INK, "axes.labelcolor": INK,
     "axes.edgecolor": INK, "xtick.color": INK, "ytick.color": INK,
     "svg.hashsalt": "toolkit", "svg.fonttype": "path",
