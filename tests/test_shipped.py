@@ -137,7 +137,7 @@ def test_the_examples_previews_are_of_its_plan():
     plan, item = read_plan(ROOT / "rig" / "plan.json"), load_object(open_workspace(ROOT).object_spec("racer"))
     camera, poses = plan.camera, plan.objects["racer"]
     drawn = {
-        "racer-positions.png": draw_positions(item, camera, poses),
+        "racer-positions.png": draw_positions(item, poses),
         "racer-sheet.jpg": draw_contact_sheet(item, camera, poses, studio_for(item, ShootSettings())),
     }
     for name, content in drawn.items():

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from figures import RIGHT, WRONG, load_font
+from figures import RIGHT, WRONG
 from PIL import Image, ImageDraw
 
 from toolkit.captures.render import render
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.cli.output import say
 from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.imaging.plots import read_font
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
@@ -48,7 +49,7 @@ def draw_frame(
         truth: index of the object's class.
     """
     frame = Image.new("RGB", (2 * WIDTH + GAP, HEIGHT + STRIP), PAPER)
-    draw, small, large = ImageDraw.Draw(frame), load_font(13), load_font(17)
+    draw, small, large = ImageDraw.Draw(frame), read_font("plain", 13), read_font("plain", 17)
     for column, (picture, shares) in enumerate(zip(pictures, probabilities, strict=True)):
         left, top = column * (WIDTH + GAP), int(shares.argmax())
         colour = RIGHT if top == truth else WRONG
@@ -75,7 +76,7 @@ def ask(network: Classifier, pictures: np.ndarray) -> np.ndarray:
 def draw_boosters(space: Workspace, item: TableObject, pose: Pose, camera: Camera) -> Image.Image:
     """The object without and with each kind of booster, from one pose, with the kind's name below."""
     sheet = Image.new("RGB", (len(KINDS) * camera.width, camera.height + 26), PAPER)
-    draw, font, settings = ImageDraw.Draw(sheet), load_font(16), ShootSettings()
+    draw, font, settings = ImageDraw.Draw(sheet), read_font("plain", 16), ShootSettings()
     for column, (variant, title) in enumerate(KINDS.items()):
         mesh = apply_booster(item, find_booster(space, item, variant))
         light = make_renderer(settings.renderer, mesh, studio_for(item, settings)).render(camera, pose.matrix())

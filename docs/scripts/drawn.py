@@ -10,6 +10,7 @@ from toolkit.boosters.transforms.placement import AffineRanges, PoseRanges
 from toolkit.boosters.transforms.printing import LightRanges, PrintProcess, TapeGlare
 from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.core.draws import Draws
+from toolkit.imaging.style import INK
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import THUMBNAIL_STUDIO, WIDE_VIEWS, ViewSettings, render_pictures
@@ -66,7 +67,7 @@ def draw_parts(pixels: np.ndarray, photo: Image.Image, font: ImageFont.FreeTypeF
     sheet = Image.new("RGB", (len(rows) * step - GAP_PX, CAPTION_PX + DRAWS * step - GAP_PX), "white")
     draw = ImageDraw.Draw(sheet)
     for column, row in enumerate(rows):
-        draw.text((column * step + 4, 3), row.title, fill=(28, 30, 34), font=font)
+        draw.text((column * step + 4, 3), row.title, fill=INK, font=font)
         for line in range(DRAWS):
             shown = show_patch(patch, image, row.appearance, Draws(5, line))[0].permute(1, 2, 0).numpy()
             cell = Image.fromarray(np.round(shown * 255).astype(np.uint8))
@@ -90,7 +91,7 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
         mesh = make_everyday(label, (SEED, i))
         (picture,) = render_pictures(mesh, 1, settings, (SEED, i), setting=THUMBNAIL_STUDIO)
         sheet.paste(Image.fromarray(picture), (left, top))
-        draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
+        draw.text((left + 4, top + KIND_PX + 2), label, fill=INK, font=font)
     return sheet
 
 
@@ -109,7 +110,7 @@ def draw_skies(font: ImageFont.FreeTypeFont) -> Image.Image:
     draw = ImageDraw.Draw(sheet)
     for column, name in enumerate(TIMES):
         left = column * (width + GAP_PX)
-        draw.text((left + 4, 3), name, fill=(28, 30, 34), font=font)
+        draw.text((left + 4, 3), name, fill=INK, font=font)
         sky = make_sky(name, 0, 768)
         for row, turn in enumerate((0, 180)):
             towards = orbit_direction(sky.sun.azimuth_deg + turn, SKY_ELEVATION_DEG)
@@ -140,5 +141,5 @@ def draw_city(font: ImageFont.FreeTypeFont) -> Image.Image:
                 left = column * (width + GAP_PX)
                 sheet.paste(Image.fromarray(picture), (left, CAPTION_PX + row * step))
                 words = time if weather == CLEAR else f"{time}, {weather[0]} {weather[1]}"
-                draw.text((left + 4, 3), words, fill=(28, 30, 34), font=font)
+                draw.text((left + 4, 3), words, fill=INK, font=font)
     return sheet

@@ -17,16 +17,19 @@ from toolkit.captures.capture import UNPATCHED
 from toolkit.captures.render import render
 from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.evaluation.metrics import TEXTURED
+from toolkit.imaging.plots import read_font
+from toolkit.imaging.style import INK, name_variant
 from toolkit.objects.load import BUILTIN, load_object
 from toolkit.objects.records import read_patch, read_texture
 from toolkit.rig import PAIR, Pattern
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import plan_poses
 
+RIGHT, WRONG = "#00734f", "#b34700"
+"""Green and orange of the style, dark enough for white letters."""
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"
-RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
-TILE, STRIP = (400, 300), 34
+TILE, STRIP, LETTER_PX = (400, 300), 46, 28
 LOOKS_PX, LOOKS_CAPTION_PX = 300, 22
 
 
@@ -43,10 +46,10 @@ def paste_tile(
     left, top = column * width, line * (height + STRIP)
     picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
     sheet.paste(picture.resize(TILE, Image.Resampling.LANCZOS), (left, top))
-    right = row["correct_top1"] in ("1", "True", "true")
+    right = is_correct(row)
     text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
     draw.rectangle((left, top + height, left + width, top + height + STRIP), fill=RIGHT if right else WRONG)
-    draw.text((left + 12, top + height + 6), text, fill="white", font=font)
+    draw.text((left + 12, top + height + 5), text, fill="white", font=font)
 
 
 def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
@@ -59,7 +62,7 @@ def draw_pairs(
     space: Workspace, rows: list[dict[str, str]], names: Sequence[str] = BUILTIN, boosted: str = "patched"
 ) -> Image.Image:
     """Per object the first pose at which bare and boosted differ, else pose 1: bare above, boosted below."""
-    sheet, font = make_sheet(len(names), 2), load_font(18)
+    sheet, font = make_sheet(len(names), 2), read_font("plain", LETTER_PX)
     for column, name in enumerate(names):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
         for row in rows:
@@ -73,29 +76,47 @@ def draw_pairs(
     return sheet
 
 
-def load_font(size: int) -> ImageFont.FreeTypeFont:
-    """DejaVu, which has the marks; it comes with matplotlib."""
-    from matplotlib import get_data_path
-
-    return ImageFont.truetype(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size)
-
-
 def draw_contact_sheet(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
-    """Every capture of the sim source: a row per object and variant, a column per pose, framed right or wrong."""
-    names = sorted({row["object"] for row in rows})
-    poses = sorted({int(row["pose_id"]) for row in rows if row["pose_id"]})
-    w, h, frame = 128, 96, 3
-    sheet = Image.new("RGB", (len(poses) * (w + 2 * frame), len(names) * 2 * (h + 2 * frame)), "white")
+    """Every capture of the sim source: a row per object and variant, a column per pose, each with ✓ or ✗."""
+    names, poses = list_names(rows), sorted({int(row["pose_id"]) for row in rows if row["pose_id"]})
+    w, h, frame, margin, head = 128, 96, 4, 230, 50
+    step, rise = w + 2 * frame, h + 2 * frame
+    sheet = Image.new("RGB", (margin + len(poses) * step, head + len(names) * 2 * rise), "white")
+    draw, font, mark = ImageDraw.Draw(sheet), read_font("plain", 36), read_font("sans", 30)
+    for column, pose in enumerate(poses):
+        draw.text((margin + (column + 0.5) * step, head / 2), str(pose), INK, font, "mm")
+    draw.text((margin - 12, head / 2), "pose", INK, font, "rm")
+    for line, (name, variant) in enumerate((name, one) for name in names for one in (UNPATCHED, "patched")):
+        draw.text(
+            (margin - 12, head + (line + 0.5) * rise),
+            f"{name}\n{name_variant(variant)}",
+            INK,
+            font,
+            "rm",
+            align="right",
+        )
     for row in rows:
         if not row["pose_id"]:
             continue
         line = 2 * names.index(row["object"]) + (row["variant"] == "patched")
-        left, top = poses.index(int(row["pose_id"])) * (w + 2 * frame), line * (h + 2 * frame)
-        right = row["correct_top1"] in ("1", "True", "true")
-        sheet.paste(RIGHT if right else WRONG, (left, top, left + w + 2 * frame, top + h + 2 * frame))
+        left, top = margin + poses.index(int(row["pose_id"])) * step, head + line * rise
+        right = is_correct(row)
+        sheet.paste(RIGHT if right else WRONG, (left, top, left + step, top + rise))
         picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
         sheet.paste(picture.resize((w, h), Image.Resampling.LANCZOS), (left + frame, top + frame))
+        draw.rectangle((left, top, left + 40, top + 40), RIGHT if right else WRONG)
+        draw.text((left + 20, top + 20), "✓" if right else "✗", "white", mark, "mm")
     return sheet
+
+
+def list_names(rows: list[dict[str, str]]) -> list[str]:
+    """The objects of the rows, in order."""
+    return sorted({row["object"] for row in rows})
+
+
+def is_correct(row: dict[str, str]) -> bool:
+    """Whether the top-1 prediction of a row is the true class."""
+    return row["correct_top1"] in ("1", "True", "true")
 
 
 def draw_patches(space: Workspace) -> Image.Image:
@@ -170,7 +191,7 @@ def draw_textures(space: Workspace, rows: list[dict[str, str]], font: ImageFont.
             if row["object"] == name and row["pose_id"]
         }
         poses = sorted(pose for source, variant, pose in found if (source, variant) == views[0])
-        differs = [pose for pose in poses if found[(*views[0], pose)]["correct_top1"] not in ("1", "True", "true")]
+        differs = [pose for pose in poses if not is_correct(found[(*views[0], pose)])]
         for line, view in enumerate(views):
             row = found[(*view, (differs or poses)[0])]
             paste_tile(sheet, space, row, column, line, font)
@@ -188,18 +209,10 @@ def draw_looks(space: Workspace, font: ImageFont.FreeTypeFont) -> Image.Image:
     sheet = Image.new("RGB", (len(columns) * LOOKS_PX, len(poses) * LOOKS_PX + LOOKS_CAPTION_PX), "white")
     draw = ImageDraw.Draw(sheet)
     for column, (caption, texture) in enumerate(columns):
-        draw.text((column * LOOKS_PX + 6, 2), caption, fill=(28, 30, 34), font=font)
+        draw.text((column * LOOKS_PX + 6, 2), caption, fill=INK, font=font)
         for line, picture in enumerate(render(item, poses, camera, texture)):
             sheet.paste(Image.fromarray(picture), (column * LOOKS_PX, LOOKS_CAPTION_PX + line * LOOKS_PX))
     return sheet
-
-
-def copy_sweeps(space: Workspace, figures: Path, main_run: str) -> None:
-    """The figure of every finished sweep, as `sweep-AXIS.png`, those of other runs than `main_run` with its name."""
-    for file in sorted(space.eval_dir.glob("sweeps/*/sweep-*.json")):
-        axis, run = file.parent.name, file.stem.removeprefix("sweep-")
-        name = f"sweep-{axis}.png" if run == main_run else f"sweep-{axis}-{run}.png"
-        shutil.copyfile(file.with_suffix(".png"), figures / name)
 
 
 def draw_figures(space: Workspace, figures: Path, run: str) -> None:
@@ -215,15 +228,14 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     bare = next(r["path"] for r in rows if (r["object"], r["variant"]) == (BUILTIN[0], UNPATCHED))
     with Image.open(space.captures_dir / bare) as photo:
         pixels = read_patch(space.patch(BUILTIN[0])).pixels
-        draw_parts(pixels, photo.convert("RGB"), load_font(18)).save(figures / "parts.png")
-    draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)
-    draw_skies(load_font(18)).save(figures / "skies.jpg", quality=88)
-    draw_city(load_font(18)).save(figures / "city.jpg", quality=85)
-    draw_looks(space, load_font(16)).save(figures / "looks.jpg", quality=90)
+        draw_parts(pixels, photo.convert("RGB"), read_font("plain", 18)).save(figures / "parts.png")
+    draw_everyday(read_font("plain", 13)).save(figures / "everyday.jpg", quality=90)
+    draw_skies(read_font("plain", 18)).save(figures / "skies.jpg", quality=88)
+    draw_city(read_font("plain", 18)).save(figures / "city.jpg", quality=85)
+    draw_looks(space, read_font("plain", 16)).save(figures / "looks.jpg", quality=90)
     if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
         rows = read_predictions(space, f"{TEXTURES}{run}")
-        draw_textures(space, rows, load_font(18)).save(figures / "textures.jpg", quality=90)
-    copy_sweeps(space, figures, run)
+        draw_textures(space, rows, read_font("plain", LETTER_PX)).save(figures / "textures.jpg", quality=90)
     photograph_report(space, run, figures / "report.png")
     photograph_studio(space, figures / "studio.png")
 

@@ -22,6 +22,19 @@ SETS = {
     "resnet18, under corruption": "ResNet-18, under corruption",
 }  # fmt: skip
 """Sets of boosters that several networks judge, by what they were trained on."""
+BENCHMARK_NAMES = {
+    "unpatched": "nothing", "resnet18": "ResNet-18",
+    "patches-100": "trained patch", "best-image-100": "best photograph of the class",
+    "random-image-100": "random photograph of the class", "fixed-pattern-100": "fixed pattern", "qr-100": "QR code",
+    "qr-wide-100": "QR code, wide border", "apriltag-100": "AprilTag", "fixed18": "ResNet-18 trained on it",
+    "zxing-cpp": "read by ZXing", "pyzbar": "read by ZBar", "opencv": "read by OpenCV",
+    "cifar-8": "trained patch, 8 px", "cifar-10": "trained patch, 10 px", "cifar-12": "trained patch, 12 px",
+    "cifar-best-image-10": "best photograph of the class", "cifar-random-image-10": "random photograph of the class",
+    "cifar-fixed-pattern-10": "fixed pattern", "cifar8": "CIFAR network", "cifar8-fixed": "network trained on it",
+    "cifar-standard-10": "its patch", "cifar-robust-10": "its patch",
+    "cifar8-standard": "standard network", "cifar8-robust": "robust network",
+}  # fmt: skip
+"""Display names of the benchmark's sets of patches, and of who recognises them."""
 Row = dict[str, str]
 PERCENT = "\N{NO-BREAK SPACE}%"
 
@@ -111,7 +124,17 @@ def points(share: str) -> str:
     return format_points(float(share)) if share else ""
 
 
-PAGES = {"results.md": "results.md.j2", "how/renderers.md": "renderers.md.j2"}
+PAGES = (
+    {"results.md": "results.md.j2", "how/renderers.md": "renderers.md.j2"}
+    | {
+        "compared.md": "compared.md.j2",
+        "costs.md": "costs.md.j2",
+    }
+    | {
+        f"results/{name}.md": f"{name}.md.j2"
+        for name in ("patches", "textures", "transfer", "corruptions", "networks", "tables")
+    }
+)
 """The templates of pages below docs."""
 
 
@@ -124,7 +147,13 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p, "state_p": state_p}
     template = environment.get_template(PAGES[page])
     return template.render(
-        of=Findings(folder), names=NAMES, judges=JUDGES, name_run=name_run, sets=SETS, rig18=read_bundled()
+        of=Findings(folder),
+        names=NAMES,
+        judges=JUDGES,
+        name_run=name_run,
+        sets=SETS,
+        called=BENCHMARK_NAMES,
+        rig18=read_bundled(),
     )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from figures import draw_figures
 from findings import write_pages
+from plots import main as draw_plots
 from tables import DOCS, write_evaluation_tables, write_record_tables
 
 from toolkit.core.workspace import open_workspace
@@ -23,6 +24,7 @@ def main(folder: str | None = None, run: str = "resnet18") -> None:
         draw_figures(space, DOCS / "figures", run)
         write_evaluation_tables(space)
     write_record_tables(space)
+    draw_plots()
     write_pages()
 
 

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from toolkit.cli.app import write_bounds
+from toolkit.core.files import write_text
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -53,6 +54,33 @@ def fill_page(markdown: str) -> str:
         return f"{begin}\n\n{write_part(found['what'], found['where']).strip()}\n\n<!-- end -->"
 
     return PART.sub(write, markdown)
+
+
+def on_post_build(config: Any, **_: object) -> None:
+    """Called by mkdocs at the end: writes `llms.txt`, a list of all pages for language models."""
+    pages = [name for entry in config["nav"] for name in _list_pages(entry)]
+    write_text(
+        Path(config["site_dir"]) / "llms.txt", write_index(config["site_name"], config["site_description"], pages)
+    )
+
+
+def _list_pages(entry: dict[str, Any]) -> Iterator[str]:
+    """The files of an entry of the navigation and of those below it."""
+    for value in entry.values():
+        yield from (name for below in value for name in _list_pages(below)) if isinstance(value, list) else (value,)
+
+
+def write_index(title: str, promise: str, pages: list[str]) -> str:
+    """Return the text of `llms.txt`: a link to each page, with the page's first sentence."""
+    lines = [f"# {title}", "", f"> {promise}", "", "## Pages", ""]
+    for name in pages:
+        text = (PACKAGE.parent / "docs" / name).read_text(encoding="utf-8")
+        heading, _, rest = text.partition("\n")
+        blocks = (block.strip() for block in rest.split("\n\n"))
+        first = next((" ".join(block.split()) for block in blocks if re.match(r"[A-Z*`]", block)), "")
+        sentence = re.split(r"(?<=[.!?])\s", re.sub(r"\[([^]]*)\]\([^)]*\)|\*\*", r"\1", first))[0]
+        lines.append(f"- [{heading.lstrip('# ')}]({name.removesuffix('.md')}.html): {sentence}")
+    return "\n".join(lines) + "\n"
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:

@@ -10,12 +10,13 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-from figures import load_font
 from PIL import Image, ImageDraw
 from tables import DOCS, Row, list_sweeps, read_others, read_summaries, write_table
 
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.imaging.plots import read_font
+from toolkit.imaging.style import INK
 from toolkit.objects.records import read_patch
 
 FIGURES = DOCS / "figures"
@@ -56,7 +57,7 @@ def draw_patches(space: Workspace) -> Image.Image:
     objects = ("racer", "warplane", "coffeepot", "eggnog")
     sheet = Image.new("RGB", (len(SHOWN) * TILE_PX, len(objects) * TILE_PX + CAPTION_PX), "white")
     for column, (form, caption) in enumerate(SHOWN.items()):
-        ImageDraw.Draw(sheet).text((column * TILE_PX, 4), caption, fill=(28, 30, 34), font=load_font(16))
+        ImageDraw.Draw(sheet).text((column * TILE_PX, 4), caption, fill=INK, font=read_font("plain", 16))
         for row, name in enumerate(objects):
             patch = read_patch(space.root / "print" / "patches" / form / f"{name}.png")
             picture = Image.fromarray(patch.pixels).resize((TILE_PX - 4, TILE_PX - 4), Image.Resampling.LANCZOS)

@@ -9,12 +9,19 @@ import json
 import sys
 from pathlib import Path
 
-from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, style_panel
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import COLOURS, UNPATCHED_COLOUR, name_network, style_panel
 from toolkit.rooms.worlds.evaluation.world_report import draw_line
 from toolkit.rooms.worlds.fog import CONTRAST_LOG
 
-MOST_DRAWN = 5
+MOST_DRAWN, BARE = 5, "bare"
+DRAWN = (
+    BARE,
+    "texture from the studio",
+    "texture from the city",
+    "texture from the city in weather",
+    "patch from the city in weather",
+)
 COLUMNS = (
     "network", "world", "place", "object", "booster", "weather", "severity", "visibility_m", "n", "top1", "top5",
     "top5_low", "top5_high", "mean_true_prob",
@@ -39,6 +46,14 @@ def read_rows(booster: str, file: Path, variant: str) -> list[dict]:
     return rows
 
 
+def read_table(file: Path) -> list[dict]:
+    """The rows of a written table, with numbers, for `draw`: those of the boosters that the page shows."""
+    numbers = ("visibility_m", "top5", "top5_low", "top5_high")
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    return [row | {name: float(row[name] or 0) for name in numbers} for row in rows if row["booster"] in DRAWN]
+
+
 @with_default_style
 def draw(rows: list[dict]) -> bytes:
     """PNG: top-5 of every booster over the extinction of fog and of dust; a row of panels for each network."""
@@ -58,14 +73,14 @@ def draw(rows: list[dict]) -> bytes:
                 ]
                 x = [1e3 * CONTRAST_LOG / row["visibility_m"] if row["visibility_m"] else 0 for row in own]
                 known = [row | {"top5_ci95": (row["top5_low"], row["top5_high"])} for row in own]
-                draw_line(panel, x, known, colours[booster], booster)
+                draw_line(panel, x, known, colours[booster], "unmodified" if booster == BARE else booster)
             ticks = ["clear" if not row["visibility_m"] else f"{row['visibility_m']:g}" for row in own]
             panel.set_xticks(x, ticks, fontsize=8, rotation=45)
             panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
-            panel.set_title(network, fontsize=10)
+            panel.set_title(f"{name_network(network)} (n = {own[0]['n']} per point)")
             style_panel(panel)
             panel.set_axisbelow(True)
-        line[0].set_ylabel("truth among five guesses (%)")
+        line[0].set_ylabel("top-5 correct (%),\nhigher is better")
     panels[0][1].legend(frameon=False, fontsize=8)
     return encode_figure(figure)
 
@@ -79,7 +94,7 @@ def main() -> None:
         file, _, variant = place.partition(":")
         network = json.loads(Path(file).read_text())["model"]["name"]
         if network not in {row["network"] for row in rows}:
-            rows += read_rows("bare", Path(file), "unpatched")
+            rows += read_rows(BARE, Path(file), "unpatched")
         rows += read_rows(booster, Path(file), variant or "textured")
     with Path(table).open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -340,6 +341,41 @@ def test_the_road_runs_from_an_empty_folder(
             ran.append(words[1])
     assert {"init", "plan", "capture-sim", "eval", "print"} <= set(ran)
     assert list(tmp_path.glob("lab/eval/*/report.html"))
+
+
+LIGHT = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[1:]
+from test_blocks import put_light_objects
+put_light_objects(Path.cwd())
+"""
+
+
+@pytest.mark.slow
+def test_the_tour_can_be_pasted_into_a_new_shell(tmp_path: Path) -> None:
+    """Every line of the README's tour, in order, in a shell that stops at the first error; the objects are boxes."""
+    if not os.environ.get("TOOLKIT_WEIGHTS"):
+        pytest.skip("needs the weights of a ResNet-18: TOOLKIT_WEIGHTS")
+    _, _, rest = read_page("README.md").partition("## The tour")
+    (block, *_) = list_blocks(rest, "sh")
+    lines = [line for line in block.body.splitlines() if not line.startswith("export PATH=")]
+    (place,) = (k for k, line in enumerate(lines) if "cd lab" in line)
+    helpers = [str(ROOT / "tests" / folder) for folder in ("docs", "helpers")]
+    lines.insert(place + 1, " ".join(map(shlex.quote, (sys.executable, "-c", LIGHT, *helpers))))
+    settings = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-eu"], input="\n".join(lines), cwd=tmp_path, env=settings, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    made = (
+        "eval/index.html",
+        "eval/mine/report.html",
+        "print/warplane.pdf",
+        "print/racer-wrap.pdf",
+        "print/shot_list.pdf",
+    )
+    assert [file for file in made if not (tmp_path / "lab" / file).is_file()] == []
 
 
 def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], None]) -> None:

@@ -43,8 +43,9 @@ def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
     captures = (tmp_path / "captures.csv").read_text(encoding="utf-8")
     assert captures.count(line) == 1
     (tmp_path / "captures.csv").write_text(captures.replace(line, "resnet18,sim,all,patched,72,3,"), encoding="utf-8")
-    assert f"{row['correct']} of 72" in write_page() and "| 3 of 72 (" not in write_page()
-    assert "| 3 of 72 (" in write_page(tmp_path)
+    page = "results/patches.md"
+    assert f"{row['correct']} of 72" in write_page(page=page) and "| 3 of 72 (" not in write_page(page=page)
+    assert "| 3 of 72 (" in write_page(tmp_path, page)
 
 
 def test_the_readme_says_what_the_tables_say() -> None:
@@ -195,7 +196,7 @@ def test_the_readme_says_when_to_take_a_patch_a_wrap_or_a_texture_by_the_table()
 def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
     names = {"ResNet-18": "resnet18", "MobileNetV2": "mobilenet_v2", "MobileNetV1 0.75": UNSEEN}
     names |= {f"EfficientNet-Lite{k}": f"timm-tf_efficientnet_lite{k}" for k in range(3)}
-    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_shipped()
+    page, rows = (DOCS / "results/wraps.md").read_text(encoding="utf-8"), read_shipped()
     counts = r" \| (\d+) \| (\d+) \| (\d+) \| (\d+) \((\d+) / (\d+), p (?:< 0\.0001|= ([\d.]+))\) \|$"
     told = {
         names[one[0]]: one[1:]
@@ -215,7 +216,7 @@ def test_the_wraps_page_says_what_was_measured_of_trained_ones() -> None:
 
 
 def test_the_wraps_page_says_what_its_own_networks_say_in_fog() -> None:
-    page = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/wraps.md").read_text(encoding="utf-8")
     for air in ("fog 3", "clear"):
         rows = [one for one in read_shipped(air) if one["object"] == "all" and one["seen"] == "True"]
         of = {booster: [one for one in rows if one["booster"] == booster] for booster in ("wrap", "texture")}
@@ -227,7 +228,7 @@ def test_the_wraps_page_says_what_its_own_networks_say_in_fog() -> None:
 
 
 def test_the_wraps_page_says_what_the_challenge_and_other_objects_showed() -> None:
-    page = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/wraps.md").read_text(encoding="utf-8")
     gain = {row["entry"]: f"{100 * float(row['rank_gain']):.0f}" for row in read_table("challenge")}
     wrap, patch, texture = (gain[f"{budget}-four-networks"] for budget in ("wrap", "patch", "texture"))
     assert f"| patch | {patch} |\n| wrap | {wrap} |\n| texture | {texture} |\n" in page
@@ -246,7 +247,7 @@ def test_the_wraps_page_says_what_the_challenge_and_other_objects_showed() -> No
 
 def test_the_wraps_page_says_what_was_planned() -> None:
     names = {"carton_kenney": "carton", "car_taxi": "cab", "car_stationwagon": "station wagon", "bench": "park bench"}
-    page, rows = (DOCS / "tasks/wrap.md").read_text(encoding="utf-8"), read_table("wrap-plans")
+    page, rows = (DOCS / "results/wraps.md").read_text(encoding="utf-8"), read_table("wrap-plans")
     said = [
         f"| {names.get(one['object'], one['object'])} | {int(one['triangles']):,} | "
         f"{100 * float(one['covered']):.0f} % | {one['pieces']} |"
@@ -257,23 +258,8 @@ def test_the_wraps_page_says_what_was_planned() -> None:
     assert all(float(one["stretch"]) <= 0.03 for one in rows)
 
 
-def test_the_transfer_page_says_what_each_network_that_was_left_out_says() -> None:
-    page = (DOCS / "tasks/transfer.md").read_text(encoding="utf-8")
-    names = {"ResNet-18": "resnet18", "MobileNetV2": "mobilenet_v2"}
-    names |= {f"EfficientNet-Lite{k}": f"timm-tf_efficientnet_lite{k}" for k in range(2)}
-    told = re.findall(r"^\| ([\w-]+)" + r" \| (\d+)" * 6 + r" \|$", page, re.MULTILINE)
-    assert [line[0] for line in told] == list(names)
-    rows = [row for row in read_table("transfer") if row["object"] == "all"]
-    for name, *counts in told:
-        left_out = [row for row in rows if row["set"] == f"without {names[name]}" and row["network"] == names[name]]
-        of = {(row["air"], row["booster"]): row for row in left_out}
-        for (bare, patch, texture), air in ((counts[:3], "clear"), (counts[3:], "fog 3")):
-            assert (bare, patch) == (of[air, "patch"]["bare"], of[air, "patch"]["boosted"])
-            assert (bare, texture) == (of[air, "texture"]["bare"], of[air, "texture"]["boosted"])
-
-
 def test_the_landing_page_says_what_was_flown() -> None:
-    page = (DOCS / "tasks/landing.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/landing.md").read_text(encoding="utf-8")
     told = re.findall(r"^\| (roofs|field), (clear|snow:2)[^|]*\|(.*)\|$", page, re.MULTILINE)
     assert len(told) == 4
     rows = {(row["world"], row["weather"], row["pad"], row["regressor"]): row for row in read_table("landing")
@@ -311,7 +297,7 @@ def test_tables_agree_on_what_a_network_says_of_the_same_images() -> None:
 
 
 def test_the_worlds_page_says_what_the_city_showed() -> None:
-    page = (DOCS / "tasks/world-eval.md").read_text(encoding="utf-8").replace("**", "")
+    page = (DOCS / "results/worlds.md").read_text(encoding="utf-8").replace("**", "")
     told = re.findall(r"^\| (clear|fog, \d+ m) \|" + r" (\d+) / (\d+) \((\d+)–(\d+)\) \|" * 4, page, re.MULTILINE)
     assert len(told) == 6
     rows = {(row["booster"], row["weather"], row["visibility_m"]): row for row in read_table("world-city-warplane")
@@ -326,7 +312,7 @@ def test_the_worlds_page_says_what_the_city_showed() -> None:
 
 
 def test_the_sheets_of_your_object_add_up() -> None:
-    page = (DOCS / "tasks/your-object.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/own-object.md").read_text(encoding="utf-8")
     counts = {"1": [0, 0], "2": [0, 0]}
     for sheets, views, poses in re.findall(
         r"^\| four networks \|[^|]*\| (\d) \|[^|]*\| ([\d, ]+) \| ([\d, ]+) of 18 \|$", page, re.MULTILINE
@@ -339,7 +325,7 @@ def test_the_sheets_of_your_object_add_up() -> None:
 
 def test_the_keyboards_of_the_photographs_page_add_up() -> None:
     """Right with a sticker: the four kinds of photograph of the first table are the first row of the second."""
-    page = (DOCS / "tasks/photograph.md").read_text(encoding="utf-8")
+    page = (DOCS / "results/photographs.md").read_text(encoding="utf-8")
     kinds = re.findall(r"^\| \d inches, [^|]*\| (\d+) of 4 \| \d of 2 \| (\d+) of 4 \| \d of 2 \|$", page, re.MULTILINE)
     assert len(kinds) == 4
     (taken,) = re.findall(r"^\| sticker[^|]*\| (\d+) of 16,[^|]*\|[^|]*\| (\d+) of 16,", page, re.MULTILINE)

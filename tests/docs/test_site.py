@@ -40,3 +40,16 @@ def test_pages_have_what_the_code_says(site: Path) -> None:
 
 def test_scripts_and_records_are_not_published(site: Path) -> None:
     assert not (site / "scripts").exists() and not (site / "records").exists()
+
+
+def test_every_page_is_listed_for_language_models(site: Path) -> None:
+    text = (site / "llms.txt").read_text(encoding="utf-8")
+    listed = re.findall(r"^- \[[^]]+\]\(([^)]+)\): \S", text, re.MULTILINE)
+    pages = {page.relative_to(site).as_posix() for page in site.rglob("*.html")} - {"404.html"}
+    assert sorted(listed) == sorted(pages)
+
+
+def test_the_site_has_its_own_logo_and_icon(site: Path) -> None:
+    home = (site / "index.html").read_text(encoding="utf-8")
+    assert re.search(r'rel="?icon"? href="?assets/favicon\.svg', home) and "assets/logo.svg" in home
+    assert (site / "assets/favicon.svg").is_file() and (site / "assets/logo.svg").is_file()

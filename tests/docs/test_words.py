@@ -65,3 +65,23 @@ def test_listed_words_are_found_in_prose_alone() -> None:
 def test_no_exception_is_left_over() -> None:
     assert [said for page, said in EXCEPTIONS if said not in read_page(page)] == []
     assert [page for page in LEFT_OUT if page not in PAGES] == []
+
+
+MOST_NUMBERS = 30
+"""Numbers in 1000 words of a how-to page: what was measured lies on the pages of results."""
+
+
+def count_numbers(text: str) -> float:
+    """Return the numbers in 1000 words of a page, without code, links, numbers of lists and names such as ResNet-18."""
+    prose = re.sub(r"`[^`\n]*`|\]\([^)]*\)|^ *\d+\. ", " CODE ", FENCE.sub("", text), flags=re.MULTILINE)
+    return 1000 * len(re.findall(r"(?<![\w.,-])\d[\d.,]*", prose)) / len(prose.split())
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.startswith("docs/tasks/")])
+def test_a_how_to_page_holds_the_task_and_no_measurements(page: str) -> None:
+    assert count_numbers(read_page(page)) <= MOST_NUMBERS
+
+
+def test_numbers_are_counted_in_prose_and_tables() -> None:
+    text = "1. ResNet-18 gets 39 of 72\n\n| 54.5 % | `x 9` | [a](b2.md) |\n\n```sh\necho 12\n```\n"
+    assert count_numbers(text) == pytest.approx(1000 * 3 / 15)

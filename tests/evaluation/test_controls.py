@@ -260,10 +260,14 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
     assert places == sorted(places)
 
 
-def test_report_of_patch_and_texture_speaks_of_no_controls(put, workspace, colour_classifier):
+def test_report_says_how_to_shoot_controls_that_are_missing(put, workspace, colour_classifier):
     for variant in ("unpatched", "patched", "textured"):
         put(f"sim/racer/{variant}/1.png", "racer")
     html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file.read_text(
         encoding="utf-8"
     )
-    assert "Patch and texture</h2>" in html and "Controls" not in html and "grey-patch" not in html
+    assert "Patch and texture</h2>" in html and "Controls" not in html
+    assert "No control of the patch was shot" in html and "--variant grey-patch" in html
+    assert "No control of the texture was shot" in html and "--variant grey-texture" in html
+    assert html.index("<img ") < html.index('id="table"'), "a picture stands above the table"
+    assert html.index('id="sheet"') < html.index('id="method"')

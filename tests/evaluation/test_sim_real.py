@@ -295,7 +295,8 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
     page = result.report_file.read_text()
     section = page[page.index('id="sim-real"') : page.index('id="poses"')]
     assert "Predicted wrongly: 1 of 6" in section and section.count('<img src="data:image/jpeg') == 2
-    assert '<div class="variant">sim</div>' in section and '<div class="variant">real</div>' in section
+    assert '<div class="variant">simulated images</div>' in section
+    assert '<div class="variant">photographs</div>' in section
     assert section.count("<title>racer, pose") == 6
     assert "http" not in section and 'src="/' not in section
 

@@ -86,7 +86,7 @@ def preview_plan(workspace: Workspace, plan: CapturePlan, seed: int = 0) -> Path
     with progress("drawing previews", len(plan.objects)) as bar:
         for name, poses in plan.objects.items():
             item = load_object(workspace.object_spec(name))
-            write_bytes(folder / f"{name}-positions.png", draw_positions(item, plan.camera, poses))
+            write_bytes(folder / f"{name}-positions.png", draw_positions(item, poses))
             studio = studio_for(item, ShootSettings(seed=seed))
             write_bytes(folder / f"{name}-sheet.png", draw_contact_sheet(item, plan.camera, poses, studio))
             bar.advance(note=name)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from PIL import ImageFont
 
+from toolkit.imaging.style import RC
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -20,7 +22,7 @@ FACES = {
     "plain": "DejaVuSans.ttf",
     "mono": "DejaVuSansMono-Bold.ttf",
 }
-DPI = 120
+DPI = 144
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -39,7 +41,7 @@ def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
 
 
 def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:
-    """Let a function draw in matplotlib's own defaults, as each that calls `make_figure` must.
+    """Let a function draw in the toolkit's style over matplotlib's own defaults, as each that calls `make_figure` must.
 
     A `matplotlibrc` of the current folder, which may come from anybody, could otherwise switch on LaTeX and so start a
     program. The user's own settings are as before afterwards.
@@ -51,6 +53,7 @@ def with_default_style(draw: Callable[P, R]) -> Callable[P, R]:
 
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
+            matplotlib.rcParams.update(RC)
             return draw(*args, **kwargs)
 
     return drawn

@@ -233,14 +233,14 @@ class PatchLabel:
 
 
 def draw_frame(pdf: Pdf, frame: PageFrame, label: PatchLabel, page: str, advice: str) -> None:
-    """Draw the header with the label, `page` on the right and `advice` below, and the check bars."""
+    """Draw the header (title, size, what to do, origin; `page` on the right, `advice` below) and the check bars."""
     area = frame.header
     taken = pdf.text(page, area.right, area.top - 4.2, 3.0, room_mm=area.width * 0.45, align="right")
     pdf.text(label.title, area.x, area.top - 4.2, 5.0, room_mm=area.width - taken - 4, font=BOLD)
     pdf.text(label.size, area.x, area.top - 9.4, 3.2, room_mm=area.width)
-    pdf.text(label.origin, area.x, area.top - 13.4, 2.4, room_mm=area.width)
     for line, words in enumerate((PRINT_IT, advice)):
-        pdf.text(words, area.x, area.top - 17.0 - 3.3 * line, 2.4, room_mm=area.width)
+        pdf.text(words, area.x, area.top - 13.4 - 3.5 * line, 2.6, room_mm=area.width)
+    pdf.text(label.origin, area.x, area.top - 20.3, 2.2, room_mm=area.width)
     for upright in (False, True):
         _draw_check_bar(pdf, upright)
 

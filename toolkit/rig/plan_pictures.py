@@ -25,36 +25,31 @@ LETTER_MM = (5.0, 22.0)
 
 
 @with_default_style
-def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> bytes:
-    """PNG of the camera positions in space and from above, numbered, with the object's outline and front."""
+def draw_positions(item: TableObject, poses: list[Pose]) -> bytes:
+    """PNG of the camera positions from above, with the object and its front, and their heights over their azimuths."""
     positions = np.stack([pose.matrix()[:3, 3] for pose in poses]) / 10
     vertices = item.mesh.vertices[:: max(1, len(item.mesh.vertices) // 3000)] / 10
-    figure = make_figure(12, 6)
-    space = figure.add_subplot(1, 2, 1, projection="3d")
-    space.scatter(*vertices.T, s=0.5, c="0.55", linewidths=0)
-    space.scatter(*positions.T, c=positions[:, 2], cmap="viridis", s=42, depthshade=False)
-    for pose, position in zip(poses, positions, strict=True):
-        corners = _frame_corners(camera, pose) / 10
-        for corner in corners:
-            space.plot(*np.stack([position, corner]).T, color="0.6", lw=0.5)
-        space.plot(*np.vstack([corners, corners[:1]]).T, color="0.4", lw=0.7)
-        space.text(*(position * 1.04), str(pose.id), fontsize=8)
-    reach = float(np.abs(positions).max()) * 1.05
-    space.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(0, reach))
-    space.set(xlabel="x, to the front (cm)", ylabel="y, to the left (cm)", zlabel="z, height (cm)")
-    # smaller than its frame, so that the label of the height is in the picture
-    space.set_box_aspect((2, 2, 1), zoom=0.9)
-    space.view_init(28, -60)
-    plan = figure.add_subplot(1, 2, 2)
-    plan.scatter(vertices[:, 0], vertices[:, 1], s=0.5, c="0.6", linewidths=0)
-    dots = plan.scatter(positions[:, 0], positions[:, 1], c=[p.elevation_deg for p in poses], cmap="viridis", s=130)
-    for pose, position in zip(poses, positions, strict=True):
-        plan.annotate(str(pose.id), position[:2], ha="center", va="center", fontsize=7, color="white")
+    azimuths, elevations = ([getattr(pose, name) for pose in poses] for name in ("azimuth_deg", "elevation_deg"))
+    reach = 1.1 * float(max(np.abs(positions[:, :2]).max(), np.abs(vertices[:, :2]).max()))
+    figure = make_figure(12, 5.6)
+    above, aside = figure.subplots(1, 2)
+    above.scatter(vertices[:, 0], vertices[:, 1], s=0.5, c="0.6", linewidths=0)
     front = float(vertices[:, 0].max())
-    plan.annotate("front", (front * 1.9, 0), (front * 1.15, 0), arrowprops={"arrowstyle": "->"}, va="center")
-    plan.set(aspect="equal", xlabel="x (cm)", ylabel="y (cm)")
-    plan.grid(alpha=0.3)
-    figure.colorbar(dots, ax=plan, label="elevation (degrees)", shrink=0.7)
+    above.annotate(
+        "", (front + 0.2 * reach, 0), (front + 0.04 * reach, 0), arrowprops={"arrowstyle": "->"}, va="center"
+    )
+    above.text(front + 0.04 * reach, 0.03 * reach, "front", fontsize=9)
+    above.set(xlabel="x, towards the object's front (cm)", ylabel="y, to the object's left (cm)", title="from above")
+    above.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+    aside.set(xlabel="azimuth (degrees): 0 front, 90 left, 180 back, 270 right", ylabel="height above the table (cm)")
+    aside.set(title="heights", xlim=(-20, 380), xticks=range(0, 361, 45), ylim=(0, 1.15 * positions[:, 2].max()))
+    for panel, x, y in ((above, positions[:, 0], positions[:, 1]), (aside, np.mod(azimuths, 360), positions[:, 2])):
+        dots = panel.scatter(x, y, c=elevations, cmap="cividis", s=150, zorder=3)
+        for pose, *at in zip(poses, x, y, strict=True):
+            colour = "white" if dots.norm(pose.elevation_deg) < 0.6 else "black"
+            panel.annotate(str(pose.id), at, ha="center", va="center", fontsize=8, color=colour, zorder=4)
+        panel.grid(alpha=0.3)
+    figure.colorbar(dots, ax=aside, label="elevation (degrees)", shrink=0.7)
     figure.suptitle(f"{item.name}: {len(poses)} camera positions")
     return encode_figure(figure, dpi=110)
 
@@ -78,15 +73,6 @@ def draw_contact_sheet(
         draw.rectangle((box[0] - 3, box[1] - 2, box[2] + 3, box[3] + 2), fill="white")
         draw.text((left + 6, top + 4), label, font=font, fill="black")
     return encode_image(sheet, "PNG")
-
-
-def _frame_corners(camera: Camera, pose: Pose) -> np.ndarray:
-    """(4, 3) corners of the picture, drawn a sixth of the way to the target."""
-    T_world_camera = pose.matrix()
-    depth = pose.distance_mm / 6
-    x, y = camera.width / 2 / camera.fx * depth, camera.height / 2 / camera.fx * depth
-    local = np.array([[-x, -y, depth], [x, -y, depth], [x, y, depth], [-x, y, depth]])
-    return local @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
 
 
 def draw_pieces(item: TableObject, wrap: Wrap, studio: Scene) -> bytes:

@@ -323,7 +323,9 @@ WORDS = {
 
 def test_the_pages_say_what_the_records_of_photographs_hold() -> None:
     docs = RECORDS.parents[1]
-    task, how = ((docs / page).read_text() for page in ("tasks/photograph.md", "how/photographs.md"))
+    pages = ("tasks/photograph.md", "results/photographs.md", "how/photographs.md")
+    steps, results, how = ((docs / page).read_text() for page in pages)
+    task = steps + results
     answers = json.loads((RECORDS / "keyboard.json").read_text())
     for place, said in (("3in_over", "3 inches, on the keys"), ("6in_over", "6 inches, on the keys")):
         counts = [answers[net][f"{what} {place}"] for net in answers for what in ("sticker", "picture")]

@@ -21,7 +21,7 @@ from toolkit.core.threads import map_ahead
 from toolkit.core.work import INPUTS, NOWHERE, Work
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.metrics import describe_change
-from toolkit.evaluation.page import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel, write_page
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.run_files import (
     CELLS,
     EPISODES,
@@ -32,6 +32,7 @@ from toolkit.evaluation.run_files import (
 )
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel
 from toolkit.rooms.landing.config import CameraConfig, EpisodeConfig, FlyConfig
 from toolkit.rooms.landing.episodes import OUTCOMES, Flights
 from toolkit.rooms.landing.fly import FLIGHTS, TICKS, EpisodeRecord, FlightCell, Flown

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.page import SKY
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import SKY
 from toolkit.models.architectures import build_network
 from toolkit.models.predict import ask_in_parts
 from toolkit.models.weights import WeightsFile, read_state_dict

@@ -8,6 +8,7 @@ from made_answers import make_benchmark
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from toolkit.imaging.plots import DPI
 from toolkit.rooms.benchmarks.corruptions import benchmark_figures as figures
 from toolkit.rooms.benchmarks.corruptions.benchmark_figures import (
     FAMILY_COLOURS,
@@ -37,15 +38,15 @@ def whole():
 @pytest.mark.slow
 def test_sizes_of_the_whole(whole):
     for content in (draw_overview(whole), draw_variant(whole, whole.variants[1])):
-        assert open_png(content).width == 1200
+        assert open_png(content).width == 10 * DPI
 
 
 @pytest.mark.parametrize("severities", [(3,), (1, 4)])
 def test_smallest(severities):
     variants = {"variants": ("unpatched",), "readers": False, "fixed": False, "clean": False}
     summary = summarise(make_benchmark(n=2, n_classes=2, corruptions=("fog",), severities=severities, **variants))
-    assert open_png(draw_overview(summary)).width <= 1200
-    assert open_png(draw_variant(summary, summary.variants[0])).width <= 1200
+    assert open_png(draw_overview(summary)).width <= 10 * DPI
+    assert open_png(draw_variant(summary, summary.variants[0])).width <= 10 * DPI
 
 
 def test_clean_alone_has_an_overview():
@@ -94,14 +95,16 @@ def test_readers_bars_add_up(monkeypatch, whole):
     assert heights(above, WRONG_COLOUR)[-1] == pytest.approx(100 * row.wrong)
 
 
-def test_every_row_has_a_panel_with_its_own_network_unpatched_in_grey(monkeypatch, whole):
+def test_every_row_has_a_panel_of_bars_with_its_own_network_unpatched_marked(monkeypatch, whole):
     monkeypatch.setattr(figures, "save_png", lambda figure: figure)
-    _, small = draw_overview(whole).subfigs
+    _, small = draw_overview(whole, {"patches-100": "trained patch"}).subfigs
     shown = {panel.get_title(loc="left"): panel for panel in small.axes if panel.get_visible()}
-    assert list(shown) == [figures.label_row(whole, row) for row in whole.variants if row.variant != "unpatched"]
-    for row in whole.variants:
-        if row.variant != "unpatched":
-            drawn = [line.get_ydata()[0] for line in shown[figures.label_row(whole, row)].lines]
-            before = whole.unpatched_of(row)
-            first = [whole.means_of(one)["gaussian_noise"].top1 for one in (before, row) if one]
-            assert drawn[:: len(drawn) // len(first)] == pytest.approx([100 * share for share in first])
+    boosted = [row for row in whole.variants if row.variant != "unpatched"]
+    assert len(shown) == len(boosted) and "trained patch" in shown
+    for row, panel in zip(boosted, shown.values(), strict=True):
+        assert not panel.lines, "no line through categories"
+        means, before = whole.means_of(row), whole.unpatched_of(row)
+        drawn = [bar.get_height() for bar in panel.patches]
+        assert drawn == pytest.approx([100 * means[name].top1 for name in whole.corruptions])
+        marked = [100 * whole.means_of(before)[name].top1 for name in whole.corruptions] if before else []
+        assert levels(panel) == pytest.approx(marked)

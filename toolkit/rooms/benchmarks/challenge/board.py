@@ -15,7 +15,8 @@ from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, write_page
+from toolkit.evaluation.page import write_page
+from toolkit.imaging.style import COLOURS, UNPATCHED_COLOUR
 from toolkit.rooms.benchmarks.challenge.score import (
     CONDITIONS,
     FOG,

@@ -1,22 +1,26 @@
 """The benchmark's figures: a variant as in the paper's Figures 12 to 20, and all variants in one picture."""
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.evaluation.page import (
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import (
     BLUE,
+    CORRECT,
     GREEN,
     LEFT_OUT_COLOUR,
     ORANGE,
     PINK,
     UNPATCHED_COLOUR,
+    name_network,
+    name_variant,
     style_panel,
 )
-from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
     CorruptionMean,
     Summary,
@@ -45,7 +49,8 @@ HIDES_NUMBER, NARROW_COLUMNS = 0.07, 4
 WRONG_HATCHED = "#2b2f36"
 OVERVIEW_BAR = 0.62
 ROW_IN, OVERVIEW_HEAD_IN = 0.34, 1.5
-SMALL_COLUMNS, SMALL_IN, SMALL_LABELS_IN, SMALL_LABEL = 4, 1.7, 1.6, 8
+SMALL_COLUMNS, SMALL_IN, SMALL_LABELS_IN, SMALL_LABEL = 4, 1.9, 1.6, 8
+SMALL_TITLE_CHARACTERS = 28
 OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
@@ -139,11 +144,11 @@ def save_png(figure: "Figure") -> bytes:
 
 
 @with_default_style
-def draw_variant(summary: Summary, row: VariantMean) -> bytes:
+def draw_variant(summary: Summary, row: VariantMean, title: str = "") -> bytes:
     """PNG of two panels: the average of each corruption, and below it a bar for each severity where there are several.
 
     Dashed: the images without a patch, same network. A reader's bars are split into right, wrong and not decoded.
-    The summary has at least one corruption.
+    The summary has at least one corruption; `title` is the variant's display name.
     """
     places = place_corruptions(summary.corruptions, row.top1 is not None)
     several = len(summary.severities) > 1
@@ -159,12 +164,13 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
         titles.append("each severity, from mild to strong" + (" (pale to dark)" if not is_reader(row) else ""))
         panels[0].tick_params(labelbottom=False)
     for panel, title in zip(panels, titles, strict=True):
-        style_shares(panel, "share of codes (%)" if is_reader(row) else "top-1 (%)")
+        style_shares(panel, "codes read (%)" if is_reader(row) else CORRECT)
         panel.set_title(title, fontsize=11, loc="left")
         panel.tick_params(axis="x", length=0)
     label_places(panels[-1], places, is_coloured=not is_reader(row))
     images = f"{summary.n} image{'s' if summary.n != 1 else ''}"
-    figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.answerer}, {images}", fontsize=13)
+    who = f"{'read' if is_reader(row) else 'judged'} by {name_network(row.answerer)}, n = {images}"
+    figure.suptitle(f"{title or name_variant(row.variant)}, {who}", fontsize=13)
     # a narrow figure wraps its legend
     handles = _list_colours(summary, row, before)
     columns = len(handles) if width == MAX_WIDTH_IN else NARROW_COLUMNS
@@ -258,12 +264,17 @@ def _list_colours(summary: Summary, row: VariantMean, before: VariantMean | None
 
 
 @with_default_style
-def draw_overview(summary: Summary) -> bytes:
+def draw_overview(summary: Summary, names: Mapping[str, str] = MappingProxyType({})) -> bytes:
     """PNG: a bar for each variant and answerer, its mean and interval; then a panel for each with every corruption.
 
-    A panel's grey line is the same answerer without patches. Without a mean the bars are those of clean images. A
+    A panel's black marks are the same answerer without patches. Without a mean the bars are those of clean images. A
     reader's bar is split into right, wrong and not decoded.
+
+    Args:
+        summary: of the benchmark.
+        names: display names of variants and answerers; others are shown as they are called.
     """
+    titles = [_name_row(summary, row, names) for row in summary.variants]
     # without any patches the bare rows are all that there is
     lined = [row for row in summary.variants if row.variant != UNPATCHED] or list(summary.variants)
     columns = min(SMALL_COLUMNS, len(lined))
@@ -276,10 +287,10 @@ def draw_overview(summary: Summary) -> bytes:
     if bands:
         halves = figure.subfigures(2, 1, height_ratios=[rows_in, small_in], squeeze=False)[:, 0]
         panel = halves[0].subplots()
-        _draw_corruptions(halves[1], summary, lined, columns)
+        _draw_corruptions(halves[1], summary, lined, names)
     else:
         panel = figure.subplots()
-    handles = _draw_means(panel, summary)
+    handles = _draw_means(panel, summary, titles)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
     return save_png(figure)
@@ -292,7 +303,7 @@ def _colour_of_row(row: VariantMean) -> str:
     return GREEN if is_reader(row) else BLUE
 
 
-def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
+def _draw_means(panel: "Axes", summary: Summary, titles: Sequence[str]) -> "list[Artist]":
     """Draw the bars; returns what the legend must say."""
     has_mean = any(row.top1 is not None for row in summary.variants)
     for y, row in enumerate(summary.variants):
@@ -311,7 +322,7 @@ def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
         if has_mean and row.clean_top1 is not None:
             panel.plot(100 * row.clean_top1, y, marker="d", ms=7, mfc="white", mec="#111111", zorder=5, clip_on=False)
         panel.annotate(f"{format_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
-    panel.set_yticks(range(len(summary.variants)), [label_row(summary, row) for row in summary.variants], fontsize=10)
+    panel.set_yticks(range(len(titles)), titles, fontsize=10)
     panel.tick_params(axis="y", length=0, pad=6)
     # the first variant on top
     panel.set_ylim(len(summary.variants) - 0.5, -0.5)
@@ -320,7 +331,7 @@ def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
     panel.set_axisbelow(True)
     panel.spines[["top", "right", "left"]].set_visible(False)
     lines = textwrap.wrap(summary.mean_of if has_mean else "clean images", TITLE_CHARACTERS)
-    panel.set_title("\n".join(["Right at the first guess (%)", *lines]), fontsize=11, loc="left")
+    panel.set_title("\n".join([f"{CORRECT}; n = {summary.n} images", *lines]), fontsize=11, loc="left")
     has_clean = any(row.clean_top1 is not None for row in summary.variants)
     return _list_marks(has_mean, has_mean and has_clean, any(map(is_reader, summary.variants)))
 
@@ -340,29 +351,36 @@ def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Arti
     return handles
 
 
-def _draw_corruptions(figure: "SubFigure", summary: Summary, rows: Sequence[VariantMean], columns: int) -> None:
-    """A panel for each row, on a shared scale; the grey line is the same answerer without patches."""
-    places = place_corruptions(summary.corruptions, False)
-    families = dict.fromkeys(CORRUPTIONS[name].family for name in summary.corruptions)
+def _draw_corruptions(
+    figure: "SubFigure", summary: Summary, rows: Sequence[VariantMean], names: Mapping[str, str]
+) -> None:
+    """A panel of bars for each row, on a shared scale; a black mark is the same answerer without patches."""
+    places, columns = place_corruptions(summary.corruptions, False), min(SMALL_COLUMNS, len(rows))
+    x, colours = list(places.values()), [colour_of(name) for name in places]
     panels = figure.subplots(-(-len(rows) // columns), columns, sharey=True, squeeze=False)
     for k, panel in enumerate(panels.flat):
         if k >= len(rows):
             panel.set_visible(False)
             continue
         row = rows[k]
-        before = summary.unpatched_of(row)
-        # the row itself is drawn over its reference
-        for order, line in enumerate([row] if before is None else [before, row], 2):
-            means = summary.means_of(line)
-            for family in families:
-                names = [name for name in summary.corruptions if CORRUPTIONS[name].family == family]
-                x, y = [places[name] for name in names], [100 * means[name].top1 for name in names]
-                panel.plot(x, y, "o-", ms=3, lw=1.4, color=_colour_of_row(line), zorder=order, clip_on=False)
+        before, means = summary.unpatched_of(row), summary.means_of(row)
+        panel.bar(x, [100 * means[name].top1 for name in places], width=BAR, color=colours, zorder=2)
+        if before is not None and before is not row:
+            without = summary.means_of(before)
+            _draw_without(panel, x, BAR, [without[name].top1 for name in places], "-")
         style_panel(panel, 0, 104)
-        panel.set_title(label_row(summary, row), fontsize=10, loc="left")
+        panel.set_title(textwrap.fill(_name_row(summary, row, names), SMALL_TITLE_CHARACTERS), fontsize=10, loc="left")
         label_places(panel, places, is_coloured=True, size=SMALL_LABEL)
         panel.tick_params(axis="x", labelbottom=k + columns >= len(rows), labelrotation=60)
         if k % columns == 0:
-            panel.set_ylabel("top-1 (%)", fontsize=9)
+            panel.set_ylabel("correct (%)", fontsize=9)
     if any(row.variant != UNPATCHED and summary.unpatched_of(row) for row in rows):
-        figure.suptitle("Each corruption; grey: the same network without patches", fontsize=11, x=0.01, ha="left")
+        figure.suptitle(
+            "Each corruption; black marks: the same network without patches", fontsize=11, x=0.01, ha="left"
+        )
+
+
+def _name_row(summary: Summary, row: VariantMean, names: Mapping[str, str]) -> str:
+    label = label_row(summary, row)
+    variant, answerer = (names.get(one, name_network(name_variant(one))) for one in (row.variant, row.answerer))
+    return variant if label == row.variant else f"{variant}, {answerer}"

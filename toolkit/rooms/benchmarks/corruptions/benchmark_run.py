@@ -15,7 +15,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import check_run_name
-from toolkit.evaluation.page import RIGHT, WRONG, write_page
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.run_files import (
     CELLS as CELLS_CSV,
 )
@@ -27,6 +27,7 @@ from toolkit.evaluation.run_files import (
     write_run,
 )
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import RIGHT, WRONG, name_network, name_variant
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
 from toolkit.rooms.benchmarks.corruptions import CLEAN, NOT_CORRUPTED, Condition, CorruptEvalConfig
@@ -243,14 +244,15 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
         row[0].set_ylabel(name, rotation=0, ha="right", va="center", fontsize=9, labelpad=8)
     for panel, (corruption, severity) in zip(panels[0], conditions, strict=True):
         level = f"\nseverity {severity}" if severity else ""
-        panel.set_title(corruption.replace("_", " ") + level, fontsize=9)
+        panel.set_title((name_corruption(corruption) if severity else corruption) + level, fontsize=9)
     return encode_figure(figure)
 
 
 def _label_row(variant: Variant, first: Variant) -> str:
     """The variant, and below it the network if it differs."""
     other = variant.classifier is not first.classifier
-    return f"{variant.name},\n{variant.classifier.name}" if other else variant.name
+    name = name_variant(variant.name)
+    return f"{name},\n{name_network(variant.classifier.name)}" if other else name
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from toolkit.core.console import console
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import NONE, build_table, encode_csv, format_interval, format_p, format_percent
 from toolkit.evaluation.metrics import PATCHED, Comparison, Group
-from toolkit.evaluation.page import colour_of, style_panel
 from toolkit.evaluation.results import Findings
 from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.imaging.style import CORRECT, colour_of, name_network, name_variant, style_panel
 from toolkit.rig.applied.tag import parse_tag
 from toolkit.rig.applied.wrap import WRAP
 from toolkit.rig.variants import ON_PAPER
@@ -226,11 +226,11 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
     for panel in panels[len(names) :]:
         panel.set_axis_off()
     for panel in panels[: len(names) : columns]:
-        panel.set_ylabel("top-1 (%)")
+        panel.set_ylabel("correct (%)")
     handles, labels = panels[0].get_legend_handles_labels()
-    title = f"{sweep.model['name']}: top-1 and its 95 % Wilson interval{sweep.note}"
+    title = f"{name_network(sweep.model['name'])}: {CORRECT}, with 95 % Wilson interval{sweep.note}"
     figure.legend(
-        handles, labels, title=title, title_fontsize=12, loc="outside upper center", ncols=len(labels), frameon=False
+        handles, labels, title=title, title_fontsize=11, loc="outside upper center", ncols=len(labels), frameon=False
     )
     missing = "; *: fewer, without an object that cannot be shot there" if sweep.skipped and len(names) > 1 else ""
     figure.supxlabel(sweep.axis.title + missing, fontsize=11)
@@ -250,7 +250,13 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
         y = [100 * (group.top1 or 0.0) for group in groups]
         low, high = ([100 * group.top1_ci95[end] for group in groups] for end in (0, 1))
         marker, side = MARKERS[i % len(MARKERS)]
-        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": side, "label": variant, "clip_on": False}
+        style: dict[str, Any] = {
+            "color": colour,
+            "marker": marker,
+            "ms": side,
+            "label": name_variant(variant),
+            "clip_on": False,
+        }
         if has_scale:
             panel.fill_between(x, low, high, color=colour, alpha=0.18, lw=0)
             panel.plot(x, y, lw=1.8, zorder=3, **style)
@@ -268,7 +274,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     panel.set_xlim(*_span(list(places.values()), sweep.axis))
     style_panel(panel, 0, 100)
     title = f"all {len(sweep.objects)} objects" if name == POOLED else name
-    panel.set_title(f"{title} (n = {shots} a point)" if shots else f"{title}: cannot be shot", fontsize=11)
+    panel.set_title(f"{title} (n = {shots} per point)" if shots else f"{title}: cannot be shot", fontsize=11)
 
 
 def _span(places: list[float], axis: Axis) -> tuple[float, float]:

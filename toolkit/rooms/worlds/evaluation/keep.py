@@ -22,6 +22,8 @@ SHOWN_AT = (30.0, 15.0, 1.6)
 """Preferred azimuth and elevation, degrees, and distance, object lengths. The report shows the nearest camera of each
 place that sees the whole object."""
 MOST_PICTURE_BYTES = 64 << 20
+OBJECT_MARGIN = 1.15
+"""Side of the square that the report shows, in sides of the object's outline."""
 
 
 class KeptFrame(BaseModel):
@@ -127,6 +129,18 @@ class KeptFrames:
         pictures = [f"{name_picture(weather)}.png" for weather in weathers]
         is_there = all((folder / picture).is_file() for folder in folders for picture in pictures)
         return is_there and self.shown[name] in place.cameras
+
+    def find_object(self, path: str) -> tuple[int, int, int, int]:
+        """Return the square around the object in a kept frame: left, top, right and bottom, pixels, in the image."""
+        record = self._known[path]
+        from_world, size = np.linalg.inv(record.T_world_camera), record.intrinsics
+        x, y, z = from_world[:3, :3] @ np.array(record.box).T + from_world[:3, 3:]
+        u, v = size["fx"] * x / z + size["cx"], size["fy"] * y / z + size["cy"]
+        width, height = int(size["width"]), int(size["height"])
+        side = min(width, height, OBJECT_MARGIN * max(np.ptp(u), np.ptp(v)))
+        left = float(np.clip((u.min() + u.max() - side) / 2, 0, width - side))
+        top = float(np.clip((v.min() + v.max() - side) / 2, 0, height - side))
+        return round(left), round(top), round(left + side), round(top + side)
 
     def path_of(self, place: str, variant: str, camera: GridCamera) -> str:
         """Folder of a frame below `frames/`."""

@@ -9,10 +9,19 @@ import numpy as np
 
 from toolkit.captures.read import POOLED
 from toolkit.core.files import write_bytes, write_text
-from toolkit.evaluation.page import FIFTH, LEFT_OUT_COLOUR, RIGHT, WRONG, colour_of, style_panel, write_page
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.run_files import PREDICTIONS, SUMMARY, write_run
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.imaging.read import read_image
+from toolkit.imaging.style import (
+    FIFTH,
+    LEFT_OUT_COLOUR,
+    RIGHT,
+    WRONG,
+    colour_of,
+    name_variant,
+    style_panel,
+)
 from toolkit.rooms.worlds.conditions import CLEAR
 from toolkit.rooms.worlds.evaluation.cameras import PlaceCameras
 from toolkit.rooms.worlds.evaluation.frames import WeatherKey
@@ -54,7 +63,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
         for variant in results.variants:
             colour = colour_of(results.variants, variant)
             own = [rows[variant, name, severity] for name, severity in ladder]
-            draw_line(panel, x.tolist(), own, colour, variant)
+            draw_line(panel, x.tolist(), own, colour, name_variant(variant))
             # the visibility that halves the accuracy, as a hollow mark with a line to the axis
             half = halves[variant, kind]["visibility_m"]
             if half is not None:
@@ -66,7 +75,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
         labels = ["clear", *(f"{find_visibility_m(step):.3g}" for step in ladder[1:])]
         panel.set_xticks(x, labels, fontsize=8, rotation=0 if len(x) < 4 else 45)
         panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
-    panels[0].set_ylabel("truth among five guesses (%)")
+    panels[0].set_ylabel("top-5 correct (%), higher is better")
     panels[0].legend(frameon=False, fontsize=9)
     figure.suptitle("Through weather; hollow: half of the clear air's is lost", fontsize=11)
     return encode_figure(figure)
@@ -103,7 +112,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
         for variant in results.variants:
             for weather, style in zip(shown, ("-", "--"), strict=False):
                 own = [row for row in rows if (row["variant"], row["weather"], row["severity"]) == (variant, *weather)]
-                label = f"{variant}, {name_picture(weather)}"
+                label = f"{name_variant(variant)}, {name_picture(weather)}"
                 draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
         style_panel(panel)
         panel.set_axisbelow(True)
@@ -113,7 +122,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
     panels[-1].axis("off")
     panels[-1].legend(handles, labels, frameon=False, loc="center", fontsize=9)
     for panel in (panels[0], panels[3]):
-        panel.set_ylabel("truth among five guesses (%)", fontsize=9)
+        panel.set_ylabel("top-5 correct (%)", fontsize=9)
     return encode_figure(figure)
 
 
@@ -164,8 +173,8 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
 def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     """Return a PNG: a camera of each place, a row for each variant, a column for each of some weathers.
 
-    Green: the truth is the first guess; yellow: among five; red: not. A place whose shown pictures failed is left out;
-    None where they all did.
+    Images are cropped to the object. Green: top-1 correct; yellow: top-5 correct; red: wrong. A place of which a shown
+    image failed is left out; None if all places are.
     """
     weathers = _spread(results.weathers)
     names = results.place_names
@@ -184,9 +193,11 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
         camera = kept.shown[names[k]]
         # answers stand in the order of the places, and in each of its cameras
         number = int(np.flatnonzero(results.place_of == k)[0]) + results.places[k].cameras.index(camera)
-        folder = kept.folder / kept.path_of(names[k], variant, camera)
+        path = kept.path_of(names[k], variant, camera)
+        left, top, right, bottom = kept.find_object(path)
         for panel, weather in zip(line, weathers, strict=True):
-            panel.imshow(read_image(folder / f"{name_picture(weather)}.png"), interpolation="antialiased")
+            image = read_image(kept.folder / path / f"{name_picture(weather)}.png")
+            panel.imshow(image[top:bottom, left:right], interpolation="antialiased")
             # a frame in the colour of the answer
             rank = results.answers[variant, weather].true_rank[number]
             colour = RIGHT if rank == 1 else FIFTH if rank <= 5 else WRONG
@@ -194,11 +205,13 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
                 spine.set(color=colour, linewidth=3)
             panel.set(xticks=[], yticks=[])
         name = names[k] if variant == results.variants[0] else ""
-        line[0].set_ylabel(f"{name}\n{variant}", rotation=0, ha="right", va="center", fontsize=8, labelpad=6)
+        line[0].set_ylabel(
+            f"{name}\n{name_variant(variant)}", rotation=0, ha="right", va="center", fontsize=8, labelpad=6
+        )
     for panel, weather in zip(panels[0], weathers, strict=True):
         visibility = find_visibility_m(weather)
         panel.set_title(weather[0] if visibility is None else f"{weather[0]} {visibility:.3g} m", fontsize=8)
-    for colour, label in ((RIGHT, "first guess right"), (FIFTH, "right among five"), (WRONG, "not among five")):
+    for colour, label in ((RIGHT, "top-1 correct"), (FIFTH, "top-5 correct"), (WRONG, "wrong")):
         panels[0][0].plot([], [], "s", mfc="none", mec=colour, mew=3, ms=9, label=label)
     figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=8)
     return encode_figure(figure)
