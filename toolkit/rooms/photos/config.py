@@ -30,10 +30,7 @@ class RetextureConfig(Config):
 
 
 Source = Annotated[
-    str,
-    Field(pattern=f"^{FOLDER.pattern}$"),
-    Expect("the name of one folder below captures/"),
-    Flag(metavar="NAME"),
+    str, Field(pattern=f"^{FOLDER.pattern}$"), Expect("the name of one folder below captures/"), Flag(metavar="NAME")
 ]
 
 
@@ -60,16 +57,14 @@ class ImportSettings(Config):
         None, description="Shot number of the first photograph, if these are only a part of the shot list."
     )
     pairs: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
-        None,
-        description="Table file,object,variant,pose[,class]: what each photograph shows; needs no plan or board.",
+        None, description="Table file,object,variant,pose[,class]: what each photograph shows; needs no plan or board."
     )
     link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
     replace: Annotated[bool, Flag("--replace")] = Field(
         False, description="A retake replaces the earlier photograph, which is kept aside."
     )
     every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
-        None,
-        description="From a video, take one frame every so many seconds. Default: one whenever the camera rests.",
+        None, description="From a video, take one frame every so many seconds. Default: one whenever the camera rests."
     )
     source: Source = Field("real", description="Folder below captures/.")
 

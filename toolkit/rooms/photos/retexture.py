@@ -289,9 +289,7 @@ def check_retexture(
     patches = [read_known(workspace, name) for name in found]
     # a file's name may say which patch it shows: then the others are not looked for
     made, skipped = use_each(
-        "fitting",
-        photos,
-        lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches),
+        "fitting", photos, lambda file: fit_photo(file, [p for p in patches if p.name in file.stem] or patches)
     )
     fitted = {photo.photo.path.stem: photo for photo in made}
     answers = {stem: _ask(classifiers, photo.image) for stem, photo in fitted.items()}

@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit.captures.capture import UNPATCHED
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.evaluation.page import (
-    BLUE,
-    GREEN,
-    LEFT_OUT_COLOUR,
-    ORANGE,
-    PINK,
-    UNPATCHED_COLOUR,
-    style_panel,
-)
+from toolkit.evaluation.page import BLUE, GREEN, LEFT_OUT_COLOUR, ORANGE, PINK, UNPATCHED_COLOUR, style_panel
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.rooms.benchmarks.corruptions.benchmark_summary import (
     CorruptionMean,

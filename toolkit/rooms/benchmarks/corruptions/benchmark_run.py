@@ -16,16 +16,8 @@ from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.engine import EngineConfig
 from toolkit.evaluation import check_run_name
 from toolkit.evaluation.page import RIGHT, WRONG, write_page
-from toolkit.evaluation.run_files import (
-    CELLS as CELLS_CSV,
-)
-from toolkit.evaluation.run_files import (
-    SUMMARY,
-    explain_run_dir,
-    find_run_dir,
-    lacks_other_inputs,
-    write_run,
-)
+from toolkit.evaluation.run_files import CELLS as CELLS_CSV
+from toolkit.evaluation.run_files import SUMMARY, explain_run_dir, find_run_dir, lacks_other_inputs, write_run
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier

@@ -130,8 +130,7 @@ class ClassPatchesConfig(Config):
         (100,), description="Side in pixels, repeatable."
     )
     backgrounds: Annotated[Backgrounds, Flag()] = Field(
-        "auto",
-        description="class: images of the class only; all: every image; auto: of the class where there are 32.",
+        "auto", description="class: images of the class only; all: every image; auto: of the class where there are 32."
     )
     images: Annotated[int, Field(ge=2), Flag()] = Field(
         256, description="Images kept in memory at most, a fifth of them held out."

@@ -27,13 +27,7 @@ from toolkit.rooms.photos.shot_list.session import (
     draw_sheets_page,
     prepare_session,
 )
-from toolkit.rooms.photos.shot_list.tour import (
-    Stop,
-    draw_from_above,
-    draw_from_side,
-    find_legs,
-    name_change,
-)
+from toolkit.rooms.photos.shot_list.tour import Stop, draw_from_above, draw_from_side, find_legs, name_change
 from toolkit.rooms.photos.shot_order import (
     ShotList,
     list_shots,

@@ -24,8 +24,7 @@ class BaselineConfig(Config):
         Flag(positional=True, metavar="KIND"),
     ] = Field(description="qr, apriltag, word, best-image, random-image or fixed-pattern.")
     class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
-        (),
-        description="A label, index or WordNet id; may be repeated. Default: those of --data, else all.",
+        (), description="A label, index or WordNet id; may be repeated. Default: those of --data, else all."
     )
     sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size-px", metavar="N")] = Field(
         (100,), description="Side of the pictures; may be repeated."

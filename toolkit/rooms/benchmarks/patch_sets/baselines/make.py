@@ -25,14 +25,7 @@ from toolkit.models.network import Classifier
 from toolkit.models.predict import predict
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.rooms.benchmarks.patch_sets import name_class
-from toolkit.rooms.benchmarks.patch_sets.baselines import (
-    APRILTAG,
-    BEST_IMAGE,
-    FIXED_PATTERN,
-    QR,
-    WORD,
-    BaselineConfig,
-)
+from toolkit.rooms.benchmarks.patch_sets.baselines import APRILTAG, BEST_IMAGE, FIXED_PATTERN, QR, WORD, BaselineConfig
 from toolkit.rooms.benchmarks.patch_sets.baselines.drawn import (
     PAPER_BORDER,
     Advance,
